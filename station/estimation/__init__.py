@@ -1,0 +1,1 @@
+"""Pure numerics of estimation: state in, state out, time as an argument."""

@@ -1,0 +1,1 @@
+"""The simulated aircraft, air and instruments: pure numerics."""
