@@ -8,6 +8,7 @@ key.
 from __future__ import annotations
 
 import difflib
+import itertools
 import json
 import math
 import tomllib
@@ -20,7 +21,6 @@ from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, Stream, to_si, unit_named
 from station.rows import ProfileError
-
 
 _SI = "si"
 """Validation context for profiles that come from a recording: numbers are SI already."""
@@ -241,13 +241,15 @@ class Channel(_Frozen):
     def _sound(self) -> Self:
         if unit_named(self.unit) is None:
             raise PydanticCustomError(
-                "unit", "unknown unit {unit}{near}", {"unit": repr(self.unit), "near": _nearest(self.unit, tuple(UNITS))}
+                "unit",
+                "unknown unit {unit}{near}",
+                {"unit": repr(self.unit), "near": _nearest(self.unit, tuple(UNITS))},
             )
         if self.slope == 0:
             raise PydanticCustomError("slope", "slope must not be 0")
         if self.table is not None:
             x = [row[0] for row in self.table]
-            if len(x) < 2 or any(b <= a for a, b in zip(x, x[1:], strict=False)):
+            if len(x) < 2 or any(b <= a for a, b in itertools.pairwise(x)):
                 raise PydanticCustomError("table", "table needs at least 2 points with the field's value increasing")
         return self
 
@@ -367,7 +369,9 @@ class Rig(_Frozen):
     @classmethod
     def _tuples(cls, raw: Any) -> Any:
         if isinstance(raw, dict):
-            raw = {k: tuple(v) if k in ("devices", "imu_position") and isinstance(v, list) else v for k, v in raw.items()}
+            raw = {
+                k: tuple(v) if k in ("devices", "imu_position") and isinstance(v, list) else v for k, v in raw.items()
+            }
         return raw
 
     @model_validator(mode="after")
@@ -397,7 +401,7 @@ class Rig(_Frozen):
                     name=f"{device.name}.{s.name}",
                     signals=tuple(s.signals),
                     rate_hz=s.rate,
-                    stale_after_s=min(max(0.1, 6 / s.rate), 3.0),
+                    stale_after_s=min(max(0.1, 2.2 / s.rate), 3.0),
                     device=device.name,
                     latency_s=s.latency,
                 )
@@ -448,13 +452,12 @@ class Pulse(_Input):
 
 Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]
 
+
 class Fault(_Frozen):
     """What an emulated device does wrong, from `start` for `duration` (seconds of flight)."""
 
     device: str
-    kind: Literal[
-        "off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent", "clock_step", "unplug"
-    ]
+    kind: Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent", "clock_step", "unplug"]
     start: Seconds
     duration: Annotated[Seconds, Positive]
     stream: str | None = None
@@ -537,14 +540,15 @@ def profiles_dir() -> Path:
     """Where the shipped profiles are: the checkout's profiles/, or the copy inside an installed wheel."""
     here = Path(__file__).resolve().parent
     checkout = here.parent / "profiles"
-    return checkout if checkout.is_dir() else here / "profiles"
+    return checkout if (checkout / "cards").is_dir() else here / "profiles"
 
 
 def find(kind: Literal["aircraft", "rigs", "cards", "campaigns"], name: str, beside: Path | None = None) -> Path:
     """The file of a profile given by name or path. Raises ProfileError listing the known names."""
     given = Path(name)
     if given.suffix == ".toml" or "/" in name:
-        for path in (given, *((beside.parent / given,) if beside else ())):
+        places: list[Path] = [given, beside.parent / given] if beside else [given]
+        for path in places:
             if path.is_file():
                 return path
         raise ProfileError(f"no such file: {name}")
@@ -586,7 +590,8 @@ def load_card(name: str) -> Profiles:
     given = {signal for stream in rig.streams() for signal in stream.signals}
     for signal in card.needs:
         if signal not in given:
-            raise ProfileError(f"{path}: needs: no device of rig {rig.name} gives {signal}{_nearest(signal, tuple(given))}")
+            near = _nearest(signal, tuple(given))
+            raise ProfileError(f"{path}: needs: no device of rig {rig.name} gives {signal}{near}")
     devices = {d.name: d for d in rig.devices}
     for i, fault in enumerate(card.faults):
         if fault.device not in devices:
@@ -596,9 +601,8 @@ def load_card(name: str) -> Profiles:
             )
         streams = tuple(s.name for s in devices[fault.device].streams)
         if fault.stream is not None and fault.stream not in streams:
-            raise ProfileError(
-                f"{path}: faults[{i}].stream: {fault.device} has no stream {fault.stream}{_nearest(fault.stream, streams)}"
-            )
+            near = _nearest(fault.stream, streams)
+            raise ProfileError(f"{path}: faults[{i}].stream: {fault.device} has no stream {fault.stream}{near}")
     return Profiles(aircraft=aircraft, rig=rig, card=card, rig_dir=str(rig_path.parent))
 
 

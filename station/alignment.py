@@ -1,0 +1,308 @@
+"""Samples of many streams -> one frame per tick, and the health of each stream.
+
+A frame at time T holds each signal interpolated linearly between the two samples around T. Where the newest sample is
+older than T the value is held and says how old it is; where it is too old, or suspect, it is NaN. Nothing is filtered
+or decimated, so no stream gains a group delay over another; each is shifted by its own latency from the rig. Pure:
+the same samples and ticks give the same frames and events.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, Stream, wrap_angle
+from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
+from station.timebase import ClockMap
+
+KEEP_NS: Final = 3_000_000_000
+LATE_NS: Final = 50_000_000
+SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
+STUCK_AFTER_S: Final = 0.25
+REPEAT_NS: Final = 500_000_000
+"""Like events of one source are told at once and then counted, at most one row in this time."""
+SLOW_SHARE: Final = 0.8
+NAN: Final = math.nan
+
+
+class _Buffer:
+    """Recent samples of one stream and what is wrong with it now."""
+
+    def __init__(self, stream: Stream, can_stick: bool) -> None:
+        self.stream = stream
+        self.columns = tuple(SIGNAL_INDEX[name] for name in stream.signals)
+        self.wraps = tuple(name in ANGLES_THAT_WRAP for name in stream.signals)
+        self.low = tuple(SIGNALS[name].low for name in stream.signals)
+        self.high = tuple(SIGNALS[name].high for name in stream.signals)
+        self.max_rate = tuple(SIGNALS[name].max_rate for name in stream.signals)
+        self.period_ns = round(1e9 / stream.rate_hz)
+        self.latency_ns = round(stream.latency_s * 1e9)
+        self.stale_ns = round(stream.stale_after_s * 1e9)
+        self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
+        """Longest gap between samples that may be interpolated over."""
+        self.clock = ClockMap(self.period_ns)
+        self.samples: deque[tuple[int, tuple[float, ...]]] = deque()
+        self.arrivals: deque[int] = deque()
+        self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
+        self.same = 0
+        self.suspect_until = [0] * len(stream.signals)
+        self.last_values: tuple[float, ...] | None = None
+        self.last_t_ns = 0
+        self.last_seq: int | None = None
+        self.last_arrival_ns: int | None = None
+        self.first_arrival_ns: int | None = None
+        self.count = 0
+        self.gaps = 0
+        self.bad = 0
+        self.late_until = 0
+
+
+class Aligner:
+    """Takes rows in arrival order and gives a frame, events and (once a second) health for each tick."""
+
+    def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
+        """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
+        self._buffers = {s.name: _Buffer(s, any(noise.get(name, 0.0) > 0 for name in s.signals)) for s in streams}
+        self._by_device: dict[str, list[_Buffer]] = {}
+        for buffer in self._buffers.values():
+            self._by_device.setdefault(buffer.stream.device, []).append(buffer)
+        self._events: list[Event] = []
+        self._active: dict[tuple[str, Code], int] = {}
+        self._told: dict[tuple[str, Code], tuple[int, int]] = {}
+        self._bad: dict[str, int] = {}
+        self._start_ns: int | None = None
+        self._overruns = 0
+        self._dropped = 0
+
+    def accept(self, row: Rows) -> None:
+        """Take one row; all but samples, clock exchanges and events pass by."""
+        if isinstance(row, Sample):
+            buffer = self._buffers.get(row.stream)
+            if buffer is not None:
+                self._take(buffer, row)
+        elif isinstance(row, TimeSync):
+            for buffer in self._by_device.get(row.device, ()):
+                buffer.clock.exchange(row.offset_ns, row.round_trip_ns, row.t_ns)
+        elif isinstance(row, Event):
+            if row.code is Code.CRC:
+                self._bad[row.source] = self._bad.get(row.source, 0) + row.count
+            elif row.code is Code.OVERRUN:
+                self._overruns += row.count
+            elif row.code is Code.DROPPED:
+                self._dropped += row.count
+
+    def frame(self, k: int, tick_ns: int, t_ns: int) -> tuple[Frame, list[Event], Health | None]:
+        """The frame at `t_ns` as of tick `k` at `tick_ns`; what changed since the last tick; health once a second."""
+        if self._start_ns is None:
+            self._start_ns = tick_ns
+        values = [NAN] * len(SIGNALS)
+        ages = [NAN] * len(SIGNALS)
+        quality = [int(Quality.MISSING)] * len(SIGNALS)
+        for buffer in self._buffers.values():
+            self._watch(buffer, tick_ns)
+            self._interpolate(buffer, t_ns, values, ages, quality)
+        self._tell_counted(tick_ns)
+        events, self._events = self._events, []
+        health = self._health(tick_ns) if k % TICK_HZ == 0 else None
+        return Frame(t_ns, k, tuple(values), tuple(ages), tuple(quality)), events, health
+
+    # --- samples in
+
+    def _take(self, buffer: _Buffer, row: Sample) -> None:
+        name = buffer.stream.name
+        if row.t_device_ns is None:
+            t_ns = row.t_ns
+        else:
+            was = buffer.clock.state
+            mapped = buffer.clock.update(row.t_device_ns, row.t_ns)
+            t_ns = mapped.t_ns
+            if mapped.stepped:
+                self._count(row.t_ns, name, Code.CLOCK_STEP, 1, "device clock jumped; synchronising again")
+                buffer.samples.clear()
+                buffer.last_values = None
+            if mapped.late_ns > LATE_NS:
+                buffer.late_until = row.t_ns + REPEAT_NS
+            if buffer.clock.state != was:
+                self._events.append(Event(row.t_ns, name, Code.CLOCK_STATE, 1, buffer.clock.state))
+        t_ns -= buffer.latency_ns
+        buffer.count += 1
+        buffer.last_arrival_ns = row.t_ns
+        if buffer.first_arrival_ns is None:
+            buffer.first_arrival_ns = row.t_ns
+        buffer.arrivals.append(row.t_ns)
+        self._check_sequence(buffer, row)
+        values = self._check_values(buffer, row, t_ns)
+        samples = buffer.samples
+        if samples and t_ns <= samples[-1][0]:
+            if t_ns == samples[-1][0]:
+                return
+            late = [samples.pop()]
+            while samples and samples[-1][0] > t_ns:
+                late.append(samples.pop())
+            if not samples or samples[-1][0] < t_ns:
+                samples.append((t_ns, values))
+            samples.extend(reversed(late))
+        else:
+            samples.append((t_ns, values))
+        while samples[-1][0] - samples[0][0] > KEEP_NS:
+            samples.popleft()
+
+    def _check_sequence(self, buffer: _Buffer, row: Sample) -> None:
+        if row.seq is None:
+            return
+        if buffer.last_seq is not None:
+            gap = row.seq - buffer.last_seq - 1
+            if gap < 0:
+                gap += 256 if buffer.last_seq < 256 else 65536
+            if 0 < gap < 256:
+                buffer.gaps += gap
+                self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
+        buffer.last_seq = row.seq
+
+    def _check_values(self, buffer: _Buffer, row: Sample, t_ns: int) -> tuple[float, ...]:
+        """The values with those that cannot be true as NaN."""
+        values = row.values
+        last = buffer.last_values
+        if buffer.stuck_count_at:
+            buffer.same = buffer.same + 1 if values == last else 0
+        masked: list[float] | None = None
+        dt = max((t_ns - buffer.last_t_ns) * 1e-9, 0.5e-9 * buffer.period_ns)
+        for i, value in enumerate(values):
+            if not buffer.low[i] <= value <= buffer.high[i]:
+                signal = buffer.stream.signals[i]
+                if not math.isnan(value):
+                    self._count(row.t_ns, buffer.stream.name, Code.RANGE, 1, f"{signal} = {value:.4g} cannot be true")
+                masked = masked or list(values)
+                masked[i] = NAN
+                continue
+            if last is not None and abs(value - last[i]) > buffer.max_rate[i] * dt:
+                buffer.suspect_until[i] = t_ns + SUSPECT_AFTER_JUMP_NS
+                detail = f"{buffer.stream.signals[i]} jumped by {value - last[i]:.4g}"
+                self._count(row.t_ns, buffer.stream.name, Code.JUMP, 1, detail)
+            if t_ns < buffer.suspect_until[i]:
+                masked = masked or list(values)
+                masked[i] = NAN
+        buffer.last_values = values
+        buffer.last_t_ns = t_ns
+        return values if masked is None else tuple(masked)
+
+    # --- frames out
+
+    def _interpolate(
+        self, buffer: _Buffer, t_ns: int, values: list[float], ages: list[float], quality: list[int]
+    ) -> None:
+        samples = buffer.samples
+        j = len(samples) - 1
+        while j >= 0 and samples[j][0] > t_ns:
+            j -= 1
+        if j < 0:
+            return
+        t0, before = samples[j]
+        if (buffer.stream.name, Code.STUCK) in self._active:
+            for column in buffer.columns:
+                quality[column] = Quality.SUSPECT
+            return
+        if t0 == t_ns:
+            for column, value in zip(buffer.columns, before, strict=True):
+                self._put(column, value, 0.0, Quality.FRESH, values, ages, quality)
+            return
+        after = samples[j + 1] if j + 1 < len(samples) else None
+        if after is not None and after[0] - t0 <= buffer.bridge_ns:
+            share = (t_ns - t0) / (after[0] - t0)
+            for i, column in enumerate(buffer.columns):
+                step = after[1][i] - before[i]
+                if buffer.wraps[i]:
+                    step = wrap_angle(step)
+                value = before[i] + share * step
+                if buffer.wraps[i]:
+                    value = wrap_angle(value)
+                self._put(column, value, 0.0, Quality.FRESH, values, ages, quality)
+            return
+        age_ns = t_ns - t0
+        if age_ns <= buffer.stale_ns:
+            for column, value in zip(buffer.columns, before, strict=True):
+                self._put(column, value, age_ns * 1e-9, Quality.HELD, values, ages, quality)
+
+    @staticmethod
+    def _put(
+        column: int, value: float, age: float, good: Quality, values: list[float], ages: list[float], quality: list[int]
+    ) -> None:
+        if math.isnan(value):
+            quality[column] = Quality.SUSPECT
+        else:
+            values[column] = value
+            ages[column] = age
+            quality[column] = good
+
+    # --- health
+
+    def _watch(self, buffer: _Buffer, now_ns: int) -> None:
+        name = buffer.stream.name
+        start_ns = buffer.last_arrival_ns if buffer.last_arrival_ns is not None else self._start_ns
+        silent_ns = now_ns - (start_ns or now_ns)
+        never = buffer.last_arrival_ns is None
+        stale = silent_ns > (2_000_000_000 if never else buffer.stale_ns)
+        self._set(now_ns, name, Code.STALE, stale, f"nothing for {silent_ns * 1e-9:.2f} s")
+        stuck = bool(buffer.stuck_count_at) and buffer.same >= buffer.stuck_count_at and not stale
+        self._set(now_ns, name, Code.STUCK, stuck, "the same values again and again")
+        self._set(now_ns, name, Code.LATE, now_ns < buffer.late_until, "messages arrive late by their own clock")
+        window_ns = max(400_000_000, 6 * buffer.period_ns)
+        while buffer.arrivals and now_ns - buffer.arrivals[0] > window_ns:
+            buffer.arrivals.popleft()
+        settled = buffer.first_arrival_ns is not None and now_ns - buffer.first_arrival_ns > window_ns
+        expected = window_ns / buffer.period_ns
+        slow = settled and not stale and len(buffer.arrivals) + 1 < SLOW_SHARE * expected
+        self._set(now_ns, name, Code.SLOW, slow, f"below {SLOW_SHARE:.0%} of {buffer.stream.rate_hz:g} Hz")
+
+    def _set(self, t_ns: int, source: str, code: Code, on: bool, detail: str) -> None:
+        """Tell when a condition begins, and when it ends."""
+        key = (source, code)
+        if on and key not in self._active:
+            self._active[key] = t_ns
+            self._events.append(Event(t_ns, source, code, 1, detail))
+        elif not on and key in self._active:
+            lasted = (t_ns - self._active.pop(key)) * 1e-9
+            self._events.append(Event(t_ns, source, Code.FRESH, 1, f"{code} over after {lasted:.2f} s"))
+
+    def _count(self, t_ns: int, source: str, code: Code, count: int, detail: str) -> None:
+        """Tell at once the first time, then count until `REPEAT_NS` have passed."""
+        key = (source, code)
+        if key in self._told:
+            told_ns, waiting = self._told[key]
+            self._told[key] = (told_ns, waiting + count)
+        else:
+            self._told[key] = (t_ns, 0)
+            self._events.append(Event(t_ns, source, code, count, detail))
+
+    def _tell_counted(self, now_ns: int) -> None:
+        for key, (told_ns, waiting) in list(self._told.items()):
+            if now_ns - told_ns >= REPEAT_NS:
+                if waiting:
+                    self._told[key] = (now_ns, 0)
+                    self._events.append(Event(now_ns, key[0], key[1], waiting, "more of the same"))
+                else:
+                    del self._told[key]
+
+    def _health(self, now_ns: int) -> Health:
+        rows = []
+        for name, b in self._buffers.items():
+            window_s = max(0.4, 6e-9 * b.period_ns)
+            age_s = (now_ns - b.last_arrival_ns) * 1e-9 if b.last_arrival_ns is not None else NAN
+            rows.append(
+                StreamHealth(
+                    stream=name,
+                    device=b.stream.device,
+                    rate_hz=len(b.arrivals) / window_s,
+                    age_s=age_s,
+                    clock=b.clock.state,
+                    offset_s=b.clock.offset_s,
+                    drift_ppm=b.clock.drift_ppm,
+                    samples=b.count,
+                    gaps=b.gaps,
+                    bad=self._bad.get(b.stream.device, 0),
+                    alive=b.last_arrival_ns is not None and (name, Code.STALE) not in self._active,
+                )
+            )
+        return Health(now_ns, tuple(rows), self._dropped, self._overruns)

@@ -1,0 +1,162 @@
+"""A device's clock seen from the station's: offset and drift from the lower envelope of arrival minus device time.
+
+A message can be late but never early, so arrival minus device time touches its floor now and then; the floor is a
+straight line whose slope is the drift (Moon, Skelly and Towsley 1999, "Estimation and removal of clock skew from
+network delay measurements": the line below all points that minimises the summed distance is the edge of the lower
+convex hull above the mean abscissa). Pure: arrival and device times in, station times out.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from typing import Final, NamedTuple
+
+BIN_NS: Final = 250_000_000
+"""One lowest point is kept of each bin."""
+WINDOW_NS: Final = 40_000_000_000
+SYNCED_AFTER_NS: Final = 4_000_000_000
+DRIFT_AFTER_NS: Final = 10_000_000_000
+"""Before this the floor is taken as level: 100 ppm is then 1 ms at most."""
+MAX_DRIFT: Final = 1e-3
+STEP_NS: Final = 20_000_000
+"""A jump of the device clock against arrival beyond any jitter of a working link."""
+MAX_ROUND_TRIP_NS: Final = 10_000_000
+
+
+class Mapped(NamedTuple):
+    """A device time on the station's clock, and how late the message was over the floor."""
+
+    t_ns: int
+    late_ns: int
+    stepped: bool
+
+
+class ClockMap:
+    """Maps one stream's device times to station time. `state` is none, unsynced, converging, synced or rejected."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._last: tuple[int, int] | None = None
+        self._stuck = 0
+        self._best_exchange: tuple[int, int, int] | None = None
+        self.state = "none"
+        self._reset()
+
+    def _reset(self) -> None:
+        self._points: deque[tuple[int, int]] = deque()
+        self._bin: tuple[int, int, int] | None = None
+        self._first_ns: int | None = None
+        self._x0_ns = 0
+        self._floor_ns = 0.0
+        self._slope = 0.0
+
+    @property
+    def offset_s(self) -> float:
+        """Station minus device time at the last message, s."""
+        return 1e-9 * self._floor_at(self._last[0]) if self._last else 0.0
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much faster station time runs than device time, parts per million."""
+        return 1e6 * self._slope
+
+    def exchange(self, offset_ns: int, round_trip_ns: int, t_ns: int) -> None:
+        """A two-way exchange: station minus device clock, good to half its round trip. The shortest recent one rules."""
+        best = self._best_exchange
+        if round_trip_ns <= MAX_ROUND_TRIP_NS and (
+            best is None or round_trip_ns <= best[1] or t_ns - best[2] > WINDOW_NS
+        ):
+            self._best_exchange = (offset_ns, round_trip_ns, t_ns)
+
+    def update(self, t_device_ns: int, arrival_ns: int) -> Mapped:
+        """Take one message's times and say when it was measured on the station's clock."""
+        stepped = self._check_increment(t_device_ns, arrival_ns)
+        if stepped:
+            self._reset()
+        self._last = (t_device_ns, arrival_ns)
+        if self.state == "rejected":
+            return Mapped(arrival_ns, 0, stepped)
+        self._keep_lowest(t_device_ns, arrival_ns)
+        t_ns = min(t_device_ns + round(self._floor_at(t_device_ns)), arrival_ns)
+        return Mapped(t_ns, arrival_ns - t_ns, stepped)
+
+    def _check_increment(self, t_device_ns: int, arrival_ns: int) -> bool:
+        """Whether the device clock (not the message's journey) jumped since the last message."""
+        if self._last is None:
+            self.state = "unsynced"
+            return False
+        device, arrived = t_device_ns - self._last[0], arrival_ns - self._last[1]
+        self._stuck = self._stuck + 1 if device == 0 else 0
+        if self._stuck >= 3:
+            self.state = "rejected"
+        elif self.state == "rejected" and device > 0:
+            self.state = "unsynced"
+            self._reset()
+        if abs(device - arrived) <= STEP_NS:
+            return False
+        # A late or bunched message: the device's own increment is still a plausible one.
+        return abs(device - self._period_ns) > abs(arrived - self._period_ns) or device < -self._period_ns
+
+    def _keep_lowest(self, t_device_ns: int, arrival_ns: int) -> None:
+        difference = arrival_ns - t_device_ns
+        if self._first_ns is None:
+            self._first_ns = arrival_ns
+            self._x0_ns = t_device_ns
+            self._floor_ns = float(difference)
+            self._slope = 0.0
+            self.state = "unsynced"
+        number = arrival_ns // BIN_NS
+        if self._bin is None or number != self._bin[0]:
+            if self._bin is not None:
+                self._points.append(self._bin[1:])
+                while self._points and t_device_ns - self._points[0][0] > WINDOW_NS:
+                    self._points.popleft()
+                self._fit(arrival_ns - self._first_ns)
+            self._bin = (number, t_device_ns, difference)
+        elif difference < self._bin[2]:
+            self._bin = (number, t_device_ns, difference)
+        below = difference - self._floor_line(t_device_ns)
+        if below < 0:  # an earlier message than any before: the floor is at least this low
+            self._floor_ns += below
+
+    def _fit(self, span_ns: int) -> None:
+        slope = 0.0
+        if span_ns >= DRIFT_AFTER_NS:
+            slope = _hull_slope(self._points)
+            if abs(slope) > MAX_DRIFT:
+                self.state = "rejected"
+                return
+        self._slope = slope
+        self._floor_ns = min(d - slope * (x - self._x0_ns) for x, d in self._points)
+        self.state = "synced" if span_ns >= SYNCED_AFTER_NS else "converging"
+
+    def _floor_line(self, t_device_ns: int) -> float:
+        return self._floor_ns + self._slope * (t_device_ns - self._x0_ns)
+
+    def _floor_at(self, t_device_ns: int) -> float:
+        """Station minus device time, ns: the floor, less the shortest journey where an exchange has measured it."""
+        floor = self._floor_line(t_device_ns)
+        if self._best_exchange is not None:
+            journey = floor - self._best_exchange[0]
+            if 0 < journey <= MAX_ROUND_TRIP_NS:
+                return floor - journey
+        return floor
+
+
+def _hull_slope(points: deque[tuple[int, int]]) -> float:
+    """Slope of the lower convex hull's edge above the mean abscissa."""
+    hull: list[tuple[int, int]] = []
+    for x, y in sorted(points):
+        while len(hull) >= 2:
+            (x1, y1), (x2, y2) = hull[-2], hull[-1]
+            if (y2 - y1) * (x - x1) < (y - y1) * (x2 - x1):
+                break
+            hull.pop()
+        if not hull or x > hull[-1][0]:
+            hull.append((x, y))
+    mean = sum(x for x, _ in points) / len(points)
+    for (x1, y1), (x2, y2) in itertools.pairwise(hull):
+        if x1 <= mean <= x2:
+            return (y2 - y1) / (x2 - x1)
+    return 0.0
