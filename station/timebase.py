@@ -62,7 +62,7 @@ class ClockMap:
         return 1e6 * self._slope
 
     def exchange(self, offset_ns: int, round_trip_ns: int, t_ns: int) -> None:
-        """A two-way exchange: station minus device clock, good to half its round trip. The shortest recent one rules."""
+        """A two-way exchange: station minus device clock, good to half its round trip. The shortest recent rules."""
         best = self._best_exchange
         if round_trip_ns <= MAX_ROUND_TRIP_NS and (
             best is None or round_trip_ns <= best[1] or t_ns - best[2] > WINDOW_NS

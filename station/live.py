@@ -1,0 +1,147 @@
+"""The 50 Hz loop: one function for live, replay and emulation.
+
+Order of rows in a recording, which replay relies on: rows drained by tick k, Tick k, the aligner's events and health,
+Frame k, then the estimates made from it. Every stage is logged before the next one runs.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+from station.alignment import Aligner
+from station.bus import Bus
+from station.clock import Clock
+from station.conventions import TICK_NS
+from station.rows import (
+    AlphaEstimate,
+    Code,
+    Event,
+    Frame,
+    MethodEstimate,
+    RawBlock,
+    Rows,
+    Sample,
+    Tick,
+    TimeSync,
+)
+
+
+class Beat(NamedTuple):
+    """One tick and the rows drained for it; `recorded` are the estimates that a recording holds for it."""
+
+    tick: Tick
+    rows: Sequence[Rows]
+    recorded: Sequence[Rows] = ()
+
+
+class Estimating(Protocol):
+    """What the loop asks of an estimator. `step` never raises."""
+
+    def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]: ...
+
+    def start_point(self) -> None:
+        """Estimate afresh from the next frame on: a test point begins."""
+        ...
+
+
+class Recording(Protocol):
+    def append(self, rows: Iterable[Rows]) -> None: ...
+
+    def flush(self) -> None: ...
+
+
+def run(
+    source: Iterable[Beat],
+    aligner: Aligner,
+    estimator: Estimating,
+    log: Recording | None,
+    show: Callable[[Sequence[Rows]], None] | None,
+    compare: Callable[[Beat, Sequence[Rows]], None] | None = None,
+) -> None:
+    """Align, log, estimate, log and show each beat of `source` until it ends.
+
+    `compare` is handed what was estimated beside what the recording holds (replay --verify).
+    """
+    for beat in source:
+        tick = beat.tick
+        if log is not None:
+            log.append(beat.rows)
+            log.append((tick,))
+        for row in beat.rows:
+            aligner.accept(row)
+            if isinstance(row, Event) and row.code is Code.POINT_START:
+                estimator.start_point()
+        frame, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
+        aligned: list[Rows] = [*events]
+        if health is not None:
+            aligned.append(health)
+        aligned.append(frame)
+        if log is not None:
+            log.append(aligned)
+        alpha, methods = estimator.step(frame)
+        estimates: list[Rows] = [alpha, *methods]
+        if log is not None:
+            log.append(estimates)
+            log.flush()
+        if show is not None:
+            show([*beat.rows, *aligned, *estimates])
+        if compare is not None:
+            compare(beat, [frame, *estimates])
+
+
+def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_s: float | None) -> Iterator[Beat]:
+    """Ticks on an absolute schedule until `stop` or `duration_s`.
+
+    A tick that comes a whole period late is given up: an OVERRUN event, and on to the next slot, never a burst.
+    """
+    lag_ns = round(lag_s * 1e9)
+    start_ns = clock.now_ns() + TICK_NS
+    last = None if duration_s is None else round(duration_s * 1e9) // TICK_NS
+    k = 0
+    while not stop.is_set() and (last is None or k < last):
+        due_ns = start_ns + k * TICK_NS
+        clock.sleep_until_ns(due_ns)
+        missed = (clock.now_ns() - due_ns) // TICK_NS
+        if missed > 0:
+            bus.put(Event(clock.now_ns(), "loop", Code.OVERRUN, missed, "the machine was busy; slots skipped"))
+            k += missed
+            due_ns += missed * TICK_NS
+        yield Beat(Tick(due_ns, k, due_ns - lag_ns), bus.drain())
+        k += 1
+
+
+def recorded_beats(rows: Iterable[Rows]) -> Iterator[Beat]:
+    """The beats of a recording, in file order. Rows after the last tick (a crash) are left out."""
+    drained: list[Rows] = []
+    estimates: list[Rows] = []
+    tick: Tick | None = None
+    aligning = False
+    pending: list[Rows] = []
+    for row in rows:
+        if isinstance(row, Tick):
+            if tick is not None:
+                yield Beat(tick, pending, estimates)
+            tick, pending, drained, estimates = row, drained, [], []
+            aligning = True
+        elif isinstance(row, Frame):
+            estimates.append(row)
+            aligning = False
+        elif isinstance(row, (AlphaEstimate, MethodEstimate)):
+            estimates.append(row)
+        elif isinstance(row, (Sample, TimeSync, Event, RawBlock)) and not aligning:
+            drained.append(row)
+    if tick is not None:
+        yield Beat(tick, pending, estimates)
+
+
+def paced(source: Iterable[Beat], clock: Clock, speed: float) -> Iterator[Beat]:
+    """Beats at `speed` times real time."""
+    first_ns: int | None = None
+    start_ns = clock.now_ns()
+    for beat in source:
+        if first_ns is None:
+            first_ns = beat.tick.t_ns
+        clock.sleep_until_ns(start_ns + round((beat.tick.t_ns - first_ns) / speed))
+        yield beat
