@@ -1,0 +1,203 @@
+"""The thread that owns a device's port: reads, stamps, decodes, converts, counts, reconnects.
+
+One class serves every link; what differs is a codec and a way to open the port. Whatever happens on the link, the
+thread says so with an event and tries again: nothing raises into the station.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from drivers.codec import Codec, Port, Reading, TimeReply
+from station.clock import Clock
+from station.profile import CanDevice, Channel, Device, Rig, SerialDevice
+from station.rows import Code, DeviceError, Event, RawBlock, Rows, Sample, TimeSync
+
+EMULATED: Final = "emulated"
+READ_TIMEOUT_S: Final = 0.04
+REPORT_EVERY_NS: Final = 250_000_000
+"""Bad messages are reported at once, then at most so often; with the read's timeout, never later than 0.3 s."""
+FIRST_BACKOFF_S: Final = 0.1
+LAST_BACKOFF_S: Final = 2.0
+
+Opener = Callable[[], Port]
+"""Opens the link or raises OSError or DeviceError saying why not."""
+
+
+@dataclass(slots=True)
+class _Timeline:
+    """A wrapping device time made continuous: the candidate nearest to where the time passed since puts it."""
+
+    device_ns: int
+    t_ns: int
+
+    def unwrap(self, raw_ns: int, wrap_ns: int, t_ns: int) -> int:
+        expected = self.device_ns + t_ns - self.t_ns
+        turns = (expected - raw_ns + wrap_ns // 2) // wrap_ns
+        self.device_ns, self.t_ns = raw_ns + turns * wrap_ns, t_ns
+        return self.device_ns
+
+
+class Adapter:
+    """Serves one device. `start` returns at once; `stop` joins the thread and closes the port.
+
+    Puts RawBlock, Sample, TimeSync and Event rows (CONNECT, DISCONNECT, RECONNECT, CRC, their source the device's
+    name). `put` is called from the adapter's thread and must not block.
+    """
+
+    def __init__(self, device: Device, codec: Codec, opener: Opener, clock: Clock, put: Callable[[Rows], None]) -> None:
+        self.device = device
+        self.codec = codec
+        self._opener = opener
+        self._clock = clock
+        self._put = put
+        self._streams: dict[str | int, list[tuple[str, tuple[Channel, ...]]]] = {}
+        for stream in device.streams:
+            channels = tuple(stream.signals.values())
+            self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", channels))
+        self._timelines: dict[int, _Timeline] = {}
+        self._seqs: dict[str | int, int] = {}
+        self._reported = 0
+        self._reported_ns: int | None = None
+        self._excused = 0
+        self._ever_connected = False
+        self._lost = False
+        self._heard = False
+        self._stopping = threading.Event()
+        self._connected = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"adapter-{device.name}", daemon=True)
+
+    @property
+    def connected(self) -> bool:
+        """Whether the port is open. A silent device on an open port is connected; its streams go stale."""
+        return self._connected.is_set()
+
+    def start(self) -> None:
+        """Begin; a device that cannot be opened is an event, and is tried again."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and close the port. May be called twice, or without `start`."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        backoff_s = FIRST_BACKOFF_S
+        while not self._stopping.is_set():
+            self._heard = False
+            try:
+                port = self._opener()
+                try:
+                    self._begin()
+                    self._serve(port)
+                finally:
+                    self._connected.clear()
+                    port.close()
+            except (OSError, DeviceError) as error:
+                self._lose(str(error))
+            except Exception as error:  # a driver's own fault must not take the station down either
+                self._lose(f"driver fault: {type(error).__name__}: {error}")
+            if self._heard:
+                backoff_s = FIRST_BACKOFF_S
+            self._stopping.wait(backoff_s)
+            backoff_s = min(2 * backoff_s, LAST_BACKOFF_S)
+
+    def _begin(self) -> None:
+        self.codec.reset()
+        # A link is nearly always joined in the middle of a message: the first skip to a start is no fault.
+        self._excused = 1
+        self._say(Code.RECONNECT if self._ever_connected else Code.CONNECT)
+        self._ever_connected, self._lost = True, False
+        self._connected.set()
+
+    def _lose(self, why: str) -> None:
+        if not self._lost and not self._stopping.is_set():
+            self._say(Code.DISCONNECT, detail=why)
+        self._lost = True
+
+    def _say(self, code: Code, count: int = 1, detail: str = "") -> None:
+        self._put(Event(self._clock.now_ns(), self.device.name, code, count, detail))
+
+    def _serve(self, port: Port) -> None:
+        while not self._stopping.is_set():
+            block = port.read(READ_TIMEOUT_S)
+            t_ns = self._clock.now_ns()
+            if block:
+                self._put(RawBlock(t_ns, self.device.name, block))
+                for reading in self.codec.feed(block):
+                    self._heard = True
+                    if isinstance(reading, Reading):
+                        self._sample(t_ns, reading)
+                    else:
+                        self._sync(t_ns, reading)
+            self._report_bad(t_ns)
+            request = self.codec.outgoing(self._clock.now_ns())
+            if request:
+                port.write(request)
+
+    def _sample(self, t_ns: int, reading: Reading) -> None:
+        streams = self._streams.get(reading.message)
+        if streams is None:
+            return
+        device_ns = reading.t_device_ns
+        if device_ns is not None and reading.wrap_ns:
+            timeline = self._timelines.setdefault(reading.wrap_ns, _Timeline(device_ns, t_ns))
+            device_ns = timeline.unwrap(device_ns, reading.wrap_ns, t_ns)
+        seq = reading.seq
+        if seq is not None and reading.seq_wrap:
+            last = self._seqs.get(reading.message, seq)
+            seq = self._seqs[reading.message] = last + (seq - last) % reading.seq_wrap
+        for name, channels in streams:
+            values = tuple(_si(channel, reading.fields) for channel in channels)
+            # A message without one usable value (no fix yet) is as good as none: the stream goes stale.
+            if not all(math.isnan(value) for value in values):
+                self._put(Sample(t_ns, name, device_ns, seq, values))
+
+    def _sync(self, t_ns: int, reply: TimeReply) -> None:
+        offset_ns = (reply.sent_ns + t_ns) // 2 - reply.device_ns
+        self._put(TimeSync(t_ns, self.device.name, offset_ns, t_ns - reply.sent_ns))
+
+    def _report_bad(self, t_ns: int) -> None:
+        resyncs = self.codec.resyncs
+        bad = self.codec.bad + resyncs
+        if bad == self._reported:
+            return
+        if self._excused and bad - self._reported == 1 and resyncs:
+            self._excused, self._reported = 0, bad
+            return
+        if self._reported_ns is None or t_ns - self._reported_ns >= REPORT_EVERY_NS:
+            self._put(Event(t_ns, self.device.name, Code.CRC, bad - self._reported, "unreadable messages"))
+            self._reported, self._reported_ns, self._excused = bad, t_ns, 0
+
+
+def _si(channel: Channel, fields: Mapping[str, float]) -> float:
+    value = channel.to_si(fields.get(channel.field, math.nan))
+    return value if math.isfinite(value) else math.nan
+
+
+def open_devices(
+    rig: Rig, endpoints: Mapping[str, str], rig_dir: Path, clock: Clock, put: Callable[[Rows], None]
+) -> list[Adapter]:
+    """An adapter for each device of the rig, not started yet.
+
+    `endpoints[device.name]` stands in for the rig's port, channel or url. Raises ProfileError for a rig its codecs
+    cannot serve (a message that is not in the DBC, a field that no message has) and DeviceError for a device that is
+    to be emulated and has no endpoint.
+    """
+    adapters = []
+    for device in rig.devices:
+        codec = _codec(rig, device, rig_dir)
+        adapters.append(Adapter(device, codec, _opener(device, endpoints), clock, put))
+    return adapters
+
+
+def check_devices(rig: Rig, rig_dir: Path) -> None:
+    """Whether the rig's codecs know every message and field it names. Raises ProfileError with device and key."""
+    for device in rig.devices:
+        _codec(rig, device, rig_dir)

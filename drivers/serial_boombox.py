@@ -1,0 +1,134 @@
+"""The boom box: vanes, pots and whatever else it digitises, as binary packets or as text lines.
+
+Binary, little-endian: COBS( id u8, seq u8, t_us u32, n x int16, crc u16 ) then a zero byte. The CRC is CRC-16/IBM-3740
+(polynomial 0x1021, initial value 0xFFFF) over everything before it. Text: `$BOOM,id,seq,t_us,v0,v1,...*HH` CR LF with
+the same meaning and the NMEA checksum.
+
+`id` is the rig's message; the fields are "v0", "v1", ... in counts, which the rig's channels turn into signals. `seq`
+counts the packets of one id. `t_us` is the box's microsecond counter, which wraps after 71.6 min. The count -32768 (an
+empty field in a text line) means that the box has no reading.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from typing import Final
+
+from cobs import cobs
+from fastcrc import crc16
+
+from drivers.codec import Codec, Reading, TimeReply
+from drivers.framing import Cutter, open_line, seal_line
+
+WRAP_US: Final = 2**32
+WRAP_NS: Final = WRAP_US * 1000
+SEQ_WRAP: Final = 256
+NO_READING: Final = -32768
+_HEADER: Final = struct.Struct("<BBI")
+_CRC: Final = struct.Struct("<H")
+_LONGEST: Final = 256
+
+
+class BoomboxCodec(Codec):
+    """Binary packets to readings."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self.resyncs = 0
+        self._cutter = Cutter(b"\x00", _LONGEST)
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        readings: list[Reading | TimeReply] = []
+        for piece in self._cutter.feed(data):
+            if not piece:  # two delimiters running: a sender's way to start afresh
+                continue
+            reading = _read_packet(piece)
+            if reading is None:
+                self.bad += 1
+            else:
+                readings.append(reading)
+        return readings
+
+    def reset(self) -> None:
+        self._cutter.reset()
+
+
+def _read_packet(piece: bytes) -> Reading | None:
+    try:
+        packet = cobs.decode(piece)
+    except cobs.DecodeError:
+        return None
+    body = packet[:-2]
+    if len(body) < _HEADER.size or len(body) % 2 or crc16.ibm_3740(body) != _CRC.unpack(packet[-2:])[0]:
+        return None
+    message, seq, t_us = _HEADER.unpack_from(body)
+    counts = struct.unpack_from(f"<{(len(body) - _HEADER.size) // 2}h", body, _HEADER.size)
+    return _reading(message, seq, t_us, [math.nan if c == NO_READING else float(c) for c in counts])
+
+
+def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Reading:
+    fields = {f"v{i}": count for i, count in enumerate(counts)}
+    return Reading(message, t_us * 1000, seq, fields, WRAP_NS, SEQ_WRAP)
+
+
+class BoomboxAsciiCodec(Codec):
+    """Text lines to readings. Other sealed lines (a banner, another talker) are passed over."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self.resyncs = 0
+        self._cutter = Cutter(b"\n", _LONGEST)
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        readings: list[Reading | TimeReply] = []
+        for line in self._cutter.feed(data):
+            body = open_line(line)
+            if body is None:
+                self.bad += 1
+            elif body.startswith("BOOM,"):
+                reading = _read_line(body)
+                if reading is None:
+                    self.bad += 1
+                else:
+                    readings.append(reading)
+        return readings
+
+    def reset(self) -> None:
+        self._cutter.reset()
+
+
+def _read_line(body: str) -> Reading | None:
+    try:
+        _, message, seq, t_us, *texts = body.split(",")
+        numbers = int(message), int(seq), int(t_us)
+        counts = [float(text) if text else math.nan for text in texts]
+    except ValueError:
+        return None
+    if not all(0 <= n < limit for n, limit in zip(numbers, (256, SEQ_WRAP, WRAP_US), strict=True)):
+        return None
+    return _reading(*numbers, counts)
+
+
+def encode_packet(message: int, seq: int, t_us: int, counts: Sequence[float]) -> bytes:
+    """A binary packet with its delimiter. Counts are rounded and held within int16; NaN is sent as no reading.
+
+    `seq` and `t_us` are taken modulo their widths.
+    """
+    body = _HEADER.pack(message, seq % SEQ_WRAP, t_us % WRAP_US)
+    body += struct.pack(f"<{len(counts)}h", *(_int16(count) for count in counts))
+    encoded: bytes = cobs.encode(body + _CRC.pack(crc16.ibm_3740(body)))
+    return encoded + b"\x00"
+
+
+def encode_line(message: int, seq: int, t_us: int, counts: Sequence[float]) -> bytes:
+    """The same as a text line."""
+    texts = ("" if math.isnan(count) else str(_int16(count)) for count in counts)
+    return seal_line(",".join(("BOOM", str(message), str(seq % SEQ_WRAP), str(t_us % WRAP_US), *texts)))
+
+
+def _int16(count: float) -> int:
+    if math.isnan(count):
+        return NO_READING
+    return round(min(max(count, NO_READING + 1), -NO_READING - 1))
