@@ -634,7 +634,7 @@ def from_json(kind: type[T], text: str) -> T:
 
 def _explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:
     """The first problem, with its key, what is wrong and the nearest valid key."""
-    problems = error.errors(include_url=False)
+    problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")  # misspelt first
     first = problems[0]
     key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"]).lstrip(".")
     if first["type"] == "extra_forbidden":
