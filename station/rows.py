@@ -1,6 +1,7 @@
 """What gets written: rows on the bus and in the log, and the error tree.
 
-Rows are frozen. `t_ns` is station time; a device's own time is `t_device_ns`. Values are SI and radians; NaN is missing.
+Rows are frozen. `t_ns` is station time; a device's own time is `t_device_ns`. Values are SI and radians; NaN is
+missing.
 
     StationError
     +-- ProfileError   before flight: an invalid aircraft, rig or card (exit 2)
@@ -250,4 +251,10 @@ class Truth(Row, frozen=True, gc=False):
     values: dict[str, float]
 
 
-Rows = RawBlock | Sample | Event | TimeSync | Tick | Frame | AlphaEstimate | MethodEstimate | Health | Truth
+class Extra(Row, frozen=True, gc=False):
+    """Columns of an imported record that are no signal of the station (inertia, density, coefficients); SI."""
+
+    values: dict[str, float]
+
+
+Rows = RawBlock | Sample | Event | TimeSync | Tick | Frame | AlphaEstimate | MethodEstimate | Health | Truth | Extra
