@@ -1,0 +1,246 @@
+"""GNSS receivers: u-blox UBX (NAV-PVT, through pyubx2) and NMEA 0183 (GGA, RMC and VTG, through pynmeagps).
+
+Fields keep the names and units of those libraries. NAV-PVT: lat, lon, headMot deg; height, hMSL mm; velN, velE, velD,
+gSpeed mm/s. GGA: lat, lon deg; alt m. RMC: lat, lon, cog deg; spd kt. VTG: cogt deg; sogn kt. RMC and VTG also give
+v_north and v_east in m/s. A message without a fix has no fields. Device time is the time of week (UBX) or of day
+(NMEA), both UTC or GPS time as the receiver says; VTG carries none.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from pynmeagps import GET as NMEA_GET
+from pynmeagps import NMEAMessage, NMEAReader
+from pyubx2 import GET as UBX_GET
+from pyubx2 import UBXMessage, UBXReader
+
+from drivers.codec import Codec, Reading, TimeReply
+from drivers.framing import Cutter, open_line
+from station.conventions import to_si
+
+WEEK_NS: Final = 604_800 * 10**9
+DAY_NS: Final = 86_400 * 10**9
+
+UBX_FIELDS: Final = {"NAV-PVT": ("lat", "lon", "height", "hMSL", "velN", "velE", "velD", "gSpeed", "headMot")}
+NMEA_FIELDS: Final = {
+    "GGA": ("lat", "lon", "alt"),
+    "RMC": ("lat", "lon", "spd", "cog", "v_north", "v_east"),
+    "VTG": ("cogt", "sogn", "v_north", "v_east"),
+}
+"""What a rig may name: message and its fields."""
+
+_SYNC: Final = b"\xb5\x62"
+_NAV_PVT: Final = b"\x01\x07"
+_NAV_PVT_LENGTHS: Final = (84, 92)
+_LONGEST_UBX: Final = 4096
+_LONGEST_TEXT: Final = 128
+_NOISE_RUN: Final = 256
+
+
+class UbxCodec(Codec):
+    """UBX frames to readings. Sound frames of other messages, and NMEA sentences between frames, are passed over."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self.resyncs = 0
+        self._rest = bytearray()
+        self._noise = 0
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        self._rest += data
+        readings: list[Reading | TimeReply] = []
+        while (taken := self._take(readings)) > 0:
+            del self._rest[:taken]
+        return readings
+
+    def reset(self) -> None:
+        self._rest.clear()
+        self._noise = 0
+
+    def _take(self, readings: list[Reading | TimeReply]) -> int:
+        """Bytes used up from the front of the rest; 0 to wait for more."""
+        rest = self._rest
+        if not rest:
+            return 0
+        if rest[:2] == _SYNC:
+            return self._take_frame(readings)
+        if rest == _SYNC[:1]:
+            return 0
+        if rest[:1] == b"$":
+            end = rest.find(b"\n", 0, _LONGEST_TEXT)
+            if end >= 0 and open_line(bytes(rest[:end])) is not None:
+                self._noise = 0
+                return end + 1
+            if end < 0 and len(rest) < _LONGEST_TEXT and _SYNC not in rest:
+                return 0
+        # One resync for each run of noise, and another each so many bytes of a run without end.
+        self.resyncs += self._noise % _NOISE_RUN == 0
+        self._noise += 1
+        return 1
+
+    def _take_frame(self, readings: list[Reading | TimeReply]) -> int:
+        rest = self._rest
+        if len(rest) < 6:
+            return 0
+        length = int.from_bytes(rest[4:6], "little")
+        is_pvt = rest[2:4] == _NAV_PVT
+        if length not in _NAV_PVT_LENGTHS if is_pvt else length > _LONGEST_UBX:
+            self.bad += 1
+            return 2
+        if len(rest) < length + 8:
+            return 0
+        frame = bytes(rest[: length + 8])
+        if not _ubx_checksum_holds(frame):
+            # Perhaps the length itself was hit: look for the next frame inside, not behind it.
+            self.bad += 1
+            return 2
+        self._noise = 0
+        if is_pvt:
+            reading = _read_nav_pvt(frame)
+            if reading is None:
+                self.bad += 1
+            else:
+                readings.append(reading)
+        return len(frame)
+
+
+def _ubx_checksum_holds(frame: bytes) -> bool:
+    """Fletcher's 8-bit checksum over class, id, length and payload (u-blox interface description)."""
+    a = b = 0
+    for byte in frame[2:-2]:
+        a = (a + byte) & 0xFF
+        b = (b + a) & 0xFF
+    return frame[-2:] == bytes((a, b))
+
+
+def _read_nav_pvt(frame: bytes) -> Reading | None:
+    try:
+        pvt: Any = UBXReader.parse(frame)
+    except Exception:  # the library names no base class for what its parser may raise
+        return None
+    # iTOW is the epoch rounded to the millisecond; nano is the whole fraction of the second: its rest refines iTOW.
+    below_ms = (pvt.nano + 500_000) % 1_000_000 - 500_000
+    t_ns = (pvt.iTOW * 1_000_000 + below_ms) % WEEK_NS
+    has_fix = bool(pvt.gnssFixOk) and pvt.fixType in (2, 3, 4)
+    fields = {name: float(getattr(pvt, name)) for name in UBX_FIELDS["NAV-PVT"]} if has_fix else {}
+    return Reading("NAV-PVT", t_ns, None, fields, WEEK_NS)
+
+
+class NmeaCodec(Codec):
+    """NMEA sentences of any talker to readings. Sound sentences of other kinds are passed over."""
+
+    def __init__(self) -> None:
+        self.bad = 0
+        self.resyncs = 0
+        self._cutter = Cutter(b"\n", _LONGEST_TEXT)
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        readings: list[Reading | TimeReply] = []
+        for line in self._cutter.feed(data):
+            body = open_line(line)
+            if body is None:
+                self.bad += 1
+            elif body.split(",", 1)[0][2:] in NMEA_FIELDS:
+                reading = _read_sentence(line)
+                if reading is None:
+                    self.bad += 1
+                else:
+                    readings.append(reading)
+        return readings
+
+    def reset(self) -> None:
+        self._cutter.reset()
+
+
+def _read_sentence(line: bytes) -> Reading | None:
+    try:
+        sentence: Any = NMEAReader.parse(line.strip() + b"\r\n")
+        kind = sentence.msgID
+        t_ns = _time_of_day_ns(sentence.time) if kind != "VTG" else None
+        fields = {} if _says_no_fix(kind, sentence) else _numbers(kind, sentence)
+    except Exception:  # the library's parser raises whatever its conversions do
+        return None
+    return Reading(kind, t_ns, None, fields, DAY_NS if t_ns is not None else 0)
+
+
+def _says_no_fix(kind: str, sentence: Any) -> bool:
+    return (kind == "GGA" and sentence.quality == 0) or (kind == "RMC" and sentence.status != "A")
+
+
+def _numbers(kind: str, sentence: Any) -> dict[str, float]:
+    """The sentence's numbers under the library's names, and the velocity that speed and track make."""
+    fields = {n: float(v) for n in NMEA_FIELDS[kind] if isinstance(v := getattr(sentence, n, ""), int | float)}
+    speed, track = ("spd", "cog") if kind == "RMC" else ("sogn", "cogt")
+    if speed in fields and fields[speed] == 0:
+        fields.setdefault(track, 0.0)  # receivers leave the track of a standing antenna empty
+    if speed in fields and track in fields:
+        v, chi = to_si(fields[speed], "kt"), to_si(fields[track], "deg")
+        fields["v_north"], fields["v_east"] = v * math.cos(chi), v * math.sin(chi)
+    return fields
+
+
+def _time_of_day_ns(time: Any) -> int | None:
+    """None where the receiver does not know the time yet (an empty field)."""
+    if isinstance(time, str):
+        return None
+    return int(((time.hour * 60 + time.minute) * 60 + time.second) * 10**9 + time.microsecond * 1000)
+
+
+def encode_nav_pvt(
+    t_ns: int, lat: float, lon: float, hmsl_mm: float, vel_ned_mm_s: tuple[float, float, float], fix: bool = True
+) -> bytes:
+    """A UBX-NAV-PVT frame. `t_ns` is the receiver's time (taken modulo a week); lat and lon in deg."""
+    t_ns %= WEEK_NS
+    second_of_day = t_ns % DAY_NS // 10**9
+    north, east, down = vel_ned_mm_s
+    message = UBXMessage(
+        "NAV",
+        "NAV-PVT",
+        UBX_GET,
+        iTOW=round(t_ns / 1e6) % (WEEK_NS // 10**6),
+        hour=second_of_day // 3600,
+        min=second_of_day // 60 % 60,
+        second=second_of_day % 60,
+        nano=t_ns % 10**9,
+        fixType=3 if fix else 0,
+        gnssFixOk=int(fix),
+        numSV=12 if fix else 0,
+        lat=lat,
+        lon=lon,
+        hMSL=round(hmsl_mm),
+        velN=round(north),
+        velE=round(east),
+        velD=round(down),
+        gSpeed=round(math.hypot(north, east)),
+        headMot=math.degrees(math.atan2(east, north)),
+    )
+    frame: bytes = message.serialize()
+    return frame
+
+
+def encode_sentence(kind: str, t_ns: int, **fields: float) -> bytes:
+    """A GGA, RMC or VTG sentence of talker GN from the fields of NMEA_FIELDS. `t_ns` is taken modulo a day.
+
+    `v_north` and `v_east` (m/s) stand for speed and track where those are not given.
+    """
+    ms_of_day = t_ns % DAY_NS // 1_000_000
+    speed, track = ("spd", "cog") if kind == "RMC" else ("sogn", "cogt")
+    if "v_north" in fields and "v_east" in fields:
+        north, east = fields.pop("v_north"), fields.pop("v_east")
+        fields.setdefault(speed, round(math.hypot(north, east) / to_si(1.0, "kt"), 3))
+        fields.setdefault(track, round(math.degrees(math.atan2(east, north)) % 360.0, 2))
+    values: dict[str, Any] = dict(fields)
+    if kind != "VTG":
+        seconds, ms = divmod(ms_of_day, 1000)
+        hours, seconds = divmod(seconds, 3600)
+        values["time"] = f"{hours:02d}:{seconds // 60:02d}:{seconds % 60:02d}.{ms:03d}"
+    if kind == "GGA":
+        values.update(quality=1, numSV=12, altUnit="M", sepUnit="M")
+    elif kind == "RMC":
+        values.update(status="A", posMode="A", date="2026-01-01")
+    else:
+        values.update(cogtUnit="T", cogmUnit="M", sognUnit="N", sogkUnit="K")
+    sentence: bytes = NMEAMessage("GN", kind, NMEA_GET, hpnmeamode=True, **values).serialize()
+    return sentence
