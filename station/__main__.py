@@ -1,0 +1,398 @@
+"""The command line, and the only place that wires drivers, loop, log and screens together."""
+
+from __future__ import annotations
+
+import gc
+import importlib.metadata
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+import typer
+
+from station.bus import Bus
+from station.clock import Clock, SystemClock
+from station.profile import Profiles, load_card
+from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationError, UsageError
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+DONE, ERROR, USAGE, DEGRADED = 0, 1, 2, 3
+ENDPOINTS_WITHIN_S = 60.0
+
+
+class ViewMode(StrEnum):
+    web = "web"
+    native = "native"
+    none = "none"
+
+
+CardName = Annotated[str, typer.Argument(metavar="[CARD]", help="a name under profiles/cards, or a path")]
+
+
+def say(text: str) -> None:
+    """Words for the user, on stderr; stdout is for what was asked for."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@app.callback()
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="print the version and leave")] = False,
+) -> None:
+    """Flight test station: corrected angle of attack and live derivatives at 50 Hz. --debug shows tracebacks."""
+    if version:
+        print(importlib.metadata.version("flight-test-station"))
+        raise typer.Exit
+
+
+# --- live
+
+
+@app.command()
+def run(
+    card: CardName = "bench",
+    duration: Annotated[float | None, typer.Option(help="seconds to run; until stopped if left out", min=0.02)] = None,
+    log: Annotated[Path, typer.Option(metavar="DIR", help="folder for the recording")] = Path("logs"),
+    view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.web,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON line a second on stdout")] = False,
+) -> int:
+    """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
+    from drivers.adapter import check_devices, open_devices
+    from station import live
+    from station.alignment import Aligner
+    from station.estimation.methods import Estimator
+    from station.log import LogWriter
+    from station.panel import Board, Callbacks, json_lines, plain_lines, run_panel
+    from station.view import View
+
+    profiles = load_card(card)
+    check_devices(profiles.rig, Path(profiles.rig_dir))
+    aircraft, rig, flight_card = profiles.aircraft, profiles.rig, profiles.card
+    clock, bus, stop = SystemClock(), Bus(), _stop_on_signals()
+    streams = tuple(rig.streams())
+    noise = rig.noise_si()
+    screen = sys.stdout.isatty() and sys.stdin.isatty() and not as_json
+
+    say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
+    estimator = Estimator(aircraft, flight_card, rig.imu_position, noise)
+    estimator.warm_up()
+    aligner = Aligner(streams, noise)
+
+    with ExitStack() as stack:
+        endpoints = stack.enter_context(_emulators(card)) if flight_card.emulate else {}
+        writer = LogWriter(log, profiles, streams, clock, bus.put)
+        stack.callback(writer.close)
+        viewer = View(view.value, f"{flight_card.name}: {aircraft.name}", profiles, on_event=bus.put)
+        stack.callback(viewer.close)
+        address = viewer.start()
+        if address:
+            say(f"viewer: {address}")
+        say(f"recording: {writer.path}")
+        board = Board(profiles, clock, address=address)
+        for adapter in open_devices(rig, endpoints, Path(profiles.rig_dir), clock, bus.put):
+            adapter.start()
+            stack.callback(adapter.stop)
+        bus.put(Event(clock.now_ns(), "station", Code.START, 1, flight_card.name))
+
+        def show(rows: Sequence[Rows]) -> None:
+            viewer.show(rows)
+            board.update(rows)
+            board.recording(writer.path, writer.bytes_written, viewer.dropped)
+
+        failure: list[BaseException] = []
+
+        def loop() -> None:
+            try:
+                live.run(live.beats(bus, clock, flight_card.lag, stop, duration), aligner, estimator, writer, show)
+            except BaseException as error:
+                failure.append(error)
+            finally:
+                stop.set()
+
+        callbacks = Callbacks(
+            on_mark=lambda note: bus.put(Event(clock.now_ns(), "operator", Code.MARK, 1, note)),
+            on_point=_points(bus, clock),
+            on_quit=stop.set,
+        )
+        # The loop shares the interpreter with readers and the screen: give way quickly, and keep collections short.
+        sys.setswitchinterval(0.0005)
+        gc.collect()
+        gc.freeze()
+        thread = threading.Thread(target=loop, name="loop")
+        thread.start()
+        try:
+            if screen:
+                run_panel(board, callbacks, stop, clock)
+            elif as_json:
+                json_lines(board, stop, clock, _write_line)
+            else:
+                plain_lines(board, stop, clock, _write_line)
+        finally:
+            stop.set()
+            thread.join()
+        if failure:
+            raise failure[0]
+    say(f"recorded {writer.bytes_written / 2**20:.1f} MiB in {writer.path}")
+    return DONE if board.ever_complete else DEGRADED
+
+
+def _points(bus: Bus, clock: Clock) -> Callable[[], int | None]:
+    """Starts and ends numbered test points in turn; returns the number of the open one, None when it was closed."""
+    state = {"number": 0, "open": False}
+
+    def toggle() -> int | None:
+        state["open"] = not state["open"]
+        if state["open"]:
+            state["number"] += 1
+        code = Code.POINT_START if state["open"] else Code.POINT_END
+        bus.put(Event(clock.now_ns(), "operator", code, state["number"], f"test point {state['number']}"))
+        return state["number"] if state["open"] else None
+
+    return toggle
+
+
+def _write_line(line: str) -> None:
+    print(line, flush=True)
+
+
+def _stop_on_signals() -> threading.Event:
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    return stop
+
+
+@contextmanager
+def _emulators(card: str) -> Iterator[dict[str, str]]:
+    """Run `station emulate CARD` beside the station; the endpoint of each device. Raises DeviceError."""
+    child = subprocess.Popen(
+        [sys.executable, "-m", "station", "emulate", card],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # Ctrl-C is for the station, which then ends the devices
+    )
+    try:
+        yield _endpoints(child, {d.name for d in load_card(card).rig.devices})
+    finally:
+        child.terminate()
+        try:
+            child.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+        if child.stdout is not None:
+            child.stdout.close()
+
+
+def _endpoints(child: subprocess.Popen[str], wanted: set[str]) -> dict[str, str]:
+    endpoints: dict[str, str] = {}
+    watchdog = threading.Timer(ENDPOINTS_WITHIN_S, child.kill)
+    watchdog.start()
+    try:
+        assert child.stdout is not None
+        for line in child.stdout:
+            told = json.loads(line)
+            endpoints[told["device"]] = told["endpoint"]
+            if wanted <= endpoints.keys():
+                return endpoints
+    finally:
+        watchdog.cancel()
+    missing = ", ".join(sorted(wanted - endpoints.keys()))
+    raise DeviceError(f"the emulated devices did not start: no endpoint for {missing}\nsee: station emulate")
+
+
+@app.command()
+def emulate(card: CardName = "bench") -> int:
+    """Serve the card's emulated devices alone; one JSON line per endpoint."""
+    from drivers.emulate import serve
+
+    profiles = load_card(card)
+    stop = _stop_on_signals()
+    serve(profiles, lambda told: _write_line(json.dumps(told)), stop, SystemClock(), _recorded_flight(profiles))
+    return DONE
+
+
+def _recorded_flight(profiles: Profiles) -> dict[str, Any] | None:
+    """The signals of the recording that the card wants flown, with their times; None where it flies the simulation."""
+    from station.log import table
+
+    flight = profiles.card.flight
+    if flight.source != "recording":
+        return None
+    if flight.recording is None:
+        raise ProfileError(f'card {profiles.card.name}: flight.recording: missing, with flight.source = "recording"')
+    flown = table(Path(flight.recording))
+    return {"time": flown.t_s, **flown.columns}
+
+
+@app.command()
+def check(
+    card: CardName = "bench",
+    seconds: Annotated[float, typer.Option(help="how long to listen", min=0.5)] = 5.0,
+) -> int:
+    """Validate the profiles, listen to each device, print a go / no-go table."""
+    from rich.console import Console
+    from rich.table import Table as Grid
+
+    from drivers.adapter import check_devices, open_devices
+    from station import live
+    from station.alignment import Aligner
+    from station.rows import Health
+
+    profiles = load_card(card)
+    rig_dir = Path(profiles.rig_dir)
+    check_devices(profiles.rig, rig_dir)
+    clock, bus, stop = SystemClock(), Bus(), _stop_on_signals()
+    aligner = Aligner(profiles.rig.streams(), profiles.rig.noise_si())
+    wrong: dict[str, set[str]] = {}
+    health: Health | None = None
+    with ExitStack() as stack:
+        endpoints = stack.enter_context(_emulators(card)) if profiles.card.emulate else {}
+        for adapter in open_devices(profiles.rig, endpoints, rig_dir, clock, bus.put):
+            adapter.start()
+            stack.callback(adapter.stop)
+        # The last beat carries a health row: they come once a second.
+        for tick, rows, _ in live.beats(bus, clock, profiles.card.lag, stop, round(seconds) + 0.02):
+            for row in rows:
+                aligner.accept(row)
+            _, events, told = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
+            health = told or health
+            for event in (*rows, *events):
+                if isinstance(event, Event) and event.level > 0:
+                    wrong.setdefault(event.source, set()).add(f"{event.code}: {event.detail}")
+    grid = Grid("stream", "alive", "rate Hz", "age s", "clock", "verdict", "notes", title=f"check {profiles.card.name}")
+    all_go = health is not None
+    for s, stream in zip(health.streams if health else (), profiles.rig.streams(), strict=False):
+        notes = sorted(wrong.get(s.stream, set()) | wrong.get(s.device, set()))
+        go = s.alive and s.rate_hz >= 0.9 * stream.rate_hz and s.clock != "rejected"
+        all_go &= go
+        rate = f"{s.rate_hz:.0f} of {stream.rate_hz:g}"
+        verdict = "[green]GO[/]" if go else "[red]NO-GO[/]"
+        note = notes[0] if notes else ""
+        grid.add_row(s.stream, "yes" if s.alive else "no", rate, f"{s.age_s:.2f}", s.clock, verdict, note)
+    Console().print(grid)
+    return DONE if all_go else DEGRADED
+
+
+# --- recordings
+
+
+LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="a recording (.mcap)")]
+
+
+@app.command()
+def replay(
+    log: LogPath,
+    speed: Annotated[str, typer.Option(metavar="X|max", help="times real time")] = "max",
+    view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.none,
+    verify: Annotated[bool, typer.Option("--verify", help="compare with the recorded estimates bit for bit")] = False,
+) -> int:
+    """Run the same estimators over a recording."""
+    from station import live
+    from station.alignment import Aligner
+    from station.estimation.methods import Estimator
+    from station.log import metadata, read_rows
+    from station.view import View
+
+    about = metadata(log)
+    if about.rig is None or about.card is None:
+        raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
+    rate = None if speed == "max" else _positive(speed, "--speed")
+    clock = SystemClock()
+    noise = about.rig.noise_si()
+    estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, noise)
+    estimator.warm_up()
+    source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
+    if rate is not None:
+        source = live.paced(source, clock, rate)
+    counts = {"beats": 0, "rows": 0, "different": 0}
+    first: list[str] = []
+
+    def compare(beat: live.Beat, made: Sequence[Rows]) -> None:
+        counts["beats"] += 1
+        if not beat.recorded:
+            return  # the station died between the tick and its estimates
+        counts["rows"] += len(beat.recorded)
+        # A crash may have cut the last beat's rows short: what was recorded must match.
+        for was, now in zip(beat.recorded, made, strict=False):
+            if not same_bits(was, now):
+                counts["different"] += 1
+                if not first:
+                    first.append(f"first difference at tick {beat.tick.k}: {type(was).__name__}\n{was}\n{now}")
+
+    with ExitStack() as stack:
+        show = None
+        if view is not ViewMode.none:
+            viewer = View(view.value, f"replay of {log.name}", None, on_event=lambda _: None)
+            stack.callback(viewer.close)
+            say(f"viewer: {viewer.start()}")
+            show = viewer.show
+        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare)
+    if counts["beats"] == 0:
+        raise UsageError(f"{log}: no ticks in it: nothing to replay")
+    print(f"{counts['beats']} ticks, {counts['rows']} rows compared, {counts['different']} different")
+    if verify and counts["different"]:
+        say(first[0])
+        return ERROR
+    return DONE
+
+
+def same_bits(one: Rows, other: Rows) -> bool:
+    """Whether two rows are equal to the last bit (NaN equals NaN, -0.0 differs from 0.0)."""
+    import msgspec
+
+    return msgspec.msgpack.encode(one) == msgspec.msgpack.encode(other)
+
+
+def _positive(text: str, option: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if value <= 0:
+        raise UsageError(f"{option}: {text!r} is not a number above 0")
+    return value
+
+
+# --- start
+
+
+def main() -> None:
+    """Run the command line; exit codes: 0 done, 1 error, 2 usage or invalid profile, 3 done but degraded."""
+    debug = "--debug" in sys.argv
+    sys.argv = [a for a in sys.argv if a != "--debug"]
+    try:
+        code = app(prog_name="station", standalone_mode=False)
+    except click.exceptions.Exit as leaving:
+        code = leaving.exit_code
+    except click.ClickException as error:
+        error.show(sys.stderr)
+        code = USAGE
+    except (click.Abort, KeyboardInterrupt):
+        code = 130
+    except StationError as error:
+        if debug:
+            raise
+        say(f"station: {error}")
+        code = USAGE if isinstance(error, (ProfileError, UsageError)) else ERROR
+    except BrokenPipeError:
+        code = ERROR
+    except Exception as error:
+        if debug:
+            raise
+        say(f"station: internal error: {type(error).__name__}: {error}\nrun again with --debug to see where")
+        code = ERROR
+    sys.exit(code or DONE)
+
+
+if __name__ == "__main__":
+    main()
