@@ -1,0 +1,153 @@
+"""The process of one emulated device: its port, its encoder, its pace."""
+
+from __future__ import annotations
+
+import heapq
+import math
+import select
+import signal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+
+from drivers.emulated_messages import DeviceScript, Encode, Outgoing
+from drivers.emulated_ports import DevicePort, PtyPort, TcpPort, UdpPort
+from station.clock import SystemClock
+from station.profile import CanDevice, Device, MavlinkDevice, Profiles, SerialDevice
+from station.rows import DeviceError, StationError
+
+Answer = Callable[[bytes, int], bytes]
+"""Bytes from the station and the device's time, ns, to what the device replies."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """How a device speaks."""
+
+    port: DevicePort
+    encode: Encode
+    also: Mapping[str, float] = field(default_factory=dict)
+    """Messages without signals, and their rates."""
+    answer: Answer | None = None
+
+
+def flown_signals(device: Device, absent: tuple[str, ...]) -> tuple[str, ...]:
+    """The signals a device reports of a flight that lacks some, in the order it is handed them."""
+    streams = (s for s in device.streams if not set(s.signals) <= set(absent))
+    return tuple(dict.fromkeys(name for stream in streams for name in stream.signals))
+
+
+def wire_of(device: Device, rig_dir: Path, folder: Path) -> Wire:
+    """The port and encoder a device of this kind has; its links lie in `folder`. Raises DeviceError."""
+    if isinstance(device, SerialDevice):
+        return Wire(PtyPort(folder / device.name), serial_encoder(device))
+    if isinstance(device, CanDevice):
+        return _can_wire(device, rig_dir, folder)
+    return _mavlink_wire(device, rig_dir, folder)
+
+
+def serial_encoder(device: SerialDevice) -> Encode:
+    # Each process loads only the libraries of its own link.
+    if device.protocol in ("boombox", "boombox_ascii"):
+        from drivers.serial_boombox import encode_line, encode_packet
+
+        encode = encode_packet if device.protocol == "boombox" else encode_line
+
+        def box(m: Outgoing) -> bytes:
+            counts = [m.fields.get(f"v{i}", math.nan) for i in range(1 + max(int(name[1:]) for name in m.fields))]
+            return encode(int(m.message), m.seq, m.t_device_ns // 1000, counts)
+
+        return box
+    if device.protocol == "ubx":
+        from drivers.serial_gnss import encode_nav_pvt
+
+        def ubx(m: Outgoing) -> bytes:
+            # The message has no way of saying that one part of a fix is missing: 0 stands for it.
+            lat, lon, height, *velocity = (
+                0.0 if math.isnan(v := m.fields.get(name, 0.0)) else v
+                for name in ("lat", "lon", "hMSL", "velN", "velE", "velD")
+            )
+            return encode_nav_pvt(m.t_device_ns, lat, lon, height, (velocity[0], velocity[1], velocity[2]))
+
+        return ubx
+    from drivers.serial_gnss import encode_sentence
+
+    def nmea(m: Outgoing) -> bytes:
+        known = {name: value for name, value in m.fields.items() if not math.isnan(value)}
+        return encode_sentence(str(m.message), m.t_device_ns, **known)
+
+    return nmea
+
+
+def serve_device(
+    index: int, profiles: Profiles, folder: str, absent: tuple[str, ...], control: Connection, truth: Connection
+) -> None:
+    """Emulate device number `index` of the rig: say where it is on `control`, wait there for the start, then send what
+    the rows from `truth` become until `control` closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    device = profiles.rig.devices[index]
+    try:
+        wire = wire_of(device, Path(profiles.rig_dir), Path(folder))
+    except (StationError, OSError) as error:
+        control.send(("error", str(error)))
+        return
+    try:
+        wire.port.plug()
+        control.send(("ready", {"device": device.name, "link": device.link, "endpoint": wire.port.endpoint}))
+        start_ns = control.recv()
+        script = DeviceScript(index, device, profiles.card, start_ns, wire.encode, wire.also, absent)
+        _pace(script, wire, start_ns, control, truth)
+    except (EOFError, OSError):
+        return  # whoever served us is gone
+    finally:
+        wire.port.close()
+        # The last device out removes the folder, should the serving process have been killed.
+        Path(folder).rmdir() if not any(Path(folder).iterdir()) else None
+
+
+def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, truth: Connection) -> None:
+    clock = SystemClock()
+    port = wire.port
+    waiting: list[tuple[int, int, bytes]] = []
+    changes = sorted({round(t * 1e9) + start_ns for span in script.unplugged for t in span})
+    columns = len(script.signals)
+    made = 0
+    flying = True
+    while True:
+        now_ns = clock.now_ns()
+        while changes and changes[0] <= now_ns:
+            flight_s = (changes.pop(0) - start_ns) * 1e-9 + 1e-6
+            if any(a <= flight_s < b for a, b in script.unplugged):
+                port.unplug()
+            else:
+                port.plug()
+        due = []
+        while waiting and waiting[0][0] <= now_ns:
+            due.append(heapq.heappop(waiting)[2])
+        if due:
+            port.send(due)
+        upcoming = [entry for entry in (waiting[0][0] if waiting else None, changes[0] if changes else None) if entry]
+        wait_s = max(0.0, (min(upcoming) - clock.now_ns()) * 1e-9) if upcoming else None
+        links = port.descriptors()
+        ready, _, _ = select.select([control, *([truth] if flying else []), *links], [], [], wait_s)
+        for one in ready:
+            if one is control:
+                control.recv()  # nothing is said after the start: this is the end of the pipe
+            elif one is truth:
+                try:
+                    rows = np.frombuffer(truth.recv_bytes()).reshape(-1, columns)
+                except EOFError:
+                    flying = False
+                    continue
+                for due_ns, data in script.extend(rows):
+                    heapq.heappush(waiting, (due_ns, made, data))
+                    made += 1
+            else:
+                request = port.receive(one)
+                if request and wire.answer is not None:
+                    reply = wire.answer(request, script.clock.at(clock.now_ns()))
+                    if reply:
+                        port.send([reply])
