@@ -1,0 +1,222 @@
+"""MAVLink devices: bytes to readings, and for emulated ones field values to bytes. No port, thread or clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from drivers.codec import Codec, Reading, TimeReply
+from drivers.mavlink_frame import Framer, Packer
+from drivers.mavlink_messages import TABLE, build, message_id, plain_fields, title
+from station.profile import MavlinkDevice
+from station.rows import DeviceError
+
+STATION_SYSTEM: Final = 254
+STATION_COMPONENT: Final = dialect.MAV_COMP_ID_MISSIONPLANNER
+TIME_REQUEST_NS: Final = 250_000_000
+STREAM_REQUEST_NS: Final = 5_000_000_000
+
+_BOOT_WRAP_NS: Final = (1 << 32) * 1_000_000
+"""When time_boot_ms starts over (49.7 days); all times of a device are taken within it, to be on one timeline."""
+_SHORT_WRAP_NS: Final = (1 << 32) * 1_000
+_UNIX_NS: Final = 10**18
+"""A time beyond this (2001, counted from 1970) is no time since boot but of another clock."""
+
+
+def read_signing_key(device: MavlinkDevice, rig_dir: Path) -> bytes | None:
+    """The 32-byte key in the device's key file (its path relative to the rig's); None without. Raises DeviceError."""
+    if device.signing_key_file is None:
+        return None
+    path = rig_dir / device.signing_key_file
+    try:
+        key = bytes.fromhex(path.read_text(encoding="ascii"))
+    except OSError as error:
+        raise DeviceError(f"{device.name}: signing key {path}: {error.strerror}") from error
+    except ValueError:
+        key = b""
+    if len(key) != 32:
+        raise DeviceError(f"{device.name}: signing key {path}: write the 32-byte key as 64 hexadecimal digits")
+    return key
+
+
+class MavlinkCodec(Codec):
+    """One vehicle's messages to readings; other systems on the link are passed over.
+
+    The vehicle is `device.system_id`, or else the first that sends a message of the table and is no ground station.
+    MAVLink numbers the packets of a sender, not those of a message: readings have no `seq`, and `lost` counts what is
+    missing from the link. `refused` counts packets (also in `bad`) with no, a wrong or an old signature. Sends nothing
+    but what `device.timesync` and `device.request_streams` allow.
+    """
+
+    def __init__(self, device: MavlinkDevice, key: bytes | None = None, utc_ns: int = 0) -> None:
+        """With `key`, packets not signed with it are refused and ours are signed; `utc_ns` is then the time now."""
+        self.bad = 0
+        self.resyncs = 0
+        self.refused = 0
+        self.lost = 0
+        self._device = device
+        self._framer = Framer(key, utc_ns)
+        self._packer = Packer(STATION_SYSTEM, STATION_COMPONENT, key, utc_ns)
+        self._rates = {str(s.message): s.rate for s in device.streams if str(s.message).partition(":")[0] in TABLE}
+        self._asked: deque[int] = deque(maxlen=16)
+        self._questions: deque[int] = deque(maxlen=4)
+        self.reset()
+
+    def reset(self) -> None:
+        self._framer.reset()
+        self._vehicle: tuple[int, int] | None = None
+        self._boot_ns: int | None = None
+        self._heard: set[str] = set()
+        self._asked.clear()
+        self._questions.clear()
+        self._next_time_request_ns: int | None = None
+        self._next_stream_request_ns: int | None = None
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        readings: list[Reading | TimeReply] = []
+        for message in self._framer.feed(data):
+            if not self._is_ours(message):
+                continue
+            if message.get_type() in TABLE:
+                readings.append(self._reading(message))
+            elif message.get_type() == "TIMESYNC" and self._device.timesync:
+                readings += self._time_message(message.tc1, message.ts1)
+        self.bad, self.resyncs = self._framer.bad, self._framer.resyncs
+        self.refused, self.lost = self._framer.refused, self._framer.lost
+        return readings
+
+    def outgoing(self, now_ns: int) -> bytes:
+        """Time requests and answers, and stream requests, as far as the rig allows them."""
+        if self._vehicle is None:
+            return b""
+        packets = []
+        if self._device.timesync:
+            packets += [self._packer.pack(dialect.MAVLink_timesync_message(now_ns, ts1)) for ts1 in self._questions]
+            self._questions.clear()
+            if self._next_time_request_ns is None or now_ns >= self._next_time_request_ns:
+                self._next_time_request_ns = now_ns + TIME_REQUEST_NS
+                self._asked.append(now_ns)
+                packets.append(self._packer.pack(dialect.MAVLink_timesync_message(0, now_ns)))
+        if self._device.request_streams and (
+            self._next_stream_request_ns is None or now_ns >= self._next_stream_request_ns
+        ):
+            first = self._next_stream_request_ns is None
+            self._next_stream_request_ns = now_ns + STREAM_REQUEST_NS
+            missing = {m: rate for m, rate in self._rates.items() if first or m not in self._heard}
+            packets += [self._packer.pack(self._interval(m, rate)) for m, rate in missing.items()]
+            self._heard.clear()
+        return b"".join(packets)
+
+    def _is_ours(self, message: Any) -> bool:
+        system, kind = message.get_srcSystem(), message.get_type()
+        if self._vehicle is not None:
+            return bool(system == self._vehicle[0])
+        if self._device.system_id is not None:
+            chosen = system == self._device.system_id
+        else:
+            chosen = kind in TABLE and not (kind == "HEARTBEAT" and message.type == dialect.MAV_TYPE_GCS)
+        if chosen:
+            self._vehicle = (system, message.get_srcComponent())
+        return bool(chosen)
+
+    def _reading(self, message: Any) -> Reading:
+        name = title(message)
+        self._heard.add(name)
+        layout = TABLE[message.get_type()]
+        fields = plain_fields(message)
+        if layout.time is None:
+            return Reading(name, None, None, fields)
+        unit_ns = 1_000_000 if layout.time == "time_boot_ms" else 1_000
+        t_ns = getattr(message, layout.time) * unit_ns
+        if t_ns >= _UNIX_NS:
+            return Reading(name, None, None, fields)
+        if layout.short_time and t_ns < _SHORT_WRAP_NS:
+            if self._boot_ns is None:
+                return Reading(name, t_ns, None, fields, _SHORT_WRAP_NS)
+            t_ns += (self._boot_ns - t_ns + _SHORT_WRAP_NS // 2) // _SHORT_WRAP_NS * _SHORT_WRAP_NS
+        t_ns %= _BOOT_WRAP_NS
+        if not layout.short_time:
+            self._boot_ns = t_ns
+        return Reading(name, t_ns, None, fields, _BOOT_WRAP_NS)
+
+    def _time_message(self, tc1: int, ts1: int) -> list[TimeReply]:
+        if tc1 == 0:
+            self._questions.append(ts1)
+        elif ts1 in self._asked and 0 < tc1 < _UNIX_NS:
+            self._asked.remove(ts1)
+            return [TimeReply(ts1, tc1 % _BOOT_WRAP_NS)]
+        return []
+
+    def _interval(self, message: str, rate: float) -> Any:
+        system, component = self._vehicle or (0, 0)
+        return dialect.MAVLink_command_long_message(
+            system,
+            component,
+            dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+            0,
+            message_id(message),
+            1e6 / rate,
+            *(0.0,) * 5,
+        )
+
+
+class MavlinkEncoder:
+    """An emulated autopilot: plain field values to packets, and the answers a ground station expects of one."""
+
+    def __init__(self, system_id: int = 1, component_id: int = 1, key: bytes | None = None, utc_ns: int = 0) -> None:
+        """With `key`, packets are signed and unsigned ones not heard; `utc_ns` is then the time now."""
+        self._packer = Packer(system_id, component_id, key, utc_ns)
+        self._framer = Framer(key, utc_ns)
+        self._address = (system_id, component_id)
+        self._parameters = {"SYSID_THISMAV": float(system_id), "STATION_EMULATED": 1.0}
+
+    def encode(self, message: str, fields: Mapping[str, float], t_device_ns: int) -> bytes:
+        """A packet of a message in the table (MESSAGE or MESSAGE:INSTANCE), fields in its plain units.
+
+        Left out: unknown where the message can say so, otherwise 0 or a usual value. Raises KeyError for names that the
+        table does not have.
+        """
+        return self._packer.pack(build(message, fields, t_device_ns))
+
+    def heartbeat(self) -> bytes:
+        return self.encode("HEARTBEAT", {}, 0)
+
+    def answer(self, data: bytes, t_device_ns: int) -> bytes:
+        """What the autopilot says to bytes from the station: time, parameters, acknowledgements. Never raises."""
+        return b"".join(
+            self._packer.pack(reply)
+            for message in self._framer.feed(data)
+            for reply in self._replies(message, t_device_ns)
+        )
+
+    def _replies(self, message: Any, t_device_ns: int) -> list[Any]:
+        kind = message.get_type()
+        if kind == "TIMESYNC" and message.tc1 == 0:
+            return [dialect.MAVLink_timesync_message(t_device_ns, message.ts1)]
+        if getattr(message, "target_system", 0) not in (0, self._address[0]):
+            return []
+        if kind == "PARAM_REQUEST_LIST":
+            return [self._parameter(name) for name in self._parameters]
+        if kind == "PARAM_REQUEST_READ":
+            names = list(self._parameters)
+            name = names[message.param_index] if 0 <= message.param_index < len(names) else message.param_id
+            return [self._parameter(name)] if name in self._parameters else []
+        if kind == "COMMAND_LONG":
+            known = message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+            result = dialect.MAV_RESULT_ACCEPTED if known else dialect.MAV_RESULT_UNSUPPORTED
+            return [dialect.MAVLink_command_ack_message(message.command, result)]
+        return []
+
+    def _parameter(self, name: str) -> Any:
+        names = list(self._parameters)
+        return dialect.MAVLink_param_value_message(
+            name.encode("ascii"),
+            self._parameters[name],
+            dialect.MAV_PARAM_TYPE_REAL32,
+            len(names),
+            names.index(name),
+        )

@@ -1,0 +1,185 @@
+"""MAVLink packets: out of a stream of bytes, and into bytes; sequence numbers and signatures.
+
+pymavlink decodes and packs; finding packets and checking signatures is done here, for two reasons. Its parser believes
+the length byte of whatever follows a false start and swallows up to 280 bytes of good packets with it, where this one
+looks again from the next byte. And it moves its replay limit before it has checked a signature, so that one forged
+packet would lock out the real sender.
+
+Sources: mavlink.io, "Packet Serialization" and "Message Signing".
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+from typing import Any, Final
+
+from fastcrc import crc16
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+_STX1: Final = 0xFE
+_STX2: Final = 0xFD
+_START: Final = re.compile(b"[\xfd\xfe]")
+_SIGNED: Final = 0x01
+_SIGNATURE_BYTES: Final = 13
+_MINUTE: Final = 6_000_000
+"""One minute in the unit of signature time, 10 us."""
+_SIGNING_EPOCH_NS: Final = 1_420_070_400_000_000_000
+"""2015-01-01 UTC in ns since 1970: where signature time starts."""
+
+
+def signature_time(utc_ns: int) -> int:
+    """UTC, ns since 1970, as signature time: 10 us since 2015, not below 0."""
+    return max(0, (utc_ns - _SIGNING_EPOCH_NS) // 10_000)
+
+
+class Framer:
+    """Bytes to checked messages of every system on the link. Feed it bytes cut anywhere; it never raises.
+
+    `bad` counts damaged or refused packets, `resyncs` how often bytes were skipped that belong to no packet, `refused`
+    the packets (also in `bad`) whose signature is missing, wrong or too old, `lost` the packets missing by the sequence
+    numbers of each sender. With `key` (32 bytes) only signed packets pass; `utc_ns` is the time now: no signature of a
+    new sender is accepted that is more than a minute older.
+    """
+
+    def __init__(self, key: bytes | None = None, utc_ns: int = 0) -> None:
+        self.bad = 0
+        self.resyncs = 0
+        self.refused = 0
+        self.lost = 0
+        self._key = key
+        self._newest = signature_time(utc_ns)
+        self._signed_until: dict[tuple[int, int, int], int] = {}
+        self._next_seq: dict[tuple[int, int], int] = {}
+        self._decoder = dialect.MAVLink(None)
+        self._pending = bytearray()
+        self._in_sync = True
+        self._blamed = 0
+        """Where in `_pending` a packet counted as bad would end."""
+
+    def reset(self) -> None:
+        """Forget half a packet and where each sender's count stood."""
+        self._pending.clear()
+        self._next_seq.clear()
+        self._in_sync = True
+        self._blamed = 0
+
+    def feed(self, data: bytes) -> list[Any]:
+        """The pymavlink messages that `data` completes."""
+        self._pending += data
+        messages = []
+        at = 0
+        while start := _START.search(self._pending, at):
+            if start.start() > at:
+                self._lose_sync()
+                at = start.start()
+            size, sound = self._packet(at)
+            if size is None:
+                break
+            if sound:
+                self._in_sync = True
+                message = self._accept(self._pending[at : at + size])
+                if message is not None:
+                    messages.append(message)
+                at += size
+                continue
+            if size and at >= self._blamed:  # a false start inside a damaged packet is not another damaged packet
+                self.bad += 1
+                self._blamed = at + size
+                self._in_sync = False
+            self._lose_sync()
+            at += 1
+        else:
+            if at < len(self._pending):
+                self._lose_sync()
+            at = len(self._pending)
+        del self._pending[:at]
+        self._blamed -= at
+        return messages
+
+    def _lose_sync(self) -> None:
+        self.resyncs += self._in_sync
+        self._in_sync = False
+
+    def _packet(self, at: int) -> tuple[int | None, bool]:
+        """Size of the packet starting at `at` (None: too little is here yet; 0: none) and whether it is sound."""
+        head = self._pending[at : at + 10]
+        if head[0] == _STX1:
+            if len(head) < 6:
+                return None, False
+            size, kind = 8 + head[1], dialect.mavlink_map.get(head[5])
+            if kind is None or head[1] > kind.unpacker.size:
+                return 0, False
+        else:
+            if len(head) > 2 and head[2] & ~_SIGNED:
+                return 0, False  # flags this reader does not know: the standard says to drop it
+            if len(head) < 10:
+                return None, False
+            size = 12 + head[1] + _SIGNATURE_BYTES * (head[2] & _SIGNED)
+            kind = dialect.mavlink_map.get(int.from_bytes(head[7:10], "little"))
+        if kind is None:
+            # A message of some other dialect has no checksum that could be checked: what follows must be a packet.
+            if len(self._pending) <= at + size:
+                return None, False
+            return size, self._pending[at + size] in (_STX1, _STX2)
+        if len(self._pending) < at + size:
+            return None, False
+        end = at + size - _SIGNATURE_BYTES * (head[0] == _STX2 and head[2] & _SIGNED)
+        checked = bytes(self._pending[at + 1 : end - 2]) + bytes([kind.crc_extra])
+        return size, crc16.mcrf4xx(checked) == int.from_bytes(self._pending[end - 2 : end], "little")
+
+    def _accept(self, frame: bytearray) -> Any:
+        """The message in a sound packet; None if it is refused or not in the dialect."""
+        if self._key is not None and not self._signature_holds(frame, self._key):
+            self.refused += 1
+            self.bad += 1
+            return None
+        sender = (frame[3], frame[4]) if frame[0] == _STX1 else (frame[5], frame[6])
+        seq = frame[2] if frame[0] == _STX1 else frame[4]
+        missing = (seq - self._next_seq.get(sender, seq)) % 256
+        if missing < 128:  # beyond that it is a packet overtaken on the way, or sent twice
+            self.lost += missing
+        self._next_seq[sender] = (seq + 1) % 256
+        try:
+            message = self._decoder.decode(frame)
+        except dialect.MAVError:
+            self.bad += 1
+            return None
+        return None if message.get_msgId() not in dialect.mavlink_map else message
+
+    def _signature_holds(self, frame: bytearray, key: bytes) -> bool:
+        """Checks the hash first: only a packet of the key's holder may move what is accepted next."""
+        if frame[0] == _STX1 or not frame[2] & _SIGNED:
+            return False
+        digest = hashlib.sha256(key + frame[:-6]).digest()[:6]
+        if not hmac.compare_digest(digest, frame[-6:]):
+            return False
+        stamp = int.from_bytes(frame[-12:-6], "little")
+        stream = (frame[-13], frame[5], frame[6])
+        limit = self._signed_until.get(stream, self._newest - _MINUTE - 1)
+        if stamp <= limit:
+            return False
+        self._signed_until[stream] = stamp
+        self._newest = max(self._newest, stamp)
+        return True
+
+
+class Packer:
+    """Messages to MAVLink 2 packets of one sender, numbered, and signed if there is a `key` (32 bytes).
+
+    `utc_ns` is the time now: signature time starts there and counts up by one per packet.
+    """
+
+    def __init__(self, system_id: int, component_id: int, key: bytes | None = None, utc_ns: int = 0) -> None:
+        self._mav = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        if key is not None:
+            self._mav.signing.secret_key = key
+            self._mav.signing.timestamp = signature_time(utc_ns)
+            self._mav.signing.sign_outgoing = True
+
+    def pack(self, message: Any) -> bytes:
+        """The packet for a pymavlink message."""
+        packet: bytes = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return packet

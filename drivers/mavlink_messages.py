@@ -1,0 +1,249 @@
+"""The MAVLink messages the station knows, and their fields in plain units: one table for reading and for writing.
+
+Field names are MAVLink's. Definitions: mavlink.io, common.xml; AOA_SSA is in ardupilotmega.xml only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field in plain units: what is on the wire divided by `counts`. `missing` on the wire means not known."""
+
+    unit: str
+    counts: float = 1.0
+    missing: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What of a message is read: its time field (time_boot_ms, time_usec or none) and its fields.
+
+    Several of one kind from one device are told apart by the field `instance`: they are called MESSAGE:INSTANCE, and
+    plain MESSAGE for instance 0. `short_time`: senders count the time in 32 bits.
+    """
+
+    time: str | None
+    fields: Mapping[str, Field]
+    instance: str | None = None
+    short_time: bool = False
+
+
+def _each(names: str, unit: str, counts: float = 1.0, missing: float | None = None) -> dict[str, Field]:
+    return {name: Field(unit, counts, missing) for name in names.split()}
+
+
+_U16: Final = 65_535.0
+_I16: Final = 32_767.0
+_SERVOS: Final = " ".join(f"servo{i}_raw" for i in range(1, 17))
+_ACTUATORS: Final = " ".join(f"actuator{i}" for i in range(32))
+_BODY_RATES: Final = _each("rollspeed pitchspeed yawspeed", "rad/s")
+
+TABLE: Final[Mapping[str, Layout]] = MappingProxyType(
+    {
+        "HEARTBEAT": Layout(None, _each("type autopilot base_mode custom_mode system_status", "1")),
+        "HIGHRES_IMU": Layout(
+            "time_usec",
+            _each("xacc yacc zacc", "m/s2")
+            | _each("xgyro ygyro zgyro", "rad/s")
+            | _each("xmag ymag zmag", "gauss")
+            | _each("abs_pressure diff_pressure", "hPa")
+            | _each("pressure_alt", "m")
+            | _each("temperature", "degC"),
+            instance="id",
+        ),
+        "ATTITUDE": Layout("time_boot_ms", _each("roll pitch yaw", "rad") | _BODY_RATES),
+        "ATTITUDE_QUATERNION": Layout("time_boot_ms", _each("q1 q2 q3 q4", "1") | _BODY_RATES),
+        "LOCAL_POSITION_NED": Layout("time_boot_ms", _each("x y z", "m") | _each("vx vy vz", "m/s")),
+        "GLOBAL_POSITION_INT": Layout(
+            "time_boot_ms",
+            _each("lat lon", "deg", 1e7)
+            | _each("alt relative_alt", "m", 1e3)
+            | _each("vx vy vz", "m/s", 100)
+            | _each("hdg", "deg", 100, _U16),
+        ),
+        "GPS_RAW_INT": Layout(
+            "time_usec",
+            _each("fix_type", "1")
+            | _each("satellites_visible", "1", missing=255.0)
+            | _each("lat lon", "deg", 1e7)
+            | _each("alt", "m", 1e3)
+            | _each("eph epv", "1", 100, _U16)
+            | _each("vel", "m/s", 100, _U16)
+            | _each("cog", "deg", 100, _U16),
+        ),
+        "SCALED_PRESSURE": Layout(
+            "time_boot_ms", _each("press_abs press_diff", "hPa") | _each("temperature", "degC", 100)
+        ),
+        "VFR_HUD": Layout(
+            None,
+            _each("airspeed groundspeed climb", "m/s")
+            | _each("heading", "deg")
+            | _each("throttle", "%")
+            | _each("alt", "m"),
+        ),
+        "AIRSPEED": Layout(
+            None,
+            _each("airspeed", "m/s") | _each("temperature", "degC", 100, _I16) | _each("raw_press", "hPa"),
+            instance="id",
+        ),
+        "AOA_SSA": Layout("time_usec", _each("AOA SSA", "deg"), short_time=True),
+        "SERVO_OUTPUT_RAW": Layout("time_usec", _each(_SERVOS, "us"), instance="port", short_time=True),
+        "ACTUATOR_OUTPUT_STATUS": Layout("time_usec", _each("active", "1") | _each(_ACTUATORS, "1")),
+        "NAMED_VALUE_FLOAT": Layout("time_boot_ms", _each("value", "1"), instance="name"),
+    }
+)
+"""Message -> layout. `actuator0` to `actuator31` are the elements of the array `actuator`."""
+
+DERIVED: Final[Mapping[str, Mapping[str, str]]] = {
+    "ATTITUDE_QUATERNION": {"roll": "rad", "pitch": "rad", "yaw": "rad"},
+    "GPS_RAW_INT": {"v_north": "m/s", "v_east": "m/s"},
+}
+"""Fields that are worked out of others, with their units; a writer may be given them instead."""
+
+_DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
+    "HEARTBEAT": {
+        "type": 1,  # fixed wing
+        "autopilot": 3,  # ArduPilot: ground stations pass over a vehicle without an autopilot they know
+        "system_status": 4,  # active
+        "mavlink_version": 3,
+    },
+    "HIGHRES_IMU": {"fields_updated": 0x1FFF},
+    "GPS_RAW_INT": {"fix_type": 3},
+    "ATTITUDE_QUATERNION": {"q1": 1.0},
+}
+_NO_FIX: Final = 1
+_KINDS: Final[Mapping[str, Any]] = {k.msgname: k for k in dialect.mavlink_map.values() if k.msgname in TABLE}
+_ARRAYS: Final[Mapping[str, int]] = {"actuator": 32, "repr_offset_q": 4}
+
+
+def fields_known(message: str) -> tuple[str, ...]:
+    """Names a channel may use with that message (MESSAGE or MESSAGE:INSTANCE); empty for an unknown message."""
+    name, _, instance = message.partition(":")
+    layout = TABLE.get(name)
+    if layout is None or (instance and layout.instance is None):
+        return ()
+    return (*layout.fields, *DERIVED.get(name, ()))
+
+
+def message_id(message: str) -> int:
+    """MAVLink's number of a message (MESSAGE or MESSAGE:INSTANCE). Raises KeyError."""
+    return int(_KINDS[message.partition(":")[0]].id)
+
+
+def title(message: Any) -> str:
+    """What a rig calls a pymavlink message of the table: MESSAGE or MESSAGE:INSTANCE."""
+    name = str(message.get_type())
+    field = TABLE[name].instance
+    instance = getattr(message, field) if field else None
+    return f"{name}:{instance}" if instance else name
+
+
+def plain_fields(message: Any) -> dict[str, float]:
+    """A pymavlink message's fields, read and derived, in plain units; NaN where the sender does not know."""
+    name = message.get_type()
+    out = {}
+    for field, f in TABLE[name].fields.items():
+        if field.startswith("actuator"):
+            raw = message.actuator[int(field.removeprefix("actuator"))]
+        else:
+            raw = getattr(message, field)
+        out[field] = math.nan if raw == f.missing else raw / f.counts
+    if name == "ATTITUDE_QUATERNION":
+        out |= _euler(out["q1"], out["q2"], out["q3"], out["q4"])
+    elif name == "GPS_RAW_INT":
+        if out["fix_type"] <= _NO_FIX:
+            out |= dict.fromkeys(out.keys() - {"fix_type", "satellites_visible"}, math.nan)
+        course = math.radians(out["cog"])
+        out |= {"v_north": out["vel"] * math.cos(course), "v_east": out["vel"] * math.sin(course)}
+    return out
+
+
+def build(message: str, fields: Mapping[str, float], t_device_ns: int) -> Any:
+    """The pymavlink message that carries the fields (plain units), stamped with the device's time since boot.
+
+    Fields left out are unknown where the message can say so, otherwise 0 or a usual value. Integers are rounded and
+    held within their range. Raises KeyError for a message or field that the table does not have.
+    """
+    name, _, instance = message.partition(":")
+    layout = TABLE[name]
+    for field in fields:
+        if field not in fields_known(message):
+            raise KeyError(f"{message} has no field {field}")
+    given = {**_DEFAULTS.get(name, {}), **_without_derived(name, fields)}
+    kind = _KINDS[name]
+    values: list[Any] = []
+    for field, wire in zip(kind.fieldnames, kind.fieldtypes, strict=True):
+        if field == layout.time:
+            values.append(_time_count(field, wire, t_device_ns))
+        elif field == layout.instance:
+            values.append(instance.encode("ascii")[:10] if wire == "char" else int(instance or 0))
+        elif field in _ARRAYS:
+            values.append([given.get(f"{field}{i}", 0.0) for i in range(_ARRAYS[field])])
+        else:
+            f = layout.fields.get(field, Field("1"))
+            raw = given[field] * f.counts if field in given else f.missing or 0.0
+            values.append(raw if wire == "float" else _whole(raw, wire, f.missing))
+    return kind(*values)
+
+
+def _time_count(field: str, wire: str, t_ns: int) -> int:
+    unit_ns = 1_000_000 if field == "time_boot_ms" else 1_000
+    modulus = (1 << 64) if wire == "uint64_t" else (1 << 32)
+    return ((t_ns + unit_ns // 2) // unit_ns) % modulus
+
+
+def _whole(raw: float, wire: str, missing: float | None) -> int:
+    """Rounded and held within an integer type such as int16_t."""
+    if math.isnan(raw):
+        return int(missing or 0)
+    bits = int(wire.removeprefix("u").removeprefix("int").removesuffix("_t"))
+    low, high = (0, 2**bits - 1) if wire.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    return round(min(max(raw, low), high))
+
+
+def _without_derived(name: str, fields: Mapping[str, float]) -> dict[str, float]:
+    """The same with derived fields turned into those they come from."""
+    out = dict(fields)
+    if name == "ATTITUDE_QUATERNION" and not out.keys().isdisjoint(DERIVED[name]):
+        out |= _quaternion(*(out.pop(angle, 0.0) for angle in DERIVED[name]))
+    elif name == "GPS_RAW_INT" and not out.keys().isdisjoint(DERIVED[name]):
+        north, east = (out.pop(v, 0.0) for v in DERIVED[name])
+        out |= {"vel": math.hypot(north, east), "cog": math.degrees(math.atan2(east, north)) % 360.0}
+    return out
+
+
+def _euler(w: float, x: float, y: float, z: float) -> dict[str, float]:
+    """Euler angles (3-2-1), rad, of an attitude quaternion that rotates earth into body axes as MAVLink states it.
+
+    NaN if it is far from unit length, which no attitude is. Source: Stevens and Lewis 2003, eq. 1.3-33 and 1.3-34.
+    """
+    norm2 = w * w + x * x + y * y + z * z
+    if not 0.8 < norm2 < 1.25:
+        return dict.fromkeys(("roll", "pitch", "yaw"), math.nan)
+    return {
+        "roll": math.atan2(2 * (w * x + y * z), w * w - x * x - y * y + z * z),
+        "pitch": math.asin(max(-1.0, min(1.0, 2 * (w * y - x * z) / norm2))),
+        "yaw": math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z),
+    }
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> dict[str, float]:
+    """The inverse of `_euler`."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return {
+        "q1": cr * cp * cy + sr * sp * sy,
+        "q2": sr * cp * cy - cr * sp * sy,
+        "q3": cr * sp * cy + sr * cp * sy,
+        "q4": cr * cp * sy - sr * sp * cy,
+    }
