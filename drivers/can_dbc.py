@@ -1,0 +1,283 @@
+"""CAN: frames named and scaled by a DBC file (cantools), from any of python-can's interfaces.
+
+A frame travels through the adapter and into the log as its slcan text line (`tIIILDD..` or `TIIIIIIIILDD..` and a
+carriage return, after the Lawicel adapter protocol), whatever interface it came from, so one codec reads them all.
+
+Three signal names of a DBC mean the same in every message that has them: `stamp` is the device's time in seconds,
+wrapping with its width; `counter` counts the frames of that message; `checksum` is CRC-8 SAE J1850 over the other
+bytes in order and then the low byte of the frame identifier, and must be one whole byte.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import cantools
+from fastcrc import crc8
+
+from drivers.codec import Codec, Reading, TimeReply
+from drivers.framing import Cutter
+from station.profile import CanDevice
+from station.rows import DeviceError, ProfileError
+
+if TYPE_CHECKING:
+    import can
+
+STAMP: Final = "stamp"
+COUNTER: Final = "counter"
+CHECKSUM: Final = "checksum"
+_LONGEST_LINE: Final = 64
+_REFUSED_LINE: Final = b"\x07\r"
+"""Stands for a line python-can could not read; the codec counts it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CanMessage:
+    """One DBC message and where its special signals lie. `definition` is cantools' message."""
+
+    definition: Any
+    checksum_byte: int | None
+    wrap_ns: int
+    seq_wrap: int
+
+    @property
+    def frame(self) -> tuple[int, bool]:
+        """Identifier and whether it is an extended one."""
+        return self.definition.frame_id, self.definition.is_extended_frame
+
+
+def load_dbc(path: Path) -> dict[str, CanMessage]:
+    """The messages of a DBC by name. Raises ProfileError for a file that cannot be read or a misplaced checksum."""
+    try:
+        database: Any = cantools.database.load_file(path)
+        messages = database.messages
+    except OSError as error:
+        raise ProfileError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # cantools' parsers and its checks of overlap share no public base class
+        reason = " ".join(str(error).split())
+        raise ProfileError(f"{path}: not a usable DBC: {reason:.160}") from error
+    return {m.name: _message(path, m) for m in messages}
+
+
+def _message(path: Path, definition: Any) -> CanMessage:
+    signals = {s.name: s for s in definition.signals}
+    checksum_byte, wrap_ns, seq_wrap = None, 0, 0
+    if (checksum := signals.get(CHECKSUM)) is not None:
+        first_bit = checksum.start % 8
+        if checksum.length != 8 or first_bit != (0 if checksum.byte_order == "little_endian" else 7):
+            raise ProfileError(f"{path}: {definition.name}.{CHECKSUM}: must be one whole byte")
+        checksum_byte = checksum.start // 8
+    if (stamp := signals.get(STAMP)) is not None:
+        wrap_ns = round(2**stamp.length * stamp.scale * 1e9)
+    if (counter := signals.get(COUNTER)) is not None:
+        seq_wrap = 2**counter.length
+    return CanMessage(definition, checksum_byte, wrap_ns, seq_wrap)
+
+
+def checksum_of(frame_id: int, data: bytes, checksum_byte: int) -> int:
+    """CRC-8 SAE J1850 over all bytes but the checksum's own, then the identifier's low byte."""
+    rest = data[:checksum_byte] + data[checksum_byte + 1 :] + bytes((frame_id & 0xFF,))
+    return int(crc8.sae_j1850(rest))
+
+
+class CanCodec(Codec):
+    """slcan text lines to readings; frames that are not in the DBC belong to other nodes and are passed over.
+
+    Raises ProfileError when made for a device whose rig entry does not fit its DBC file, which lies in `rig_dir`.
+    """
+
+    def __init__(self, device: CanDevice, rig_dir: Path) -> None:
+        self.bad = 0
+        self.resyncs = 0
+        self.messages = load_dbc(rig_dir / device.dbc)
+        _check(device, rig_dir / device.dbc, self.messages)
+        self._by_frame = {m.frame: m for m in self.messages.values()}
+        self._cutter = Cutter(b"\r", _LONGEST_LINE)
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        readings: list[Reading | TimeReply] = []
+        for line in self._cutter.feed(data):
+            if not line or line[:1] in b"rRzZ":  # acknowledgements and remote requests carry nothing
+                continue
+            frame = read_slcan(line)
+            if frame is None:
+                self.bad += 1
+                continue
+            reading = self.feed_frame(*frame)
+            if reading is not None:
+                readings.append(reading)
+        return readings
+
+    def feed_frame(self, frame_id: int, is_extended: bool, data: bytes) -> Reading | None:
+        """One frame; None if it is not in the DBC or is counted bad."""
+        message = self._by_frame.get((frame_id, is_extended))
+        if message is None:
+            return None
+        at = message.checksum_byte
+        if at is not None and (len(data) <= at or data[at] != checksum_of(frame_id, data, at)):
+            self.bad += 1
+            return None
+        try:
+            values = message.definition.decode(data, decode_choices=False)
+            fields = {name: float(value) for name, value in values.items()}
+        except Exception:  # too short, or a multiplexer value the DBC does not know
+            self.bad += 1
+            return None
+        stamp, counter = fields.get(STAMP), fields.get(COUNTER)
+        return Reading(
+            message.definition.name,
+            round(stamp * 1e9) if stamp is not None and math.isfinite(stamp) else None,
+            int(values[COUNTER]) if counter is not None and math.isfinite(counter) else None,
+            fields,
+            message.wrap_ns,
+            message.seq_wrap,
+        )
+
+    def reset(self) -> None:
+        self._cutter.reset()
+
+
+def _check(device: CanDevice, path: Path, messages: Mapping[str, CanMessage]) -> None:
+    for stream in device.streams:
+        key = f"device {device.name}, stream {stream.name}"
+        message = messages.get(str(stream.message))
+        if message is None:
+            raise ProfileError(f"{path}: {key}: no message {stream.message}{_nearest(str(stream.message), messages)}")
+        names = {s.name: s for s in message.definition.signals}
+        for signal, channel in stream.signals.items():
+            if channel.field not in names:
+                near = _nearest(channel.field, names)
+                raise ProfileError(
+                    f"{path}: {key}, {signal}: message {stream.message} has no signal {channel.field}{near}"
+                )
+
+
+def _nearest(word: str, known: Mapping[str, object]) -> str:
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]}?" if close else f"; it has {', '.join(known) or 'none'}"
+
+
+def read_slcan(line: bytes) -> tuple[int, bool, bytes] | None:
+    """Identifier, whether extended, and data of a classic data frame's line without its end; None if it is none.
+
+    A four-digit time stamp of the adapter after the data is allowed and ignored.
+    """
+    digits = {b"t": 3, b"T": 8}.get(line[:1])
+    if digits is None or not line[1:].isalnum():
+        return None
+    try:
+        frame_id, length = int(line[1 : 1 + digits], 16), int(line[1 + digits : 2 + digits], 16)
+        data = bytes.fromhex(line[2 + digits :].decode("ascii"))
+    except ValueError:
+        return None
+    if length > 8 or len(data) not in (length, length + 2) or frame_id >= 1 << (29 if digits == 8 else 11):
+        return None
+    return frame_id, digits == 8, data[:length]
+
+
+def encode_slcan(frame_id: int, is_extended: bool, data: bytes) -> bytes:
+    """A frame's slcan text line."""
+    head = f"T{frame_id:08X}" if is_extended else f"t{frame_id:03X}"
+    return f"{head}{len(data)}{data.hex().upper()}\r".encode("ascii")
+
+
+def encode_frame(message: CanMessage, values: Mapping[str, float], t_ns: int, seq: int) -> tuple[int, bool, bytes]:
+    """Identifier, whether extended, and data of a frame with its stamp, counter and checksum.
+
+    Values are physical, held within what the signal's width can carry; signals not given, or NaN, are sent as 0.
+    `t_ns` and `seq` are taken modulo what the DBC gives them.
+    """
+    definition = message.definition
+    given = dict(values)
+    if message.wrap_ns:
+        given[STAMP] = t_ns % message.wrap_ns * 1e-9
+    if message.seq_wrap:
+        given[COUNTER] = seq % message.seq_wrap
+    raw = {s.name: _raw(s, given.get(s.name, 0.0), wraps=s.name == STAMP) for s in definition.signals}
+    data: bytes = definition.encode(raw, scaling=False, strict=False)
+    at = message.checksum_byte
+    if at is not None:
+        data = data[:at] + bytes((checksum_of(definition.frame_id, data, at),)) + data[at + 1 :]
+    return (*message.frame, data)
+
+
+def _raw(signal: Any, value: float, wraps: bool) -> int:
+    if math.isnan(value):
+        value = 0.0
+    low, high = (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1) if signal.is_signed else (
+        0,
+        2**signal.length - 1,
+    )
+    count = (value - signal.offset) / signal.scale
+    if wraps:
+        return round(count) % (high + 1)
+    return round(min(max(count, low), high))
+
+
+class CanPort:
+    """An open python-can bus as a port: each read is at most one frame, as its slcan line."""
+
+    def __init__(self, bus: can.BusABC, errors: tuple[type[Exception], ...]) -> None:
+        self._bus = bus
+        self._errors = errors
+
+    def read(self, timeout_s: float) -> bytes:
+        try:
+            message = self._bus.recv(timeout_s)
+        except (ValueError, IndexError, KeyError):
+            # python-can's slcan raises these bare for a corrupt line. One that is not ASCII it also leaves in its
+            # buffer, where it would spoil every line to come.
+            unread = getattr(self._bus, "_buffer", None)
+            if isinstance(unread, bytearray):
+                unread.clear()
+            return _REFUSED_LINE
+        except self._errors as error:
+            raise OSError(str(error)) from error
+        if message is None or message.is_remote_frame or message.is_error_frame:
+            return b""
+        if message.is_fd or message.dlc != len(message.data):
+            return _REFUSED_LINE
+        return encode_slcan(message.arbitration_id, message.is_extended_id, bytes(message.data))
+
+    def write(self, data: bytes) -> None:
+        raise OSError("the station does not send on CAN")
+
+    def close(self) -> None:
+        try:
+            self._bus.shutdown()
+        except (OSError, *self._errors):
+            # With its adapter gone, python-can cannot send the closing command and leaves the port open.
+            handle = getattr(self._bus, "serialPortOrig", None)
+            if handle is not None:
+                handle.close()
+
+
+def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> CanPort:
+    """The bus, opened. Raises DeviceError saying why not."""
+    import can  # takes seconds: only where there is a CAN device
+
+    options: dict[str, Any] = {"bitrate": device.bitrate}
+    if device.interface == "slcan":
+        # A read waits in the operating system, not in a polling loop. Real adapters may restart when opened, and the
+        # library's default gives them two seconds.
+        options["timeout"] = 0.02
+        if is_emulated:
+            options["sleep_after_open"] = 0.0
+    try:
+        bus = can.Bus(interface=device.interface, channel=channel, ignore_config=True, **options)
+    except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
+        raise DeviceError(f"cannot open CAN {device.interface} {channel}: {error}") from error
+    port = CanPort(bus, (can.CanError,))
+    handle = getattr(bus, "serialPortOrig", None)
+    if handle is not None:
+        try:
+            handle.exclusive = True
+        except OSError as error:
+            port.close()
+            raise DeviceError(f"{channel} is busy: another program has it open; close that") from error
+    return port
