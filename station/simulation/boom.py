@@ -1,0 +1,109 @@
+"""What the vane on the nose boom shows.
+
+    vane = H_v{ (1 + k_f) alpha_boom + k_w (F_m{alpha_i} + F_g{alpha_g at the wing's leading edge}) } + zero
+
+alpha_boom is the flow angle where the vane is: from the motion, with w lowered by q r (a nose-up rate moves the boom
+up), and from the gust met there. k_f, the upwash of the body, has no memory; k_w, that of the wing, follows the
+vorticity, so it has one (F_m for motion, F_g for a gust met at the leading edge). H_v is the vane's second-order
+dynamics. All lags are advanced exactly for inputs that are straight lines between samples.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from station.profile import Boom
+
+NO_BOOM = Boom.model_validate({"vane_x": "0 m"})
+"""For an aircraft without one: a vane at the CG, without upwash."""
+
+
+class VaneConstants(NamedTuple):
+    """One vane at a fixed sampling interval."""
+
+    x: float
+    z: float
+    body: float
+    wing: float
+    zero: float
+    a11: float
+    a12: float
+    a21: float
+    a22: float
+    old1: float
+    old2: float
+    new1: float
+    new2: float
+
+
+def vane_constants(boom: Boom, dt: float) -> VaneConstants:
+    """The vane sampled every `dt` seconds: transition matrix and input weights of H_v for a first-order hold."""
+    wn, zeta = 2 * math.pi * boom.vane_frequency, boom.vane_damping
+    m = np.zeros((4, 4))
+    m[:2, :2] = dt * np.array([[0.0, 1.0], [-(wn**2), -2 * zeta * wn]])
+    m[1, 2] = dt * wn**2
+    m[2, 3] = 1.0
+    e = expm(m)
+    a, first, second = e[:2, :2], e[:2, 2], e[:2, 3]
+    old, new = first - second, second
+    return VaneConstants(
+        boom.vane_x,
+        boom.vane_z,
+        boom.upwash_body,
+        boom.upwash_wing,
+        boom.zero,
+        *(float(v) for v in a.ravel()),
+        *(float(v) for v in old),
+        *(float(v) for v in new),
+    )
+
+
+@njit(cache=True)
+def lag(state: float, old: float, new: float, steps: float) -> float:
+    """A first-order lag's output after an interval of `steps` time constants, its input going straight old -> new."""
+    decay = math.exp(-steps)
+    mean = -math.expm1(-steps) / steps
+    out: float = decay * state + (mean - decay) * old + (1.0 - mean) * new
+    return out
+
+
+@njit(cache=True)
+def upwash_step(table: NDArray[np.float64], state: NDArray[np.float64], old: float, new: float, chords: float) -> float:
+    """Advance one memory of the upwash by an interval of `chords` chords travelled; its output, rad.
+
+    table (2, n): amplitudes and exponents of the indicial response; state (n), changed in place.
+    """
+    out: float = new
+    for i in range(table.shape[1]):
+        state[i] = lag(state[i], old, new, table[1, i] * chords)
+        out += table[0, i] * (state[i] - new)
+    return out
+
+
+@njit(cache=True)
+def vane_step(v: VaneConstants, state: NDArray[np.float64], new: float) -> float:
+    """Advance the vane's dynamics by one interval with the flow angle going straight from the last one to `new`.
+
+    state (3): angle, its rate, last flow angle; changed in place. Returns the angle, rad.
+    """
+    angle, rate, old = state[0], state[1], state[2]
+    state[0] = v.a11 * angle + v.a12 * rate + v.old1 * old + v.new1 * new
+    state[1] = v.a21 * angle + v.a22 * rate + v.old2 * old + v.new2 * new
+    state[2] = new
+    return float(state[0])
+
+
+@njit(cache=True)
+def flow_angle(v: VaneConstants, u: float, w: float, q: float, ug: float, wg: float, wing: float) -> float:
+    """The angle (rad) that a vane without dynamics would show.
+
+    u, w, q: inertial motion at the CG; ug, wg: gust at the vane, m/s; wing: incidence behind the wing's upwash, rad.
+    """
+    angle: float = (1.0 + v.body) * math.atan2(w - q * v.x + wg, u + q * v.z + ug) + v.wing * wing
+    return angle

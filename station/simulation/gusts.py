@@ -1,0 +1,156 @@
+"""Turbulence: a frozen Dryden field after MIL-F-8785C, met by every point of the aircraft as it gets there.
+
+One series of (u_g, v_g, w_g) over distance through the air mass. Each point samples it where it is, so the boom meets
+a gust before the wing and the tail after it, and the gust's pitching effect needs no term of its own.
+
+One-sided spatial spectra, rad/m, integral over them = sigma^2:
+    Phi_u = sigma_u^2 (2 L_u/pi) / (1 + (L_u W)^2)
+    Phi_w = sigma_w^2 (L_w/pi) (1 + 3 (L_w W)^2) / (1 + (L_w W)^2)^2        (Phi_v alike)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_FT: Final = 0.3048
+STEP: Final = 0.25
+"""Spacing of the field's points, m. Linear interpolation between them loses 0.1 % of the variance at 10 Hz."""
+_BLOCK: Final = 2048
+_RAMP: Final = 1.0
+"""Turbulence that begins in flight grows to its full strength over this many seconds of flight."""
+
+
+class Dryden(NamedTuple):
+    """Scale lengths (m) and standard deviations (m/s) of the field."""
+
+    length_u: float
+    length_v: float
+    length_w: float
+    sigma_u: float
+    sigma_v: float
+    sigma_w: float
+
+
+def dryden(height: float, sigma_w: float) -> Dryden:
+    """The field at a height (m) above the ground for a vertical gust of standard deviation `sigma_w` (m/s).
+
+    Low-altitude model below 1,000 ft, 1,750 ft isotropic above 2,000 ft, linear between. MIL-F-8785C 3.7.
+    """
+    h = height / _FT
+    if h >= 2000:
+        length_w = length_u = 1750.0
+        ratio = 1.0
+    else:
+        low = min(max(h, 10.0), 1000.0)
+        shape = 0.177 + 0.000823 * low
+        length_w, length_u, ratio = low, low / shape**1.2, shape**-0.4
+        blend = max(0.0, (h - 1000.0) / 1000.0)
+        length_w += blend * (1750.0 - length_w)
+        length_u += blend * (1750.0 - length_u)
+        ratio += blend * (1.0 - ratio)
+    return Dryden(length_u * _FT, length_u * _FT, length_w * _FT, ratio * sigma_w, ratio * sigma_w, sigma_w)
+
+
+def _second_order(length: float, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transition matrix and noise factor over one step of z1' = z2, z2' = -a^2 z1 - 2a z2 + n, a = 1/L, exactly.
+
+    The noise covariance is P - A P A' with the stationary P = diag(1/(4a^3), 1/(4a)); states are scaled by P to keep
+    the factor well conditioned, so z here is P^-1/2 z of the equation and its stationary covariance is the unit matrix.
+    """
+    a = 1.0 / length
+    e = math.exp(-a * step)
+    raw = e * np.array([[1 + a * step, step], [-(a**2) * step, 1 - a * step]])
+    root = np.array([math.sqrt(1 / (4 * a**3)), math.sqrt(1 / (4 * a))])
+    transition = raw * root[None, :] / root[:, None]
+    covariance = np.eye(2) - transition @ transition.T
+    factor = np.zeros((2, 2))
+    # The first entry is O(step^3) and loses digits to cancellation; the pivot on the second keeps the factor real.
+    factor[1, 1] = math.sqrt(covariance[1, 1])
+    factor[0, 1] = covariance[0, 1] / factor[1, 1]
+    factor[0, 0] = math.sqrt(max(0.0, covariance[0, 0] - factor[0, 1] ** 2))
+    return transition, factor
+
+
+@njit(cache=True)
+def _fill(
+    noise: NDArray[np.float64],
+    state: NDArray[np.float64],
+    scales: NDArray[np.float64],
+    transition: NDArray[np.float64],
+    factor: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """The next points of the field. noise (n, 5); state (5): u, v1, v2, w1, w2; out (n, 3)."""
+    decay, kick = scales[0], scales[1]
+    for k in range(noise.shape[0]):
+        out[k, 0] = scales[2] * state[0]
+        for j in range(2):
+            i = 1 + 2 * j
+            # w_g = sigma sqrt(1/a) (a^2 z1 + sqrt(3) a z2); with the scaled states: sigma/2 (z1 + sqrt(3) z2)
+            out[k, 1 + j] = scales[3 + j] * 0.5 * (state[i] + math.sqrt(3.0) * state[i + 1])
+            z1 = transition[j, 0, 0] * state[i] + transition[j, 0, 1] * state[i + 1]
+            z2 = transition[j, 1, 0] * state[i] + transition[j, 1, 1] * state[i + 1]
+            state[i] = z1 + factor[j, 0, 0] * noise[k, i] + factor[j, 0, 1] * noise[k, i + 1]
+            state[i + 1] = z2 + factor[j, 1, 1] * noise[k, i + 1]
+        state[0] = decay * state[0] + kick * noise[k, 0]
+
+
+@njit(cache=True)
+def gust_at(field: NDArray[np.float64], first: int, distance: float, component: int) -> float:
+    """A component of the gust (0 u, 1 v, 2 w) at a distance, m; `first` is the index of the field's first point."""
+    position = distance / STEP
+    i = math.floor(position)
+    part = position - i
+    j = min(max(int(i) - first, 0), field.shape[0] - 2)
+    value: float = field[j, component] + part * (field[j + 1, component] - field[j, component])
+    return value
+
+
+class GustField:
+    """The part of the field around the aircraft, made as the aircraft gets there; memory stays flat.
+
+    The field is the same whatever pieces it is asked for in. Turbulence is at its stationary strength from the
+    beginning, or from the distance flown by `start_s` at `speed`, with air at rest before.
+    """
+
+    def __init__(
+        self, model: Dryden, speed: float, start_s: float, behind: float, seed: np.random.SeedSequence
+    ) -> None:
+        self.first = math.floor(-behind / STEP) - 2
+        """Index of the first point kept; a point's distance is its index times STEP."""
+        self.values: NDArray[np.float64] = np.empty((0, 3))
+        """(n, 3): u_g, v_g, w_g at consecutive points, m/s."""
+        self._calm = model.sigma_w == 0
+        self._rng = np.random.default_rng(seed)
+        self._start = speed * start_s if start_s > 0 else -math.inf
+        self._ramp = speed * _RAMP
+        decay = math.exp(-STEP / model.length_u)
+        kick = math.sqrt(-math.expm1(-2 * STEP / model.length_u))
+        self._scales = np.array([decay, kick, model.sigma_u, model.sigma_v, model.sigma_w])
+        pairs = [_second_order(length, STEP) for length in (model.length_v, model.length_w)]
+        self._transition = np.array([a for a, _ in pairs])
+        self._factor = np.array([b for _, b in pairs])
+        self._state = self._rng.standard_normal(5)
+
+    def cover(self, low: float, high: float) -> None:
+        """Hold the field from distance `low` to `high` at least; `low` never goes back."""
+        drop = math.floor(low / STEP) - 2 - self.first
+        end = self.first + len(self.values)
+        missing = math.ceil(high / STEP) + 3 - end
+        if missing <= 0:
+            return
+        n = _BLOCK * math.ceil(missing / _BLOCK)
+        block = np.zeros((n, 3))
+        if not self._calm:
+            _fill(self._rng.standard_normal((n, 5)), self._state, self._scales, self._transition, self._factor, block)
+            if self._start > -math.inf:
+                grown = np.clip(((end + np.arange(n)) * STEP - self._start) / self._ramp, 0.0, 1.0)
+                block *= (grown**2 * (3 - 2 * grown))[:, None]
+        keep = self.values[max(0, drop) :]
+        self.first += len(self.values) - len(keep)
+        self.values = np.concatenate((keep, block))
