@@ -6,17 +6,18 @@ thread says so with an event and tries again: nothing raises into the station.
 
 from __future__ import annotations
 
+import difflib
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from drivers.codec import Codec, Port, Reading, TimeReply
-from station.clock import Clock
-from station.profile import CanDevice, Channel, Device, Rig, SerialDevice
-from station.rows import Code, DeviceError, Event, RawBlock, Rows, Sample, TimeSync
+from station.clock import Clock, utc_now_ns
+from station.profile import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
+from station.rows import Code, DeviceError, Event, ProfileError, RawBlock, Rows, Sample, TimeSync
 
 EMULATED: Final = "emulated"
 READ_TIMEOUT_S: Final = 0.04
@@ -64,7 +65,7 @@ class Adapter:
         self._seqs: dict[str | int, int] = {}
         self._reported = 0
         self._reported_ns: int | None = None
-        self._excused = 0
+        self._may_excuse = False
         self._ever_connected = False
         self._lost = False
         self._heard = False
@@ -110,8 +111,8 @@ class Adapter:
 
     def _begin(self) -> None:
         self.codec.reset()
-        # A link is nearly always joined in the middle of a message: the first skip to a start is no fault.
-        self._excused = 1
+        # A link is nearly always joined in the middle of a message: the first unreadable one is no fault.
+        self._may_excuse = True
         self._say(Code.RECONNECT if self._ever_connected else Code.CONNECT)
         self._ever_connected, self._lost = True, False
         self._connected.set()
@@ -164,16 +165,17 @@ class Adapter:
         self._put(TimeSync(t_ns, self.device.name, offset_ns, t_ns - reply.sent_ns))
 
     def _report_bad(self, t_ns: int) -> None:
-        resyncs = self.codec.resyncs
-        bad = self.codec.bad + resyncs
-        if bad == self._reported:
-            return
-        if self._excused and bad - self._reported == 1 and resyncs:
-            self._excused, self._reported = 0, bad
-            return
-        if self._reported_ns is None or t_ns - self._reported_ns >= REPORT_EVERY_NS:
-            self._put(Event(t_ns, self.device.name, Code.CRC, bad - self._reported, "unreadable messages"))
-            self._reported, self._reported_ns, self._excused = bad, t_ns, 0
+        bad = self.codec.bad + self.codec.resyncs
+        fresh = bad - self._reported
+        if self._may_excuse and fresh:
+            self._may_excuse = False
+            fresh -= 1
+            self._reported += 1
+        if self._heard:
+            self._may_excuse = False
+        if fresh and (self._reported_ns is None or t_ns - self._reported_ns >= REPORT_EVERY_NS):
+            self._put(Event(t_ns, self.device.name, Code.CRC, fresh, "unreadable messages"))
+            self._reported, self._reported_ns = bad, t_ns
 
 
 def _si(channel: Channel, fields: Mapping[str, float]) -> float:
@@ -201,3 +203,74 @@ def check_devices(rig: Rig, rig_dir: Path) -> None:
     """Whether the rig's codecs know every message and field it names. Raises ProfileError with device and key."""
     for device in rig.devices:
         _codec(rig, device, rig_dir)
+
+
+def _codec(rig: Rig, device: Device, rig_dir: Path) -> Codec:
+    # Each link's library is loaded only where the rig has such a link: some take seconds.
+    if isinstance(device, CanDevice):
+        from drivers.can_dbc import CanCodec
+
+        return CanCodec(device, rig_dir)
+    if isinstance(device, MavlinkDevice):
+        from drivers.mavlink import MavlinkCodec, read_signing_key
+        from drivers.mavlink_messages import TABLE, fields_known
+
+        for stream in device.streams:
+            known = fields_known(str(stream.message))
+            _check_stream(rig, device, stream, known, f"one of {', '.join(TABLE)}")
+        return MavlinkCodec(device, read_signing_key(device, rig_dir), utc_now_ns())
+    if device.protocol in ("ubx", "nmea"):
+        from drivers.serial_gnss import NMEA_FIELDS, UBX_FIELDS, NmeaCodec, UbxCodec
+
+        table = UBX_FIELDS if device.protocol == "ubx" else NMEA_FIELDS
+        for stream in device.streams:
+            _check_stream(rig, device, stream, table.get(str(stream.message), ()), f"one of {', '.join(table)}")
+        return UbxCodec() if device.protocol == "ubx" else NmeaCodec()
+    from drivers.serial_boombox import FIELDS, BoomboxAsciiCodec, BoomboxCodec
+
+    for stream in device.streams:
+        is_id = isinstance(stream.message, int) and 0 <= stream.message <= 255
+        _check_stream(rig, device, stream, FIELDS if is_id else (), "a packet id, 0 to 255")
+    return BoomboxCodec() if device.protocol == "boombox" else BoomboxAsciiCodec()
+
+
+def _check_stream(rig: Rig, device: Device, stream: StreamProfile, known: Sequence[str], messages: str) -> None:
+    key = f"rig {rig.name}, device {device.name}, stream {stream.name}"
+    if not known:
+        raise ProfileError(f"{key}, message: no message {stream.message!r} on this link; use {messages}")
+    for signal, channel in stream.signals.items():
+        if channel.field not in known:
+            close = difflib.get_close_matches(channel.field, known, n=1, cutoff=0.5)
+            near = f"did you mean {close[0]}?" if close else f"it has {', '.join(known[:12])}"
+            raise ProfileError(f"{key}, {signal}: {stream.message} has no field {channel.field}; {near}")
+
+
+def _opener(device: Device, endpoints: Mapping[str, str]) -> Opener:
+    own = (
+        device.port
+        if isinstance(device, SerialDevice)
+        else device.channel
+        if isinstance(device, CanDevice)
+        else device.url
+    )
+    address = endpoints.get(device.name, own)
+    if address == EMULATED:
+        raise DeviceError(
+            f"device {device.name} is emulated and its emulator is not running\n"
+            "use a card with emulate = true, or write the real port into the rig"
+        )
+
+    def open_now() -> Port:
+        if isinstance(device, SerialDevice):
+            from drivers.serial_port import open_port
+
+            return open_port(address, device.baud)
+        if isinstance(device, CanDevice):
+            from drivers.can_dbc import open_port as open_bus
+
+            return open_bus(device, address, is_emulated=device.name in endpoints)
+        from drivers.mavlink_port import open_port as open_mavlink
+
+        return open_mavlink(device, address)
+
+    return open_now

@@ -207,16 +207,13 @@ def encode_frame(message: CanMessage, values: Mapping[str, float], t_ns: int, se
 
 
 def _raw(signal: Any, value: float, wraps: bool) -> int:
+    """The signal's count on the wire."""
     if math.isnan(value):
         value = 0.0
-    low, high = (-(2 ** (signal.length - 1)), 2 ** (signal.length - 1) - 1) if signal.is_signed else (
-        0,
-        2**signal.length - 1,
-    )
-    count = (value - signal.offset) / signal.scale
-    if wraps:
-        return round(count) % (high + 1)
-    return round(min(max(count, low), high))
+    low = -(2 ** (signal.length - 1)) if signal.is_signed else 0
+    high = low + 2**signal.length - 1
+    count = float((value - signal.offset) / signal.scale)
+    return round(count) % (high + 1) if wraps else round(min(max(count, low), high))
 
 
 class CanPort:
@@ -244,13 +241,13 @@ class CanPort:
             return _REFUSED_LINE
         return encode_slcan(message.arbitration_id, message.is_extended_id, bytes(message.data))
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:  # noqa: ARG002 - the station only listens here
         raise OSError("the station does not send on CAN")
 
     def close(self) -> None:
         try:
             self._bus.shutdown()
-        except (OSError, *self._errors):
+        except self._errors:
             # With its adapter gone, python-can cannot send the closing command and leaves the port open.
             handle = getattr(self._bus, "serialPortOrig", None)
             if handle is not None:
@@ -272,7 +269,7 @@ def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> Can
         bus = can.Bus(interface=device.interface, channel=channel, ignore_config=True, **options)
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
         raise DeviceError(f"cannot open CAN {device.interface} {channel}: {error}") from error
-    port = CanPort(bus, (can.CanError,))
+    port = CanPort(bus, (can.CanError, OSError))
     handle = getattr(bus, "serialPortOrig", None)
     if handle is not None:
         try:

@@ -26,6 +26,8 @@ WRAP_US: Final = 2**32
 WRAP_NS: Final = WRAP_US * 1000
 SEQ_WRAP: Final = 256
 NO_READING: Final = -32768
+FIELDS: Final = tuple(f"v{i}" for i in range(120))
+"""What a rig may name."""
 _HEADER: Final = struct.Struct("<BBI")
 _CRC: Final = struct.Struct("<H")
 _LONGEST: Final = 256
@@ -69,7 +71,7 @@ def _read_packet(piece: bytes) -> Reading | None:
 
 
 def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Reading:
-    fields = {f"v{i}": count for i, count in enumerate(counts)}
+    fields = dict(zip(FIELDS, counts, strict=False))
     return Reading(message, t_us * 1000, seq, fields, WRAP_NS, SEQ_WRAP)
 
 
