@@ -127,9 +127,11 @@ def _fly(
 def _source(profiles: Profiles, recording: Recording | None) -> Source:
     if recording is not None:
         return Playback(recording)
-    from station.simulation import Simulation
+    from station.simulation.simulate import Simulation
 
-    return Simulation(profiles.aircraft, profiles.card.flight, profiles.card.manoeuvres)
+    return Simulation(
+        profiles.aircraft, profiles.card.flight, profiles.card.manoeuvres, imu_position=profiles.rig.imu_position
+    )
 
 
 def _length(rows: Mapping[str, Floats]) -> int:
@@ -186,8 +188,8 @@ def serve(
     announce: Callable[[dict[str, Any]], None],
     stop: threading.Event,
     clock: Clock,
-    start_ns: int | None = None,
     recording: Recording | None = None,
+    start_ns: int | None = None,
 ) -> None:
     """Emulate every device of the rig until `stop` is set, then leave no process, link or file behind.
 
@@ -204,21 +206,23 @@ def serve(
     flown = recording if flight.source == "recording" else None
     wanted = {signal for device in profiles.rig.devices for stream in device.streams for signal in stream.signals}
     absent = tuple(sorted(wanted - Playback(flown).signals)) if flown is not None else ()
-    with tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True) as folder:  # noqa: SIM117 - XX
-        with _processes(profiles, flown, absent, Path(folder)) as children:
-            for child in children:
-                word, detail = _first_word(child, stop)
-                if word == "stop":
-                    return
-                if word == "error":
-                    raise DeviceError(f"{child.name} cannot be emulated: {detail}")
-                if detail is not None:
-                    announce(detail)
-            began_ns = clock.now_ns() + round(_START_DELAY_S * 1e9) if start_ns is None else start_ns
-            for child in children:
-                child.control.send(began_ns)
-            announce({"start_ns": began_ns, "absent": list(absent)})
-            _watch(children, announce, stop)
+    with (
+        tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True) as folder,
+        _processes(profiles, flown, absent, Path(folder)) as children,
+    ):
+        for child in children:
+            word, detail = _first_word(child, stop)
+            if word == "stop":
+                return
+            if word == "error":
+                raise DeviceError(f"{child.name} cannot be emulated: {detail}")
+            if detail is not None:
+                announce(detail)
+        began_ns = clock.now_ns() + round(_START_DELAY_S * 1e9) if start_ns is None else start_ns
+        for child in children:
+            child.control.send(began_ns)
+        announce({"start_ns": began_ns, "absent": list(absent)})
+        _watch(children, announce, stop)
 
 
 @contextmanager

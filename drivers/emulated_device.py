@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.emulated_messages import DeviceScript, Encode, Outgoing
 from drivers.emulated_ports import DevicePort, PtyPort, TcpPort, UdpPort
-from station.clock import SystemClock
+from station.clock import SystemClock, utc_now_ns
 from station.profile import CanDevice, Device, MavlinkDevice, Profiles, SerialDevice
 from station.rows import DeviceError, StationError
 
@@ -82,6 +82,38 @@ def serial_encoder(device: SerialDevice) -> Encode:
     return nmea
 
 
+def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
+    from drivers.can_dbc import encode_frame, encode_slcan, load_dbc
+
+    if device.interface != "slcan":
+        raise DeviceError(f"{device.name}: CAN interface {device.interface} is not emulated: only slcan is")
+    messages = load_dbc(rig_dir / device.dbc)
+
+    def line(m: Outgoing) -> bytes:
+        return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns, m.seq))
+
+    return Wire(PtyPort(folder / device.name), line)
+
+
+def _mavlink_wire(device: MavlinkDevice, rig_dir: Path, folder: Path) -> Wire:
+    from drivers.mavlink import MavlinkEncoder, read_signing_key
+
+    port: DevicePort
+    if device.url.startswith("tcp"):
+        port = TcpPort()
+    elif device.url.startswith("/"):
+        port = PtyPort(folder / device.name)
+    else:
+        port = UdpPort()
+    encoder = MavlinkEncoder(device.system_id or 1, key=read_signing_key(device, rig_dir), utc_ns=utc_now_ns())
+
+    def packet(m: Outgoing) -> bytes:
+        known = {name: value for name, value in m.fields.items() if not math.isnan(value)}
+        return encoder.encode(str(m.message), known, m.t_device_ns)
+
+    return Wire(port, packet, {"HEARTBEAT": 1.0}, encoder.answer)
+
+
 def serve_device(
     index: int, profiles: Profiles, folder: str, absent: tuple[str, ...], control: Connection, truth: Connection
 ) -> None:
@@ -131,12 +163,12 @@ def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, 
             port.send(due)
         upcoming = [entry for entry in (waiting[0][0] if waiting else None, changes[0] if changes else None) if entry]
         wait_s = max(0.0, (min(upcoming) - clock.now_ns()) * 1e-9) if upcoming else None
-        links = port.descriptors()
-        ready, _, _ = select.select([control, *([truth] if flying else []), *links], [], [], wait_s)
+        pipes = (control.fileno(), truth.fileno()) if flying else (control.fileno(),)
+        ready, _, _ = select.select((*pipes, *port.descriptors()), (), (), wait_s)
         for one in ready:
-            if one is control:
+            if one == pipes[0]:
                 control.recv()  # nothing is said after the start: this is the end of the pipe
-            elif one is truth:
+            elif one in pipes:
                 try:
                     rows = np.frombuffer(truth.recv_bytes()).reshape(-1, columns)
                 except EOFError:
