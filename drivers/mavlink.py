@@ -90,9 +90,7 @@ class MavlinkCodec(Codec):
         return readings
 
     def outgoing(self, now_ns: int) -> bytes:
-        """Time requests and answers, and stream requests, as far as the rig allows them."""
-        if self._vehicle is None:
-            return b""
+        """Time requests and answers, and stream requests once a vehicle is heard, as far as the rig allows them."""
         packets = []
         if self._device.timesync:
             packets += [self._packer.pack(dialect.MAVLink_timesync_message(now_ns, ts1)) for ts1 in self._questions]
@@ -101,13 +99,15 @@ class MavlinkCodec(Codec):
                 self._next_time_request_ns = now_ns + TIME_REQUEST_NS
                 self._asked.append(now_ns)
                 packets.append(self._packer.pack(dialect.MAVLink_timesync_message(0, now_ns)))
-        if self._device.request_streams and (
-            self._next_stream_request_ns is None or now_ns >= self._next_stream_request_ns
+        if (
+            self._device.request_streams
+            and self._vehicle is not None
+            and (self._next_stream_request_ns is None or now_ns >= self._next_stream_request_ns)
         ):
             first = self._next_stream_request_ns is None
             self._next_stream_request_ns = now_ns + STREAM_REQUEST_NS
             missing = {m: rate for m, rate in self._rates.items() if first or m not in self._heard}
-            packets += [self._packer.pack(self._interval(m, rate)) for m, rate in missing.items()]
+            packets += [self._packer.pack(_interval(self._vehicle, m, rate)) for m, rate in missing.items()]
             self._heard.clear()
         return b"".join(packets)
 
@@ -151,17 +151,13 @@ class MavlinkCodec(Codec):
             return [TimeReply(ts1, tc1 % _BOOT_WRAP_NS)]
         return []
 
-    def _interval(self, message: str, rate: float) -> Any:
-        system, component = self._vehicle or (0, 0)
-        return dialect.MAVLink_command_long_message(
-            system,
-            component,
-            dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-            0,
-            message_id(message),
-            1e6 / rate,
-            *(0.0,) * 5,
-        )
+
+def _interval(vehicle: tuple[int, int], message: str, rate: float) -> Any:
+    """Asks a vehicle to send a message so many times a second."""
+    number, period_us = message_id(message), 1e6 / rate
+    return dialect.MAVLink_command_long_message(
+        *vehicle, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, period_us, *(0.0,) * 5
+    )
 
 
 class MavlinkEncoder:

@@ -206,7 +206,7 @@ def _whole(raw: float, wire: str, missing: float | None) -> int:
     if math.isnan(raw):
         return int(missing or 0)
     bits = int(wire.removeprefix("u").removeprefix("int").removesuffix("_t"))
-    low, high = (0, 2**bits - 1) if wire.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    low, high = (0, (1 << bits) - 1) if wire.startswith("u") else (-(1 << bits - 1), (1 << bits - 1) - 1)
     return round(min(max(raw, low), high))
 
 

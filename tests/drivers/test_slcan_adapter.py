@@ -1,0 +1,271 @@
+"""The emulated CAN adapter against clients that nobody here wrote: python-can's and dronecan's slcan drivers."""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import dronecan
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.slcan_adapter import SlcanAdapter
+
+
+class Served:
+    """An adapter whose commands a thread answers, as the emulator's loop does."""
+
+    def __init__(self, *links: Path) -> None:
+        self.adapter = SlcanAdapter(*links)
+        self.adapter.plug()
+        self._lock = threading.Lock()
+        self._stop_read, self._stop_write = os.pipe()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            ready, _, _ = select.select([self._stop_read, *self.adapter.descriptors()], [], [], 0.02)
+            if self._stop_read in ready:
+                return
+            with self._lock:
+                for descriptor in ready:
+                    if descriptor in self.adapter.descriptors():
+                        self.adapter.receive(descriptor)
+
+    def send_frame(self, frame_id: int, data: bytes, is_extended: bool = False) -> None:
+        with self._lock:
+            self.adapter.send_frame(frame_id, data, is_extended)
+
+    def send(self, messages: list[bytes]) -> None:
+        with self._lock:
+            self.adapter.send(messages)
+
+    def close(self) -> None:
+        os.write(self._stop_write, b"x")
+        self._thread.join()
+        os.close(self._stop_read)
+        os.close(self._stop_write)
+        self.adapter.close()
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    one = Served(tmp_path / "can")
+    yield one
+    one.close()
+
+
+def client(path: str) -> can.BusABC:
+    return can.Bus(interface="slcan", channel=path, bitrate=1_000_000, sleep_after_open=0.0, timeout=0.02)
+
+
+FRAMES = [
+    (0x000, False, b""),
+    (0x123, False, bytes(range(8))),
+    (0x7FF, False, b"\xff\x00\x0d"),
+    (0x12345678, True, b"\xde\xad\xbe\xef\x00\x01\x02\x03"),
+    (0x1FFFFFFF, True, b"\x07"),
+    (0x00000001, True, b"\x0d\x07"),
+]
+
+
+class TestPythonCan:
+    def test_reads_every_frame_as_sent(self, served: Served) -> None:
+        with client(served.adapter.endpoint) as bus:
+            assert bus.get_version(2.0) == (10, 13)
+            for frame in FRAMES:
+                served.send_frame(frame[0], frame[2], frame[1])
+            got = [bus.recv(2.0) for _ in FRAMES]
+        assert [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in got if m] == FRAMES
+
+    def test_serial_number(self, served: Served) -> None:
+        with client(served.adapter.endpoint) as bus:
+            assert bus.get_serial_number(2.0) == "EMUL"
+
+    def test_two_clients_share_the_bus(self, tmp_path: Path) -> None:
+        served = Served(tmp_path / "a", tmp_path / "b")
+        try:
+            with client(str(tmp_path / "a")) as one, client(str(tmp_path / "b")) as other:
+                assert one.get_version(2.0) == other.get_version(2.0) == (10, 13)
+                for frame in FRAMES:
+                    one.send(can.Message(arbitration_id=frame[0], is_extended_id=frame[1], data=frame[2]))
+                got = [other.recv(2.0) for _ in FRAMES]
+                assert [(m.arbitration_id, m.is_extended_id, bytes(m.data)) for m in got if m] == FRAMES
+        finally:
+            served.close()
+
+    def test_garbage_spoils_no_later_frame(self, served: Served) -> None:
+        with client(served.adapter.endpoint) as bus:
+            assert bus.get_version(2.0) == (10, 13)
+            served.send([b"t12Gxyz8!\r"])
+            served.send_frame(0x42, b"ok")
+            with pytest.raises(ValueError, match="invalid literal"):
+                bus.recv(2.0)
+            message = bus.recv(2.0)
+        assert message is not None
+        assert bytes(message.data) == b"ok"
+
+    def test_the_path_survives_an_unplug(self, tmp_path: Path) -> None:
+        path = tmp_path / "can"
+        first = Served(path)
+        bus = client(str(path))
+        assert bus.get_version(2.0) == (10, 13)
+        first.close()
+        assert not path.is_symlink(), "a dangling link could come to point at a stranger's terminal"
+        with pytest.raises((can.CanError, OSError)):
+            while True:
+                bus.recv(0.1)
+        with pytest.raises(can.CanError):
+            bus.shutdown()
+        bus.serialPortOrig.close()  # type: ignore[attr-defined]
+        second = Served(path)
+        try:
+            with client(str(path)) as again:
+                assert again.get_version(2.0) == (10, 13)
+                second.send_frame(0x7, b"back")
+                message = again.recv(2.0)
+                assert message is not None
+                assert bytes(message.data) == b"back"
+        finally:
+            second.close()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:multiprocessing")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:dronecan")
+def test_dronecan_reads_what_the_adapter_sends(served: Served) -> None:
+    """Its driver insists on acknowledgements; angle-of-attack broadcasts come out as dronecan's own messages."""
+    logging.getLogger("dronecan").setLevel(logging.CRITICAL)
+    node = dronecan.make_node(f"slcan:{served.adapter.endpoint}", node_id=10, bitrate=1_000_000)
+    got = []
+    try:
+        node.add_handler(dronecan.uavcan.equipment.air_data.AngleOfAttack, lambda event: got.append(event.message.aoa))
+        # A single-frame broadcast of data type 1025 from node 10 + 1, priority 20: DroneCAN specification, 4.1.
+        frame_id = 20 << 24 | 1025 << 8 | 11
+        for count in range(5):
+            # sensor_id int8, aoa float16, aoa_variance float16 (0.1 rad is 0x2E66), tail: start, end, transfer number
+            served.send_frame(frame_id, b"\x00\x66\x2e\x00\x00" + bytes([0xC0 | count]), is_extended=True)
+        for _ in range(50):
+            node.spin(0.1)
+            if len(got) == 5:
+                break
+    finally:
+        node.close()
+    assert got == pytest.approx([0.0999756] * 5, abs=1e-6)
+
+
+class Direct:
+    """The adapter without a driver: bytes in and out of its terminal."""
+
+    def __init__(self, path: Path) -> None:
+        self.adapter = SlcanAdapter(path)
+        self.adapter.plug()
+        self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+
+    def ask(self, data: bytes) -> bytes:
+        os.write(self.fd, data)
+        self.adapter.receive(self.adapter.descriptors()[0])
+        return self.read()
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self.fd, 65_536)
+        except BlockingIOError:
+            return b""
+
+    def close(self) -> None:
+        os.close(self.fd)
+        self.adapter.close()
+
+
+@pytest.fixture
+def direct(tmp_path: Path) -> Iterator[Direct]:
+    one = Direct(tmp_path / "can")
+    yield one
+    one.close()
+
+
+@pytest.mark.parametrize(
+    ("command", "closed", "opened"),
+    [
+        (b"\r", b"\r", b"\r"),
+        (b"S8\r", b"\r", b"\a"),
+        (b"s031C\r", b"\r", b"\a"),
+        (b"Sx\r", b"\a", b"\a"),
+        (b"C\r", b"\a", b"\r"),
+        (b"O\r", b"\r", b"\a"),
+        (b"L\r", b"\r", b"\a"),
+        (b"V\r", b"V1013\r", b"V1013\r"),
+        (b"F\r", b"\a", b"F00\r"),
+        (b"Z0\r", b"\r", b"\a"),
+        (b"Z1\r", b"\a", b"\a"),
+        (b"t1002AABB\r", b"\a", b"z\r"),
+        (b"t1002AAB\r", b"\a", b"\a"),
+        (b"t1009AABB\r", b"\a", b"\a"),
+        (b"T1ABCDEF01FF\r", b"\a", b"Z\r"),
+        (b"r1008\r", b"\a", b"z\r"),
+        (b"what\r", b"\a", b"\a"),
+    ],
+)
+def test_replies_of_the_manual(direct: Direct, command: bytes, closed: bytes, opened: bytes) -> None:
+    assert direct.ask(command) == closed
+    direct.ask(b"C\r")
+    direct.ask(b"O\r")
+    assert direct.ask(command) == opened
+
+
+def test_a_command_may_come_in_pieces(direct: Direct) -> None:
+    assert [direct.ask(bytes([b])) for b in b"V\r"] == [b"", b"V1013\r"]
+
+
+def test_a_closed_channel_hears_nothing(direct: Direct) -> None:
+    direct.adapter.send_frame(0x1, b"\x01")
+    assert direct.ask(b"V\r") == b"V1013\r"
+
+
+def test_listening_only_cannot_send(direct: Direct) -> None:
+    assert direct.ask(b"L\r") == b"\r"
+    assert direct.ask(b"t1000\r") == b"\a"
+
+
+def test_a_reader_far_behind_loses_whole_frames(direct: Direct) -> None:
+    direct.ask(b"O\r")
+    sent = 4000
+    for number in range(sent):
+        direct.adapter.send_frame(number % 2048, number.to_bytes(8, "big"))
+    assert direct.adapter.dropped > 0
+    received = b""
+    while block := direct.read():
+        received += block
+        direct.adapter.send([b""])
+    lines = received.split(b"\r")
+    assert lines.pop() == b""
+    assert len(lines) + direct.adapter.dropped == sent
+    numbers = [int(line[5:], 16) for line in lines]
+    assert all(len(line) == 21 for line in lines)
+    assert numbers == sorted(set(numbers))
+
+
+def test_a_new_client_does_not_get_the_last_ones_frames(direct: Direct) -> None:
+    direct.ask(b"O\r")
+    for _ in range(100):
+        direct.adapter.send_frame(0x1, bytes(8))
+    assert direct.ask(b"C\rS8\rO\r") == b"\r\r\r"
+
+
+@given(blocks=st.lists(st.binary(max_size=60), max_size=8))
+def test_any_bytes_from_a_client(tmp_path_factory: pytest.TempPathFactory, blocks: list[bytes]) -> None:
+    one = Direct(tmp_path_factory.mktemp("any") / "can")
+    try:
+        for block in blocks:
+            one.ask(block)
+        one.read()
+        assert one.ask(b"\rV\r").endswith(b"V1013\r")
+    finally:
+        one.close()
