@@ -213,7 +213,7 @@ def _raw(signal: Any, value: float, wraps: bool) -> int:
     low = -(2 ** (signal.length - 1)) if signal.is_signed else 0
     high = low + 2**signal.length - 1
     count = float((value - signal.offset) / signal.scale)
-    return round(count) % (high + 1) if wraps else round(min(max(count, low), high))
+    return int(round(count) % (high + 1) if wraps else round(min(max(count, low), high)))
 
 
 class CanPort:
