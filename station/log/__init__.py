@@ -1,0 +1,29 @@
+"""Recordings: MCAP files of raw bytes, rows, estimates and events, with profiles and versions inside.
+
+A recording is one file, name.mcap, and where it outgrows the card's limit name.0001.mcap, name.0002.mcap and so on,
+each complete in itself.
+"""
+
+from station.log.about import About, LogInfo
+from station.log.info import Summary, describe, recover, summarise
+from station.log.reading import metadata, parts, read_rows
+from station.log.table import Point, Table, points, table
+from station.log.writer import LogWriter, write_log
+
+__all__ = [
+    "About",
+    "LogInfo",
+    "LogWriter",
+    "Point",
+    "Summary",
+    "Table",
+    "describe",
+    "metadata",
+    "parts",
+    "points",
+    "read_rows",
+    "recover",
+    "summarise",
+    "table",
+    "write_log",
+]

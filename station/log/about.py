@@ -1,0 +1,116 @@
+"""What a recording says of itself at the start of each of its files: profiles, streams, version, UTC anchor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+
+from station.conventions import Stream
+from station.log.scan import PartReader
+from station.profile import Aircraft, Card, Rig, from_json, to_json
+from station.rows import LogError, ProfileError
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a recording is of, kept at the start of each of its files."""
+
+    aircraft: Aircraft
+    streams: tuple[Stream, ...]
+    rig: Rig | None = None
+    card: Card | None = None
+    source: str = "flight"
+    """flight, simulation, or the kind of file it was imported from."""
+    imported: bool = False
+    notes: Mapping[str, str] = field(default_factory=dict)
+    """Anything else worth keeping: the imported file's name, a simulation's settings."""
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    """Attached as they are: the rig's DBC files."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogInfo:
+    """What a recording says of itself."""
+
+    about: About
+    software: str
+    flight: str
+    part: int
+    station_ns: int
+    """Station time and UTC (ns since 1970) of the same instant."""
+    utc_ns: int
+
+    @property
+    def aircraft(self) -> Aircraft:
+        return self.about.aircraft
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        return self.about.streams
+
+
+def preamble(
+    about: About, flight: str, part: int, station_ns: int, utc_ns: int
+) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
+    """Metadata and attachments for the start of a file; `info_of` reads them back."""
+    streams = [
+        {
+            "name": s.name,
+            "signals": s.signals,
+            "rate_hz": s.rate_hz,
+            "stale_after_s": s.stale_after_s,
+            "device": s.device,
+            "latency_s": s.latency_s,
+        }
+        for s in about.streams
+    ]
+    metadata = {
+        "station": {
+            "software": version("flight-test-station"),
+            "flight": flight,
+            "part": str(part),
+            "source": about.source,
+            "imported": "yes" if about.imported else "no",
+            "streams": json.dumps(streams),
+        },
+        "clock": {"station_ns": str(station_ns), "utc_ns": str(utc_ns)},
+        "notes": dict(about.notes),
+    }
+    attachments = {"aircraft.json": to_json(about.aircraft).encode()}
+    if about.rig is not None:
+        attachments["rig.json"] = to_json(about.rig).encode()
+    if about.card is not None:
+        attachments["card.json"] = to_json(about.card).encode()
+    attachments.update({f"files/{name}": data for name, data in about.files.items()})
+    return metadata, attachments
+
+
+def info_of(reader: PartReader) -> LogInfo:
+    """What the metadata read by a PartReader says. Raises LogError if it is cut or not a station's."""
+    station, clock = reader.metadata.get("station"), reader.metadata.get("clock")
+    aircraft = reader.attachments.get("aircraft.json")
+    if station is None or clock is None or aircraft is None:
+        cut = reader.truncated_at is not None or reader.damage
+        why = "is cut or damaged before its profiles end" if cut else "is an MCAP file, but not of this station"
+        raise LogError(f"{reader.path}: {why}")
+    optional = {name: reader.attachments.get(name) for name in ("rig.json", "card.json")}
+    try:
+        streams = tuple(Stream(**{**s, "signals": tuple(s["signals"])}) for s in json.loads(station["streams"]))
+        about = About(
+            aircraft=from_json(Aircraft, aircraft.decode()),
+            streams=streams,
+            rig=from_json(Rig, optional["rig.json"].decode()) if optional["rig.json"] else None,
+            card=from_json(Card, optional["card.json"].decode()) if optional["card.json"] else None,
+            source=station["source"],
+            imported=station["imported"] == "yes",
+            notes=reader.metadata.get("notes", {}),
+            files={n.removeprefix("files/"): d for n, d in reader.attachments.items() if n.startswith("files/")},
+        )
+        return LogInfo(
+            about, station["software"], station["flight"], int(station["part"]), int(clock["station_ns"]),
+            int(clock["utc_ns"]),
+        )  # fmt: skip
+    except (ValueError, KeyError, TypeError, ProfileError) as error:
+        raise LogError(f"{reader.path}: its profiles cannot be read: {error}") from error

@@ -1,0 +1,250 @@
+"""What is in a recording, whether all of it is there, and saving what can be read of a broken one."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from station.conventions import Stream
+from station.log.about import About, LogInfo
+from station.log.messages import RowReader, RowWriter
+from station.log.reading import metadata, read_part, readers
+from station.log.scan import PartReader
+from station.log.writer import write_log
+from station.rows import Event, Frame, LogError, MethodEstimate, Rows, Sample, Tick
+
+Verdict = Literal["complete", "truncated", "damaged"]
+
+_KEPT = 1000
+"""Dropouts and events listed one by one; beyond that they are only counted."""
+
+
+@dataclass(slots=True)
+class Dropout:
+    start_s: float
+    length_s: float
+
+
+@dataclass(slots=True)
+class StreamSummary:
+    """One stream: samples, their mean rate, intervals longer than 1.5 periods (gaps) and than the stream may be silent
+    (dropouts). Intervals are of device time where the device has one."""
+
+    name: str
+    device: str
+    signals: tuple[str, ...]
+    nominal_hz: float
+    samples: int = 0
+    rate_hz: float = 0.0
+    gaps: int = 0
+    longest_gap_s: float = 0.0
+    dropouts: list[Dropout] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class EventSummary:
+    t_s: float
+    source: str
+    code: str
+    count: int
+    detail: str
+
+
+@dataclass(slots=True)
+class Summary:
+    """`info LOG`. Times are seconds since the recording's first row."""
+
+    path: str
+    verdict: Verdict
+    seconds_lost: float | None
+    """Known to be missing, within the recording and in a broken last chunk; None where nothing tells how much. What a
+    killed station had not yet written is not in it: at most 0.1 s."""
+    problems: list[str]
+    files: int
+    bytes: int
+    aircraft: str
+    card: str | None
+    source: str
+    imported: bool
+    software: str
+    utc_start_ns: int
+    duration_s: float
+    rows: int
+    ticks: int
+    ticks_missed: int
+    frames: int
+    methods: list[str]
+    streams: list[StreamSummary]
+    event_counts: dict[str, int]
+    events: list[EventSummary]
+
+
+class _StreamCount:
+    """Running totals of one stream."""
+
+    def __init__(self, stream: Stream) -> None:
+        self.summary = StreamSummary(stream.name, stream.device, stream.signals, stream.rate_hz)
+        self._stale_s = stream.stale_after_s
+        self._first: int | None = None
+        self._last = 0
+
+    def add(self, row: Sample, zero_ns: int) -> None:
+        summary = self.summary
+        summary.samples += 1
+        t_ns = row.t_ns if row.t_device_ns is None else row.t_device_ns
+        if self._first is None:
+            self._first = self._last = t_ns
+            return
+        step = (t_ns - self._last) * 1e-9
+        self._last = t_ns
+        if summary.nominal_hz > 0 and step > 1.5 / summary.nominal_hz:
+            summary.gaps += 1
+            summary.longest_gap_s = max(summary.longest_gap_s, step)
+            if step > self._stale_s and len(summary.dropouts) < _KEPT:
+                summary.dropouts.append(Dropout((row.t_ns - zero_ns) * 1e-9 - step, step))
+        if self._last > self._first:
+            summary.rate_hz = (summary.samples - 1) / ((self._last - self._first) * 1e-9)
+
+
+def summarise(path: Path) -> Summary:
+    """Read a whole recording and judge it. Raises LogError only if there is no such file, it is no recording of a
+    station, or nothing of its start can be read."""
+    info = metadata(path)
+    out = _empty(path, info)
+    counts = {s.name: _StreamCount(s) for s in info.streams}
+    methods: dict[str, None] = {}
+    lost: list[float | None] = []
+    first: int | None = None
+    last = previous_last = 0
+    k: int | None = None
+    broke = False
+    for reader, part_info in readers(path):
+        out.files += 1
+        out.bytes += reader.path.stat().st_size
+        part_first: int | None = None
+        for row in read_part(reader, RowReader(part_info.streams), None):
+            out.rows += 1
+            t_ns = row.t_ns
+            first = t_ns if first is None else first
+            part_first = t_ns if part_first is None else part_first
+            last = max(last, t_ns)
+            if isinstance(row, Sample):
+                if row.stream in counts:
+                    counts[row.stream].add(row, first)
+            elif isinstance(row, Tick):
+                out.ticks += 1
+                out.ticks_missed += max(0, row.k - k - 1) if k is not None else 0
+                k = row.k
+            elif isinstance(row, Frame):
+                out.frames += 1
+            elif isinstance(row, MethodEstimate):
+                methods[row.method] = None
+            elif isinstance(row, Event):
+                out.event_counts[row.code] = out.event_counts.get(row.code, 0) + row.count
+                if len(out.events) < _KEPT:
+                    event = EventSummary((t_ns - first) * 1e-9, row.source, row.code, row.count, row.detail)
+                    out.events.append(event)
+        if broke and part_first is not None:
+            # The file before ended early, and this one tells when recording went on.
+            lost.append(max(0.0, (part_first - previous_last) * 1e-9))
+        broke = _judge(out, reader, lost) or broke
+        previous_last = last
+    out.streams = [c.summary for c in counts.values()]
+    out.methods = list(methods)
+    out.duration_s = (last - first) * 1e-9 if first is not None else 0.0
+    out.utc_start_ns = info.utc_ns + ((first or 0) - info.station_ns)
+    known = [x for x in lost if x is not None]
+    out.seconds_lost = sum(known) if known or not lost else None
+    return out
+
+
+def _empty(path: Path, info: LogInfo) -> Summary:
+    about = info.about
+    return Summary(
+        path=str(path), verdict="complete", seconds_lost=0.0, problems=[], files=0, bytes=0,
+        aircraft=about.aircraft.name,
+        card=about.card.name if about.card else None, source=about.source, imported=about.imported,
+        software=info.software, utc_start_ns=info.utc_ns, duration_s=0.0, rows=0, ticks=0, ticks_missed=0, frames=0,
+        methods=[], streams=[], event_counts={}, events=[],
+    )  # fmt: skip
+
+
+def _judge(out: Summary, reader: PartReader, lost: list[float | None]) -> bool:
+    """Add one file's verdict to the whole's; True if the file ends early."""
+    name = reader.path.name
+    for damage in reader.damage:
+        out.verdict = "damaged"
+        where = f"{name}: byte {damage.offset}" if damage.offset is not None else name
+        out.problems.append(f"{where}: {damage.why}")
+        lost.append(damage.lost_s)
+    if reader.truncated_at is not None:
+        out.verdict = "truncated" if out.verdict == "complete" else out.verdict
+        left = reader.path.stat().st_size - reader.truncated_at
+        out.problems.append(f"{name}: ends early at byte {reader.truncated_at} ({left} bytes of a broken record)")
+        lost.append(reader.tail_s if left and reader.tail_s is not None else 0.0 if not left else None)
+    return reader.truncated_at is not None
+
+
+def describe(summary: Summary) -> str:
+    """A summary in words, for a terminal."""
+    s = summary
+    if s.verdict == "complete":
+        verdict = "complete"
+    elif s.seconds_lost is None:
+        verdict = f"{s.verdict}: how much is missing cannot be told"
+    else:
+        verdict = f"{s.verdict}: {s.seconds_lost:.2f} s known to be missing"
+        verdict += ", and up to 0.1 s that was not yet written" if s.verdict == "truncated" else ""
+    lines = [
+        f"{s.path}: {verdict}",
+        f"  {s.source} of {s.aircraft}, {s.duration_s:.2f} s, {s.rows} rows, {s.bytes} bytes in {s.files} file(s)",
+        f"  {s.ticks} ticks ({s.ticks_missed} missed), {s.frames} frames, methods: {', '.join(s.methods) or 'none'}",
+    ]
+    lines += [f"  ! {problem}" for problem in s.problems]
+    for stream in s.streams:
+        lines.append(
+            f"  {stream.name}: {stream.samples} samples, {stream.rate_hz:.2f} Hz of {stream.nominal_hz:g}, "
+            f"{stream.gaps} gaps (longest {stream.longest_gap_s:.3f} s), {len(stream.dropouts)} dropouts"
+        )
+    if s.event_counts:
+        lines.append("  events: " + ", ".join(f"{code} {n}" for code, n in sorted(s.event_counts.items())))
+    return "\n".join(lines)
+
+
+def recover(path: Path, out: Path) -> Summary:
+    """Write every readable row of a recording, all its files in one, into a new complete file, and read that back.
+
+    Returns the summary of the source. Raises LogError if nothing can be read, `out` exists or cannot be written, or
+    what is read back differs.
+    """
+    info = metadata(path)
+    summary = summarise(path)
+    if not summary.rows:
+        raise LogError(f"{path}: no row of it can be read")
+    notes = {**info.about.notes, "recovered_from": path.name, "verdict_of_original": summary.verdict}
+    about = About(
+        aircraft=info.about.aircraft, streams=info.streams, rig=info.about.rig, card=info.about.card,
+        source=info.about.source, imported=info.about.imported, notes=notes, files=info.about.files,
+    )  # fmt: skip
+    written = write_log(out, about, _rows(path), info.station_ns, info.utc_ns)
+    if summarise(out).verdict != "complete" or _digest(path, info) != _digest(out, info) or written != summary.rows:
+        raise LogError(f"{out}: does not read back as it was written: do not trust it\nuntouched: {path}")
+    return summary
+
+
+def _rows(path: Path) -> Iterator[Rows]:
+    for reader, info in readers(path):
+        yield from read_part(reader, RowReader(info.streams), None)
+
+
+def _digest(path: Path, info: LogInfo) -> bytes:
+    """Of all rows as they are encoded, so that NaN counts as equal to NaN."""
+    writer, digest = RowWriter(info.streams), hashlib.blake2b()
+    for row in _rows(path):
+        topic, data = writer.message(row)
+        digest.update(f"{topic.name} {row.t_ns} {len(data)}\n".encode())
+        digest.update(data)
+    return digest.digest()

@@ -1,0 +1,337 @@
+"""Rows <-> messages of a recording: JSON with schemas that carry units, raw bytes as they are.
+
+A finite float is written as the shortest decimal that reads back to the same bits; NaN is null, and an infinity the
+string "Infinity" or "-Infinity".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+import msgspec
+
+from station.conventions import SIGNALS, Stream
+from station.log.part import Topic
+from station.rows import (
+    AlphaEstimate,
+    Code,
+    Event,
+    Extra,
+    Frame,
+    Health,
+    Level,
+    MethodEstimate,
+    ParamEstimate,
+    Quality,
+    RawBlock,
+    Row,
+    Rows,
+    Sample,
+    Status,
+    StreamHealth,
+    Tick,
+    TimeSync,
+    Truth,
+)
+
+_INF: Final = math.inf
+_NAN: Final = math.nan
+_NAMES: Final = tuple(SIGNALS)
+
+ESTIMATE_UNITS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("alpha", "alpha_sd", "vane", "zero", "upwash", "rate", "lag", "gust"), "rad"),
+    **dict.fromkeys(("alpha_inertial", "alpha_gust"), "rad"),
+    **dict.fromkeys(("gust_vertical", "turbulence_level", "wind_north", "wind_east", "wind_down"), "m/s"),
+}
+_FOXGLOVE_LEVELS: Final = {Level.INFO: 2, Level.WARNING: 3, Level.ALARM: 4}
+
+
+def _plain(value: Any) -> Any:
+    """numpy's scalars, which a row may carry by accident."""
+    return value.item()
+
+
+_ENCODE: Final = msgspec.json.Encoder(enc_hook=_plain).encode
+_DECODE: Final = msgspec.json.Decoder().decode
+
+
+def _spelled(value: Any) -> Any:
+    """The same with infinities as strings: JSON has no number for them."""
+    if isinstance(value, float):
+        return value if abs(value) != _INF else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {k: _spelled(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_spelled(v) for v in value]
+    return value
+
+
+def _json(body: Any) -> bytes:
+    data = _ENCODE(body)
+    # Only a NaN, an infinity or a None leaves a null; the slow way then finds out which.
+    return data if b"null" not in data else _ENCODE(_spelled(msgspec.to_builtins(body, enc_hook=_plain)))
+
+
+def _number(value: Any) -> float:
+    return _NAN if value is None else float(value)
+
+
+def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
+    return tuple([v if type(v) is float else _number(v) for v in values])
+
+
+def _schema(title: str, properties: Mapping[str, Mapping[str, Any]]) -> bytes:
+    return _ENCODE({"type": "object", "title": title, "properties": properties})
+
+
+def _quantity(unit: str, meaning: str = "") -> dict[str, Any]:
+    text = f"{unit}; {meaning}" if meaning else unit
+    return {"type": "number", "unit": unit, "description": text}
+
+
+def signal_property(name: str) -> dict[str, Any]:
+    """JSON schema of a signal: its unit and what positive means."""
+    known = SIGNALS.get(name)
+    return _quantity(known.unit, f"positive: {known.positive}") if known else {"type": "number"}
+
+
+_TEXT: Final = {"type": "string"}
+_WHOLE: Final = {"type": "integer"}
+_TRUE_OR_FALSE: Final = {"type": "boolean"}
+
+
+class RowWriter:
+    """Turns rows into messages. Topics are made when first seen, so a file holds only those it uses."""
+
+    def __init__(self, streams: Iterable[Stream]) -> None:
+        self._signals = {s.name: s.signals for s in streams}
+        self._topics: dict[tuple[type, str], Topic] = {}
+        self._kinds: dict[type, Callable[[Any], tuple[Topic, bytes]]] = {
+            Sample: self._sample,
+            RawBlock: self._raw,
+            Frame: self._frame,
+            MethodEstimate: self._method,
+            Event: self._event,
+            Truth: self._named,
+            Extra: self._named,
+            AlphaEstimate: self._struct,
+            Health: self._struct,
+            Tick: self._struct,
+            TimeSync: self._struct,
+        }
+
+    def message(self, row: Rows) -> tuple[Topic, bytes]:
+        return self._kinds[type(row)](row)
+
+    def _topic(self, row: Row, key: str, name: str, properties: Callable[[], Mapping[str, Any]]) -> Topic:
+        kind = type(row)
+        topic = self._topics.get((kind, key))
+        if topic is None:
+            title = f"station.{kind.__name__}"
+            topic = Topic(name, "json", title, _schema(title, properties()), {"row": kind.__name__, "key": key})
+            self._topics[kind, key] = topic
+        return topic
+
+    def _sample(self, row: Sample) -> tuple[Topic, bytes]:
+        names = self._signals.get(row.stream)
+        body: dict[str, Any] = {"t_device_ns": row.t_device_ns, "seq": row.seq, "quality": int(row.quality)}
+        if names is None or len(names) != len(row.values):
+            # Not what the rig announced: kept all the same, without names.
+            names = ()
+            body["values"] = row.values
+            key = f"{row.stream}#unnamed"
+        else:
+            body.update(zip(names, row.values, strict=True))
+            key = row.stream
+        if row.t_ns < 0:
+            body["t_ns"] = row.t_ns
+        topic = self._topics.get((Sample, key))
+        if topic is None:
+            properties = {
+                "t_device_ns": {"type": "integer", "unit": "ns", "description": "ns; the device's own time"},
+                "seq": _WHOLE,
+                "quality": {"type": "integer", "description": "0 fresh, 1 held, 2 suspect, 3 missing"},
+                **{n: signal_property(n) for n in names},
+            }
+            title = f"station.Sample.{row.stream}"
+            topic = Topic(
+                f"/sample/{key}", "json", title, _schema(title, properties), {"row": "Sample", "key": row.stream}
+            )
+            self._topics[Sample, key] = topic
+        data = _ENCODE(body)
+        if b"null" in data and (_INF in row.values or -_INF in row.values):
+            data = _ENCODE(_spelled(body))
+        return topic, data
+
+    def _raw(self, row: RawBlock) -> tuple[Topic, bytes]:
+        topic = self._topics.get((RawBlock, row.device))
+        if topic is None:
+            topic = Topic(f"/raw/{row.device}", "x-octets", "", b"", {"row": "RawBlock", "key": row.device})
+            self._topics[RawBlock, row.device] = topic
+        return topic, row.data
+
+    def _frame(self, row: Frame) -> tuple[Topic, bytes]:
+        body: dict[str, Any] = dict(zip(_NAMES, row.values, strict=True))
+        body["k"] = row.k
+        body["age_s"] = row.age_s
+        body["quality"] = row.quality
+        if row.t_ns < 0:
+            body["t_ns"] = row.t_ns
+        data = _ENCODE(body)
+        if _INF in row.values or -_INF in row.values or _INF in row.age_s or -_INF in row.age_s:
+            data = _ENCODE(_spelled(body))
+        return self._topic(row, "", "/frame", _frame_properties), data
+
+    def _method(self, row: MethodEstimate) -> tuple[Topic, bytes]:
+        body: dict[str, Any] = {p.name: p for p in row.parameters}
+        body["applicable"] = row.applicable
+        body["why"] = row.why
+        if row.t_ns < 0:
+            body["t_ns"] = row.t_ns
+
+        def properties() -> Mapping[str, Any]:
+            derivative = {
+                "type": "object",
+                "properties": {"name": _TEXT, "value": _quantity("1/rad"), "sd": _quantity("1/rad"), "status": _TEXT},
+            }
+            return {**{p.name: derivative for p in row.parameters}, "applicable": _TRUE_OR_FALSE, "why": _TEXT}
+
+        return self._topic(row, row.method, f"/method/{row.method}", properties), _json(body)
+
+    def _event(self, row: Event) -> tuple[Topic, bytes]:
+        topic = self._topics.get((Event, ""))
+        if topic is None:
+            stamp = {"type": "object", "properties": {"sec": _WHOLE, "nsec": _WHOLE}}
+            properties: dict[str, Mapping[str, Any]] = {"timestamp": stamp}
+            properties.update(dict.fromkeys(("level", "line", "count"), _WHOLE))
+            properties.update(dict.fromkeys(("message", "name", "file", "code", "detail"), _TEXT))
+            # Foxglove's own schema name, so that its log panel lists the events.
+            topic = Topic(
+                "/event", "json", "foxglove.Log", _schema("foxglove.Log", properties), {"row": "Event", "key": ""}
+            )
+            self._topics[Event, ""] = topic
+        body: dict[str, Any] = {
+            "timestamp": {"sec": row.t_ns // 10**9, "nsec": row.t_ns % 10**9},
+            "level": _FOXGLOVE_LEVELS[row.level],
+            "message": f"{row.code} x{row.count} {row.detail}".rstrip(),
+            "name": row.source,
+            "code": row.code,
+            "count": row.count,
+            "detail": row.detail,
+        }
+        return topic, _ENCODE(body)
+
+    def _named(self, row: Truth | Extra) -> tuple[Topic, bytes]:
+        body: dict[str, Any] = {"values": row.values}
+        if row.t_ns < 0:
+            body["t_ns"] = row.t_ns
+
+        def properties() -> Mapping[str, Any]:
+            return {"values": {"type": "object", "properties": {n: signal_property(n) for n in row.values}}}
+
+        return self._topic(row, "", f"/{type(row).__name__.lower()}", properties), _json(body)
+
+    def _struct(self, row: AlphaEstimate | Health | Tick | TimeSync) -> tuple[Topic, bytes]:
+        kind = type(row)
+
+        def properties() -> Mapping[str, Any]:
+            return _struct_properties(kind)
+
+        return self._topic(row, "", _STRUCT_TOPICS[kind], properties), _json(row)
+
+
+_STRUCT_TOPICS: Final[Mapping[type, str]] = {
+    AlphaEstimate: "/alpha",
+    Health: "/health",
+    Tick: "/tick",
+    TimeSync: "/time_sync",
+}
+
+
+def _frame_properties() -> Mapping[str, Any]:
+    return {
+        **{n: signal_property(n) for n in _NAMES},
+        "k": _WHOLE,
+        "age_s": {"type": "array", "items": _quantity("s"), "description": "s; in the order of the signals"},
+        "quality": {"type": "array", "items": _WHOLE},
+    }
+
+
+def _struct_properties(kind: type) -> Mapping[str, Any]:
+    found: dict[str, Any] = {}
+    for item in msgspec.structs.fields(kind):
+        if item.type is float:
+            found[item.name] = _quantity(ESTIMATE_UNITS.get(item.name, ""))
+        elif item.type in (int, bool, str):
+            found[item.name] = {int: _WHOLE, bool: _TRUE_OR_FALSE, str: _TEXT}[item.type]
+    return found
+
+
+_ALPHA_FLOATS: Final = tuple(f.name for f in msgspec.structs.fields(AlphaEstimate) if f.type is float)
+_HEALTH_FLOATS: Final = tuple(f.name for f in msgspec.structs.fields(StreamHealth) if f.type is float)
+
+ROW_KINDS: Final[Mapping[str, type[Row]]] = {
+    kind.__name__: kind
+    for kind in (
+        RawBlock, Sample, Event, TimeSync, Tick, Frame, AlphaEstimate, MethodEstimate, Health, Truth, Extra,
+    )
+}  # fmt: skip
+
+
+class RowReader:
+    """Turns messages back into the rows they were."""
+
+    def __init__(self, streams: Iterable[Stream]) -> None:
+        self._signals = {s.name: s.signals for s in streams}
+
+    def row(self, kind: str, key: str, time_ns: int, data: bytes) -> Rows:
+        """Raises ValueError, KeyError or TypeError where the message is not a row of that kind."""
+        if kind == "RawBlock":
+            return RawBlock(time_ns, key, bytes(data))
+        body = _DECODE(data)
+        t_ns = body.get("t_ns", time_ns)
+        if kind == "Sample":
+            values = body["values"] if "values" in body else [body[n] for n in self._signals[key]]
+            quality = Quality(body["quality"])
+            return Sample(t_ns, key, body["t_device_ns"], body["seq"], _numbers(values), quality)
+        if kind == "Frame":
+            # A recording made before a signal was added to the table lacks it.
+            values = [body.get(n) for n in _NAMES]
+            ages, quality_list = list(body["age_s"]), list(body["quality"])
+            missing = len(_NAMES) - len(ages)
+            return Frame(
+                t_ns,
+                body["k"],
+                _numbers(values),
+                _numbers(ages + [None] * missing),
+                tuple(quality_list + [int(Quality.MISSING)] * missing),
+            )
+        if kind == "MethodEstimate":
+            parameters = tuple(
+                ParamEstimate(p["name"], _number(p["value"]), _number(p["sd"]), Status(p["status"]), p["why"])
+                for p in body.values()
+                if type(p) is dict
+            )
+            return MethodEstimate(t_ns, key, parameters, body["applicable"], body["why"])
+        if kind == "Event":
+            stamp = body["timestamp"]
+            t_ns = stamp["sec"] * 10**9 + stamp["nsec"]
+            return Event(t_ns, body["name"], Code(body["code"]), body["count"], body["detail"])
+        if kind in ("Truth", "Extra"):
+            named = {n: _number(v) for n, v in body["values"].items()}
+            return Truth(t_ns, named) if kind == "Truth" else Extra(t_ns, named)
+        if kind == "AlphaEstimate":
+            body.update({n: _number(body[n]) for n in _ALPHA_FLOATS})
+            return AlphaEstimate(**body)
+        if kind == "Health":
+            for stream in body["streams"]:
+                stream.update({n: _number(stream[n]) for n in _HEALTH_FLOATS})
+            body["streams"] = tuple(StreamHealth(**s) for s in body["streams"])
+            return Health(**body)
+        if kind == "Tick":
+            return Tick(**body)
+        if kind == "TimeSync":
+            return TimeSync(**body)
+        raise ValueError(f"no row is called {kind}")

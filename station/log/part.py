@@ -1,0 +1,263 @@
+"""Writing one MCAP file, its chunks closed by size or by time.
+
+Done here rather than with the mcap package's Writer because that one closes a chunk by size only: at a low data rate a
+killed station would lose seconds. Its record types are used for all but messages and chunks, and its readers check the
+result in the tests. Format: mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC: Final = bytes((137, 77, 67, 65, 80, 48, 13, 10))
+RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<BQHIQQ")
+CHUNK = struct.Struct("<QQQI")
+CHUNK_MARK = struct.pack("<I", 4) + b"zstd"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A channel and its schema, before either has a number in a file. Compared by identity: one object a channel."""
+
+    name: str
+    encoding: str
+    schema_name: str
+    schema: bytes
+    about: Mapping[str, str]
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+
+class PartWriter:
+    """A file being written. Every method may raise OSError; after that only `abandon` is allowed.
+
+    The file is created exclusively (FileExistsError). Each chunk goes to the operating system in one write, together
+    with the channels it needs, so that a kill leaves whole chunks.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> None:
+        self.path = path
+        self.size = 0
+        self.chunk_size = 0
+        self._crc = 0
+        self._channels: dict[Topic, int] = {}
+        self._records: list[McapRecord] = []
+        self._head = RecordBuilder()
+        self._body: list[bytes] = []
+        self._index: dict[int, list[int]] = {}
+        self._first = self._last = 0
+        self._compress = zstandard.ZstdCompressor(level=1).compress
+        self._chunk_indexes: list[ChunkIndex] = []
+        self._other_indexes: list[McapRecord] = []
+        self._counts: dict[int, int] = {}
+        self._start = self._end = 0
+        self._file = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_CLOEXEC", 0), 0o644)
+        try:
+            self._preamble(metadata, attachments)
+        except OSError:
+            self.abandon()
+            path.unlink(missing_ok=True)
+            raise
+
+    def _preamble(self, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> None:
+        out = RecordBuilder()
+        out.write(MAGIC)
+        Header("", "flight-test-station").write(out)
+        for name, data in metadata.items():
+            at = out.count
+            Metadata(name=name, metadata=dict(data)).write(out)
+            self._other_indexes.append(MetadataIndex(offset=at, length=out.count - at, name=name))
+        for name, blob in attachments.items():
+            at = out.count
+            kind = "application/json" if name.endswith(".json") else "application/octet-stream"
+            Attachment(create_time=0, log_time=0, name=name, media_type=kind, data=blob).write(out)
+            self._other_indexes.append(
+                AttachmentIndex(at, out.count - at, 0, 0, data_size=len(blob), name=name, media_type=kind)
+            )
+        self._write(_taken(out))
+
+    def message(self, topic: Topic, sequence: int, time_ns: int, data: bytes) -> None:
+        """Add to the chunk in memory; nothing reaches the file before `close_chunk`."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._register(topic)
+        if not self._body:
+            self._first = self._last = time_ns
+        elif time_ns < self._first:
+            self._first = time_ns
+        elif time_ns > self._last:
+            self._last = time_ns
+        index = self._index.get(channel)
+        if index is None:
+            index = self._index[channel] = []
+        index.append(time_ns)
+        index.append(self.chunk_size)
+        head = _MESSAGE.pack(Opcode.MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, time_ns, time_ns)
+        self._body.append(head)
+        self._body.append(data)
+        self.chunk_size += len(head) + len(data)
+
+    def _register(self, topic: Topic) -> int:
+        number = len(self._channels) + 1
+        self._channels[topic] = number
+        schema = number if topic.schema_name else 0
+        if schema:
+            self._records.append(Schema(id=schema, data=topic.schema, encoding="jsonschema", name=topic.schema_name))
+            self._records[-1].write(self._head)
+        self._records.append(
+            Channel(number, topic.name, topic.encoding, metadata=dict(topic.about), schema_id=schema)
+        )
+        self._records[-1].write(self._head)
+        return number
+
+    def close_chunk(self) -> None:
+        """Hand what is in memory to the operating system."""
+        if not self._body:
+            return
+        body = b"".join(self._body)
+        packed = self._compress(body)
+        head = _taken(self._head)
+        length = CHUNK.size + len(CHUNK_MARK) + 8 + len(packed)
+        out = [
+            head,
+            RECORD.pack(Opcode.CHUNK, length),
+            CHUNK.pack(self._first, self._last, len(body), zlib.crc32(body)),
+            CHUNK_MARK,
+            struct.pack("<Q", len(packed)),
+            packed,
+        ]
+        at = self.size + len(head)
+        indexes_at = at + RECORD.size + length
+        offsets: dict[int, int] = {}
+        indexes = 0
+        for channel, entries in self._index.items():
+            offsets[channel] = indexes_at + indexes
+            size = 8 * len(entries)
+            out.append(struct.pack(f"<BQHI{len(entries)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *entries))
+            indexes += len(out[-1])
+        self._write(b"".join(out))
+        self._chunk_indexes.append(
+            ChunkIndex(
+                chunk_length=RECORD.size + length,
+                chunk_start_offset=at,
+                compression="zstd",
+                compressed_size=len(packed),
+                message_end_time=self._last,
+                message_index_length=indexes,
+                message_index_offsets=offsets,
+                message_start_time=self._first,
+                uncompressed_size=len(body),
+            )
+        )
+        self._start = min(self._start, self._first) if self._counts else self._first
+        self._end = max(self._end, self._last)
+        for channel, entries in self._index.items():
+            self._counts[channel] = self._counts.get(channel, 0) + len(entries) // 2
+        self._body.clear()
+        self._index.clear()
+        self.chunk_size = 0
+
+    def finish(self) -> None:
+        """Close the last chunk, write the index and close the file: it is complete."""
+        self.close_chunk()
+        end = RecordBuilder()
+        DataEnd(self._crc).write(end)
+        self._write(_taken(end))
+        summary_at = self.size
+        out = RecordBuilder()
+        groups: list[SummaryOffset] = []
+        counted = Statistics(
+            attachment_count=sum(isinstance(r, AttachmentIndex) for r in self._other_indexes),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunk_indexes),
+            message_count=sum(self._counts.values()),
+            message_end_time=self._end,
+            message_start_time=self._start,
+            metadata_count=sum(isinstance(r, MetadataIndex) for r in self._other_indexes),
+            schema_count=sum(isinstance(r, Schema) for r in self._records),
+        )
+        for opcode, kind in (
+            (Opcode.SCHEMA, Schema),
+            (Opcode.CHANNEL, Channel),
+            (Opcode.STATISTICS, Statistics),
+            (Opcode.CHUNK_INDEX, ChunkIndex),
+            (Opcode.ATTACHMENT_INDEX, AttachmentIndex),
+            (Opcode.METADATA_INDEX, MetadataIndex),
+        ):
+            at = out.count
+            for record in (*self._records, counted, *self._chunk_indexes, *self._other_indexes):
+                if isinstance(record, kind):
+                    record.write(out)
+            if out.count > at:
+                groups.append(SummaryOffset(opcode, summary_at + at, out.count - at))
+        groups_at = summary_at + out.count
+        for group in groups:
+            group.write(out)
+        summary = _taken(out)
+        crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_at, groups_at))
+        Footer(summary_at, groups_at, crc).write(out)
+        self._write(summary + _taken(out) + MAGIC)
+        os.close(self._file)
+
+    def abandon(self) -> None:
+        """Close the file as it is."""
+        os.close(self._file)
+
+    def is_there(self) -> bool:
+        """Whether the path still leads to this file: the folder may have been removed or renamed."""
+        try:
+            at_path = os.stat(self.path)
+        except OSError:
+            return False
+        ours = os.fstat(self._file)
+        return (at_path.st_ino, at_path.st_dev) == (ours.st_ino, ours.st_dev)
+
+    def _write(self, data: bytes) -> None:
+        done = 0
+        try:
+            while done < len(data):
+                done += os.write(self._file, data[done:] if done else data)
+        except OSError:
+            # The disk took a part of it: cut back to the last whole record, if that still can be done.
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file, self.size)
+            raise
+        self._crc = zlib.crc32(data, self._crc)
+        self.size += done
+
+
+def _taken(records: RecordBuilder) -> bytes:
+    built: bytes = records.end()  # type: ignore[no-untyped-call]
+    return built

@@ -1,0 +1,75 @@
+"""Rows of a recording in the order they were written, through all its files, as far as they can be read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from station.log.about import LogInfo, info_of
+from station.log.messages import ROW_KINDS, RowReader
+from station.log.scan import PartReader
+from station.rows import LogError, Row, Rows
+
+_PART = re.compile(r"\.(\d{4,})$")
+
+
+def parts(path: Path) -> tuple[Path, ...]:
+    """The files of a recording: name.mcap and its numbered parts. A numbered part stands for itself alone."""
+    if _PART.search(path.stem):
+        return (path,)
+    numbered = [p for p in path.parent.glob(f"{_escaped(path.stem)}.*.mcap") if _PART.search(p.stem)]
+    numbered = [p for p in numbered if _PART.sub("", p.stem) == path.stem]
+    return (path, *sorted(numbered, key=lambda p: int(p.stem.rpartition(".")[2])))
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([*?[])", r"[\1]", text)
+
+
+def metadata(path: Path) -> LogInfo:
+    """What a recording says of itself, from its first readable file. Raises LogError if that is nothing."""
+    if not path.is_file():
+        raise LogError(f"{path}: no such recording")
+    reader = PartReader(path)
+    reader.open()
+    return info_of(reader)
+
+
+def read_part(reader: PartReader, rows: RowReader, kinds: Collection[str] | None) -> Iterator[Rows]:
+    """The rows of one file; what cannot be made a row is noted as damage."""
+    for channel, time_ns, data in reader.messages():
+        kind = channel.metadata.get("row", "")
+        if kinds is not None and kind not in kinds:
+            continue
+        try:
+            yield rows.row(kind, channel.metadata["key"], time_ns, data)
+        except (ValueError, KeyError, TypeError) as error:
+            reader.note(f"a message on {channel.topic} is no row: {error}")
+
+
+def read_rows(path: Path, kinds: Collection[type[Row]] | None = None) -> Iterator[Rows]:
+    """Every readable row of a recording in the order it was written, through all its parts.
+
+    `kinds` leaves out the others unread. A cut or damaged file gives what it has; `summarise` says what is missing.
+    Raises LogError if there is no recording or its start cannot be read.
+    """
+    names = None if kinds is None else {kind.__name__ for kind in kinds}
+    if names is not None and not names <= ROW_KINDS.keys():
+        raise ValueError(f"not rows: {names - ROW_KINDS.keys()}")
+    for reader, info in readers(path):
+        yield from read_part(reader, RowReader(info.streams), names)
+
+
+def readers(path: Path) -> Iterator[tuple[PartReader, LogInfo]]:
+    """Each file of a recording, opened. Files of another flight or without a readable start are passed over."""
+    first = metadata(path)
+    for part in parts(path):
+        reader = PartReader(part)
+        try:
+            reader.open()
+            info = info_of(reader)
+        except LogError:
+            continue
+        if info.flight == first.flight:
+            yield reader, info

@@ -1,0 +1,267 @@
+"""Reading one MCAP file: every intact record in file order, however the file ends and whatever is wrong within it."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Channel
+
+from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
+from station.rows import LogError
+
+_LARGEST_CHUNK: Final = 1 << 28
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A place in a file that could not be read."""
+
+    offset: int | None
+    why: str
+    lost_s: float | None
+    """Seconds of recording in it; None if nothing tells."""
+
+
+@dataclass(slots=True)
+class PartReader:
+    """Everything intact in a file, in file order, however it ends.
+
+    `messages` yields (channel, log time in ns, bytes) and fills the rest as it goes: after it is exhausted `verdict`
+    holds. A record whose checksum is wrong is left out and noted; after a broken one reading goes on at the next chunk.
+    """
+
+    path: Path
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    damage: list[Damage] = field(default_factory=list)
+    truncated_at: int | None = None
+    tail_s: float | None = None
+    """Seconds of recording in the chunk that the end of a truncated file cuts, if its head can be read."""
+    _data: Any = b""
+    _last_ns: int | None = None
+    _hurt: int | None = None
+
+    @property
+    def verdict(self) -> str:
+        """complete, truncated (stops before its end) or damaged (bytes within it are wrong)."""
+        return "damaged" if self.damage else "complete" if self.truncated_at is None else "truncated"
+
+    def open(self) -> None:
+        """Read the metadata and attachments at the start. Raises LogError if it is no MCAP file or cannot be read."""
+        for _ in self._records(head_only=True):
+            pass
+    def messages(self) -> Iterator[tuple[Channel, int, bytes]]:
+        self.channels.clear()
+        self.damage.clear()
+        self.truncated_at = None
+        for kind, payload in self._records(head_only=False):
+            if kind == Opcode.CHUNK:
+                yield from self._chunk_messages(payload)
+            else:
+                message = self._message(payload, 0, len(payload))
+                if message is not None:
+                    yield message
+
+    def _message(self, data: bytes, at: int, end: int) -> tuple[Channel, int, bytes] | None:
+        channel_id, _, time_ns, _ = struct.unpack_from("<HIQQ", data, at)
+        channel = self.channels.get(channel_id)
+        return None if channel is None else (channel, time_ns, data[at + 22 : end])
+
+    def _chunk_messages(self, body: bytes) -> Iterator[tuple[Channel, int, bytes]]:
+        at = 0
+        while at + RECORD.size <= len(body):
+            kind, length = RECORD.unpack_from(body, at)
+            at += RECORD.size
+            if kind == Opcode.MESSAGE:
+                message = self._message(body, at, at + length)
+                if message is not None:
+                    yield message
+            elif kind == Opcode.CHANNEL:
+                self._channel(body[at : at + length])
+            at += length
+
+    def _records(self, head_only: bool) -> Iterator[tuple[int, bytes]]:
+        """Top-level records that carry messages: (CHUNK, its body) or (MESSAGE, its content)."""
+        try:
+            with self.path.open("rb") as file:
+                size = os.fstat(file.fileno()).st_size
+                if size == 0:
+                    self.truncated_at = 0
+                    return
+                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                    yield from self._walk(data, size, head_only)
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+
+    def _walk(self, data: Any, size: int, head_only: bool) -> Iterator[tuple[int, bytes]]:
+        if data[: min(8, size)] != MAGIC[: min(8, size)]:
+            raise LogError(f"{self.path}: not an MCAP file\nimport other formats with: station import")
+        at, ended = 8, False
+        while True:
+            if at + RECORD.size > size:
+                self.truncated_at = min(at, size)
+                return
+            kind, length = RECORD.unpack_from(data, at)
+            start, end = at + RECORD.size, at + RECORD.size + length
+            problem = ""
+            if end > size:
+                problem = "a record runs past the end of the file"
+            elif not Opcode.HEADER <= kind <= Opcode.DATA_END:
+                problem = f"a record of unknown kind {kind}"
+            if problem:
+                following = self._next_chunk(data, at + 1)
+                if following is None and end > size and data[size - 8 : size] != MAGIC:
+                    self.truncated_at = at
+                    self.tail_s = self._span(data, at, size) if kind == Opcode.CHUNK else None
+                    return
+                self._hurts(at, problem, None)
+                if following is None:
+                    return
+                at = following
+                continue
+            if kind == Opcode.FOOTER:
+                self._check_end(data, start, end, size)
+                return
+            if kind in (Opcode.CHUNK, Opcode.MESSAGE) and head_only:
+                return
+            if kind == Opcode.DATA_END:
+                (stated,) = struct.unpack_from("<I", data, start)
+                ended = True
+                if stated and not self.damage and stated != _checksum(data, 0, at):
+                    self._hurts(at, "the checksum of the whole file does not fit", 0.0)
+            elif not ended:
+                yield from self._read(data, kind, at, start, end)
+            at = end
+
+    def _read(self, data: Any, kind: int, at: int, start: int, end: int) -> Iterator[tuple[int, bytes]]:
+        try:
+            if kind == Opcode.CHUNK:
+                body = self._body(data, start, end)
+                if isinstance(body, str):
+                    self._hurts(at, body, self._span(data, at, end))
+                    return
+                first, last = struct.unpack_from("<QQ", data, start)
+                self._healed(first)
+                self._last_ns = max(last, self._last_ns or 0)
+                yield kind, body
+            elif kind == Opcode.MESSAGE:
+                yield kind, data[start:end]
+            elif kind == Opcode.CHANNEL:
+                self._channel(data[start:end])
+            elif kind == Opcode.METADATA:
+                name, rest = _string(data[start:end])
+                self.metadata[name] = _mapping(rest)
+            elif kind == Opcode.ATTACHMENT:
+                (crc,) = struct.unpack_from("<I", data, end - 4)
+                if crc and crc != zlib.crc32(data[start : end - 4]):
+                    self._hurts(at, "an attachment's checksum does not fit", 0.0)
+                    return
+                name, rest = _string(data[start + 16 : end - 4])
+                _, rest = _string(rest)
+                self.attachments[name] = rest[8:]
+        except (struct.error, UnicodeDecodeError, IndexError) as error:
+            self._hurts(at, f"a record cannot be taken apart: {error}", None)
+
+    def _body(self, data: Any, start: int, end: int) -> bytes | str:
+        """A chunk's records, or what is wrong with it."""
+        if end - start < CHUNK.size + 12:
+            return "a chunk is too short"
+        _, _, size, crc = CHUNK.unpack_from(data, start)
+        name, _ = _string(data[start + CHUNK.size : min(end, start + CHUNK.size + 64)])
+        at = start + CHUNK.size + 4 + len(name)
+        (length,) = struct.unpack_from("<Q", data, at)
+        packed = data[at + 8 : end]
+        if length != len(packed) or size > _LARGEST_CHUNK:
+            return "a chunk's length does not fit"
+        if name not in ("", "zstd"):
+            return f"a chunk is compressed with {name!r}, which the station does not write"
+        try:
+            body = packed if name == "" else zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        except zstandard.ZstdError:
+            return "a chunk cannot be decompressed"
+        return body if not crc or zlib.crc32(body) == crc else "a chunk's checksum does not fit"
+
+    def _channel(self, content: bytes) -> None:
+        number, schema = struct.unpack_from("<HH", content)
+        topic, rest = _string(content[4:])
+        encoding, rest = _string(rest)
+        self.channels[number] = Channel(number, topic, encoding, metadata=_mapping(rest), schema_id=schema)
+
+    def _next_chunk(self, data: Any, at: int) -> int | None:
+        """Where the next intact chunk starts."""
+        found: int = data.find(CHUNK_MARK, at)
+        while found >= 0:
+            start = found - RECORD.size - CHUNK.size
+            if start >= at and data[start] == Opcode.CHUNK:
+                _, length = RECORD.unpack_from(data, start)
+                end = start + RECORD.size + length
+                if end <= len(data) and isinstance(self._body(data, start + RECORD.size, end), bytes):
+                    return start
+            found = data.find(CHUNK_MARK, found + 1)
+        return None
+
+    def note(self, why: str) -> None:
+        """Add something wrong that was found in a message's content; the first of a kind only."""
+        if all(d.why != why for d in self.damage):
+            self.damage.append(Damage(None, why, 0.0))
+
+    def _span(self, data: Any, at: int, end: int) -> float | None:
+        """Seconds between the first and last message of a broken chunk, as far as its head can be believed."""
+        if end - at < RECORD.size + 16:
+            return None
+        first, last = struct.unpack_from("<QQ", data, at + RECORD.size)
+        believable = first <= last < first + 3600 * 10**9 and abs(first - (self._last_ns or first)) < 3600 * 10**9
+        return (last - first) * 1e-9 if believable else None
+
+    def _hurts(self, at: int, why: str, lost_s: float | None) -> None:
+        self.damage.append(Damage(at, why, lost_s))
+        if lost_s is None:
+            self._hurt = len(self.damage) - 1
+
+    def _healed(self, first_ns: int) -> None:
+        """Where nothing else tells, what was lost is the time between the last row before and the first after."""
+        if self._hurt is not None and self._last_ns is not None:
+            hurt = self.damage[self._hurt]
+            self.damage[self._hurt] = Damage(hurt.offset, hurt.why, max(0.0, (first_ns - self._last_ns) * 1e-9))
+        self._hurt = None
+
+    def _check_end(self, data: Any, start: int, end: int, size: int) -> None:
+        if end + 8 > size:
+            self.truncated_at = start
+            return
+        summary, _, crc = struct.unpack_from("<QQI", data, start)
+        if data[end : end + 8] != MAGIC:
+            self._hurts(end, "the last bytes are wrong", 0.0)
+        elif crc and summary < start and crc != _checksum(data, summary, end - 4) and not self.damage:
+            self._hurts(start, "the checksum of the index does not fit", 0.0)
+
+
+def _checksum(data: Any, start: int, end: int) -> int:
+    with memoryview(data) as view, view[start:end] as part:
+        return zlib.crc32(part)
+
+
+def _string(data: bytes) -> tuple[str, bytes]:
+    (length,) = struct.unpack_from("<I", data)
+    if length > len(data) - 4:
+        raise struct.error("a string runs past its record")
+    return data[4 : 4 + length].decode(), data[4 + length :]
+
+
+def _mapping(data: bytes) -> dict[str, str]:
+    (length,) = struct.unpack_from("<I", data)
+    rest, found = data[4 : 4 + length], {}
+    while rest:
+        key, rest = _string(rest)
+        found[key], rest = _string(rest)
+    return found

@@ -1,0 +1,186 @@
+"""A recording as columns on one time axis: its 50 Hz frames, or an imported record's samples on their own grid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import ANGLES_THAT_WRAP, SIGNALS, TICK_NS, Stream
+from station.log.reading import metadata, read_rows
+from station.profile import Aircraft
+from station.rows import Code, Event, Extra, Frame, LogError, Sample, Truth
+
+Column = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns of one length n: `t_s` (n,) is seconds since `t0_ns` of station time; `columns` are signals in the units
+    of SIGNALS, NaN where missing; a signal that is missing throughout has no column."""
+
+    t_s: Column
+    columns: Mapping[str, Column]
+    aircraft: Aircraft
+    t0_ns: int
+    quality: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    """Of frames: a Quality number for each value."""
+    truth: Mapping[str, Column] = field(default_factory=dict)
+    """What the simulation knows, at the same times (linear between its steps)."""
+    extra: Mapping[str, Column] = field(default_factory=dict)
+    """Of an imported record: its columns that are no signal, SI."""
+
+    @property
+    def rate_hz(self) -> float:
+        """From the median step; NaN for fewer than two rows."""
+        return float(1.0 / np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else float("nan")
+
+    def between(self, start_s: float, end_s: float) -> Table:
+        """The rows with start_s <= t_s <= end_s, their times unchanged."""
+        keep = (self.t_s >= start_s) & (self.t_s <= end_s)
+
+        def cut(columns: Mapping[str, Column]) -> dict[str, Column]:
+            return {name: column[keep] for name, column in columns.items()}
+
+        quality = {name: column[keep] for name, column in self.quality.items()}
+        columns, truth, extra = cut(self.columns), cut(self.truth), cut(self.extra)
+        return Table(self.t_s[keep], columns, self.aircraft, self.t0_ns, quality, truth, extra)
+
+
+class Point(NamedTuple):
+    """A test point flown and marked: seconds on the table's time axis."""
+
+    n: int
+    start_s: float
+    end_s: float
+    note: str
+
+
+class _Track(NamedTuple):
+    """Rows of one stream: times in ns (n,) and values (n, signals)."""
+
+    t_ns: NDArray[np.int64]
+    values: Column
+
+
+def table(path: Path) -> Table:
+    """The frames of a recording; without frames, its samples: on their own times where all streams share them, else
+    linearly interpolated at 50 Hz. Raises LogError where there is neither."""
+    info = metadata(path)
+    frames: list[Frame] = []
+    samples: dict[str, list[Sample]] = {}
+    named: dict[type, list[Truth | Extra]] = {Truth: [], Extra: []}
+    for row in read_rows(path, (Frame, Sample, Truth, Extra)):
+        if isinstance(row, Frame):
+            frames.append(row)
+        elif isinstance(row, Truth | Extra):
+            named[type(row)].append(row)
+        elif isinstance(row, Sample) and not frames:
+            samples.setdefault(row.stream, []).append(row)
+    if frames:
+        t_ns, columns, quality = _from_frames(frames)
+    elif samples:
+        t_ns, columns = _from_samples(samples, info.streams, info.about.imported)
+        quality = {}
+    else:
+        raise LogError(f"{path}: holds neither frames nor samples")
+    truth = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Truth]).items()}
+    extra = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Extra]).items()}
+    return Table((t_ns - t_ns[0]) / 1e9, columns, info.aircraft, int(t_ns[0]), quality, truth, extra)
+
+
+def _from_frames(frames: list[Frame]) -> tuple[NDArray[np.int64], dict[str, Column], dict[str, NDArray[np.uint8]]]:
+    t_ns = np.array([f.t_ns for f in frames], dtype=np.int64)
+    values = np.array([f.values for f in frames], dtype=np.float64)
+    quality = np.array([f.quality for f in frames], dtype=np.uint8)
+    there = [i for i in range(len(SIGNALS)) if not np.all(np.isnan(values[:, i]))]
+    names = tuple(SIGNALS)
+    return t_ns, {names[i]: values[:, i].copy() for i in there}, {names[i]: quality[:, i].copy() for i in there}
+
+
+def _from_samples(
+    samples: Mapping[str, list[Sample]], streams: tuple[Stream, ...], imported: bool
+) -> tuple[NDArray[np.int64], dict[str, Column]]:
+    known = {s.name: s for s in streams}
+    tracks: dict[str, _Track] = {}
+    for name, rows in samples.items():
+        stream = known.get(name)
+        if stream is None:
+            continue
+        # A device's latency is known from the rig; an imported record's times are the record's own.
+        late = 0 if imported else round(stream.latency_s * 1e9)
+        good = [r for r in rows if len(r.values) == len(stream.signals)]
+        t_ns = np.array([r.t_ns - late for r in good], dtype=np.int64)
+        tracks[name] = _Track(t_ns, np.array([r.values for r in good], dtype=np.float64))
+    first = next(iter(tracks.values()))
+    shared = all(np.array_equal(t.t_ns, first.t_ns) for t in tracks.values())
+    if shared:
+        grid = first.t_ns
+    else:
+        start = min(int(t.t_ns[0]) for t in tracks.values())
+        end = max(int(t.t_ns[-1]) for t in tracks.values())
+        grid = np.arange(start, end + 1, TICK_NS, dtype=np.int64)
+    columns: dict[str, Column] = {}
+    for name, track in tracks.items():
+        for i, signal in enumerate(known[name].signals):
+            column = track.values[:, i]
+            if not shared:
+                column = _at(grid, track.t_ns, column, signal in ANGLES_THAT_WRAP)
+            if not np.all(np.isnan(column)):
+                columns[signal] = column.copy()
+    return grid, {n: columns[n] for n in SIGNALS if n in columns}
+
+
+def _by_name(rows: list[Truth | Extra]) -> dict[str, _Track]:
+    names = dict.fromkeys(name for row in rows for name in row.values)
+    found = {}
+    for name in names:
+        has = [row for row in rows if name in row.values]
+        t_ns = np.array([row.t_ns for row in has], dtype=np.int64)
+        found[name] = _Track(t_ns, np.array([[row.values[name]] for row in has], dtype=np.float64))
+    return found
+
+
+def _at(grid: NDArray[np.int64], t_ns: NDArray[np.int64], values: Column, wraps: bool) -> Column:
+    """Linear interpolation; NaN before the first and after the last value, and next to missing ones."""
+    if np.array_equal(grid, t_ns):
+        return values
+    order = np.argsort(t_ns, kind="stable")
+    t_ns, values = t_ns[order], values[order]
+    if wraps:
+        good = ~np.isnan(values)
+        values = values.copy()
+        values[good] = np.unwrap(values[good])
+    start = t_ns[0]
+    at = np.interp((grid - start).astype(np.float64), (t_ns - start).astype(np.float64), values, np.nan, np.nan)
+    return np.asarray((at + np.pi) % (2 * np.pi) - np.pi if wraps else at, dtype=np.float64)
+
+
+def points(path: Path) -> list[Point]:
+    """The numbered test points marked in a flight: POINT_START and POINT_END, `count` the number, `detail` the note.
+
+    A point without an end lasts to the end of the recording.
+    """
+    origin: int | None = None
+    last = 0
+    open_points: dict[int, Event] = {}
+    closed: list[tuple[Event, int]] = []
+    has_frames = next(iter(read_rows(path, (Frame,))), None) is not None
+    clock_kind = Frame if has_frames else Sample
+    for row in read_rows(path, (clock_kind, Event)):
+        if isinstance(row, Event):
+            if row.code is Code.POINT_START:
+                open_points[row.count] = row
+            elif row.code is Code.POINT_END and row.count in open_points:
+                closed.append((open_points.pop(row.count), row.t_ns))
+        else:
+            origin = row.t_ns if origin is None else origin
+            last = row.t_ns
+    closed += [(event, last) for event in open_points.values()]
+    zero = origin or 0
+    found = [Point(e.count, (e.t_ns - zero) * 1e-9, (end - zero) * 1e-9, e.detail) for e, end in closed]
+    return sorted(found, key=lambda p: p.start_s)
