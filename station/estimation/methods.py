@@ -4,17 +4,77 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final, Literal
 
-from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
-from station.profile import Aircraft, Card
-from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Status
+import numpy as np
 
-LIVE: Final = ("II", "III", "V", "split", "split+gust")
+from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
+from station.estimation import alpha as cg
+from station.estimation import conditioning as cond
+from station.estimation.alpha import Vane
+from station.estimation.conditioning import Array, Conditioner
+from station.estimation.derivatives import Derivatives
+from station.estimation.equation_error import ROW, Sides
+from station.estimation.inertial import Inertial
+from station.estimation.turbulence import Turbulence
+from station.profile import Aircraft, Card
+from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A way to the derivatives: its name in contract.md, what it does, and whether it runs at every tick."""
+
+    name: str
+    sentence: str
+    live: bool = False
+    turbulence_only: bool = False
+    """Applied only where the turbulence detector says so (Martos 2013)."""
+
+
+METHODS: Final = {
+    m.name: m
+    for m in (
+        Method("I", "equation error in the time domain, vane calibrated steadily"),
+        Method("II", "recursive Fourier transform, vane calibrated steadily with its rate term", live=True),
+        Method("III", "II with all of alpha delayed by x/V", live=True, turbulence_only=True),
+        Method("IV", "II with delay and scale spectra as measured", turbulence_only=True),
+        Method("V", "III with the upwash falling with frequency as Sears' lift", live=True, turbulence_only=True),
+        Method("VI", "extended Kalman filter"),
+        Method("split", "motion and gust parts of the vane corrected apart", live=True),
+        Method("split+gust", "split, with the tail meeting the gust later", live=True),
+        Method("physical", "wing, tail and gust as the regressors"),
+        Method("oe", "output error"),
+        Method("fe", "filter error"),
+        Method("sidpac", "II with SIDPAC's settings"),
+    )
+}
+LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)
+
+NOISE: Final = {
+    "alpha_vane": to_si(0.05, "deg"),
+    "elevator": to_si(0.02, "deg"),
+    "q": to_si(0.03, "deg/s"),
+    "theta": to_si(0.03, "deg"),
+    "v_down": to_si(0.1, "ft/s"),
+}
+"""Standard deviations where the rig gives none."""
+
+GAP_TICKS: Final = 5
+"""Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
+SETTLE_TICKS: Final = 25
+"""After a start the delay lines are full."""
 
 
 class Estimator:
-    """Angle of attack and derivatives, one 50 Hz frame at a time. Never raises; all state inside."""
+    """Angle of attack and derivatives, one 50 Hz frame at a time.
+
+    II, III and V use the calibrated vane; split and split+gust also attitude and velocity. `force` applies III and V in
+    calm air too. `axes`: CL (wind) or CZ (body). `forgetting_s`: time constant with which the past fades from the
+    transforms; by default it does not, and `start_point` begins anew. `step` never raises; the same frames give the same
+    bits.
+    """
 
     def __init__(
         self,
@@ -28,21 +88,211 @@ class Estimator:
         force: bool = False,
         forgetting_s: float = math.inf,
     ) -> None:
+        """`imu_position`: m from the CG, body axes. `noise`: standard deviation of each signal, SI."""
+        dt = 1.0 / TICK_HZ
+        given = {k: v for k, v in (noise or {}).items() if v > 0}
+        self._noise = {**NOISE, **given}
         self._methods = methods
-        self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
+        self._force = force
+        names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
+        self._conditioner = Conditioner(aircraft, given)
+        self._inertial = Inertial(imu_position, dt)
+        self._vane = Vane(aircraft, dt)
+        self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
+        self._sides = Sides(aircraft, imu_position, dt, axes == "body")
+        self._derivatives = Derivatives(aircraft, card, self._noise, methods, names, dt, forgetting_s)
+        boom = aircraft.boom
+        self._zero = boom.zero if boom else 0.0
+        self._scale = boom.steady_calibration if boom else 1.0
+        self._body = 1.0 + boom.upwash_body if boom else 1.0
+        self._arm = boom.vane_x if boom else 0.0
+        self._air = np.zeros(3)
+        self._row = np.zeros(ROW)
+        self._motion = np.zeros(6)
+        self._before = np.zeros(len(cond.INPUTS))
+        self._start_ns: int | None = None
+        self._last_ns = 0
+        self._running = False
+        self._ticks = 0
+        self._fresh_run = 0
+        self._split_run = 0
+        self._held_run = 0
+        self._copy = (aircraft, card, imu_position, dict(noise or {}), methods, axes, force, forgetting_s)
 
     def warm_up(self) -> None:
-        """Compile every kernel, so that no tick of a flight has to."""
+        """Compile every kernel, so that no tick of a flight has to: a made-up flight through an estimator like this one."""
+        aircraft, card, position, noise, methods, axes, force, forgetting = self._copy
+        twin = Estimator(
+            aircraft,
+            card.model_copy(update={"warm_up": 0.0}),
+            position,
+            noise,
+            methods,
+            axes=axes,
+            force=force,
+            forgetting_s=forgetting,
+        )
+        steady = {"airspeed": 50.0, "az": -9.81, "ax": 0.5, "v_north": 50.0, "mass": aircraft.inertia.mass}
+        for k in range(150):
+            wave = 0.02 * math.sin(0.1 * k)
+            now = dict.fromkeys(cond.INPUTS, 0.0) | steady
+            now |= {
+                "alpha_vane": wave,
+                "q": wave,
+                "theta": 0.5 * wave,
+                "elevator": wave * wave,
+                "dynamic_pressure": 1500.0,
+            }
+            twin.step(_frame(k, now))
 
-    def reset(self) -> None:
-        """Open a new transform (at a test point); the filters stay warm."""
+    def start_point(self) -> None:
+        """A test point begins: empty the transforms; the filters stay warm."""
+        self._derivatives.clear()
 
     def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]:
-        """One tick."""
-        nan = math.nan
-        alpha = AlphaEstimate(
-            frame.t_ns, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, nan, "unknown", nan, nan, nan, False,
-            "warming up",
+        """One frame in, the angle of attack and every method's estimates as of it out."""
+        code = self._conditioner.step(frame)
+        u = self._conditioner.u
+        why = self._conditioner.why(code)
+        if code < 100 or code >= 200:
+            speed = float(u[cond.AIRSPEED])
+            if speed < cond.MIN_SPEED:
+                code, why = 100, f"airspeed below {cond.MIN_SPEED:g} m/s"
+        usable = not 100 <= code < 200
+        ticks = round((frame.t_ns - self._last_ns) / TICK_NS)
+        if self._running and -TICK_HZ < ticks <= 0:
+            usable, why = False, "time did not advance"
+        elif usable:
+            self._advance_to(frame.t_ns, ticks, u, code == 0)
+        else:
+            self._running = False
+        self._held_run = 0 if code == 0 else self._held_run + 1
+        if code == 1 and self._held_run <= 3:
+            why = ""
+        alpha = self._alpha(frame.t_ns, u, usable, why)
+        return alpha, self._derivatives.estimate(frame.t_ns, self._mean_speed(), self._not_applicable())
+
+    def _advance_to(self, t_ns: int, ticks: int, u: Array, is_fresh: bool) -> None:
+        """Run the filters to `t_ns`, over missing frames if they are few."""
+        if self._start_ns is None:
+            self._start_ns = t_ns
+        if not self._running or not 0 < ticks <= GAP_TICKS + 1:
+            self._inertial.restart()
+            self._vane.restart()
+            self._sides.restart()
+            self._running = True
+            self._ticks = self._fresh_run = self._split_run = 0
+        else:
+            for j in range(1, ticks):
+                between = self._before + (u - self._before) * (j / ticks)
+                between[cond.ATTITUDE :] = math.nan
+                self._advance(self._last_ns + j * TICK_NS, between, False)
+        self._advance(t_ns, u, is_fresh)
+        self._before[:] = u
+        self._last_ns = t_ns
+
+    def _advance(self, t_ns: int, u: Array, is_fresh: bool) -> None:
+        start_ns = self._start_ns if self._start_ns is not None else t_ns
+        t = (t_ns - start_ns) * 1e-9
+        speed, vane, q = float(u[cond.AIRSPEED]), float(u[cond.VANE]), float(u[cond.Q])
+        p, r, ay, beta = (0.0 if math.isnan(x) else x for x in u[[cond.P, cond.R, cond.AY, cond.BETA]].tolist())
+        self._motion[:] = p, q, r, u[cond.AX], ay, u[cond.AZ]
+        self._air[:] = speed, self._scale * (vane - self._zero) + self._arm * q / speed, beta - self._arm * r / speed
+        age = self._conditioner.age
+        a, v = cond.ATTITUDE, cond.VELOCITY
+        self._inertial.step(t, self._motion, (u[a:v], age[a:v], u[v:], age[v:]), self._air)
+        ready = self._inertial.out[8] > 0.0
+        self._vane.step(vane, p, q, speed, float(self._inertial.out[0]) if ready else math.nan)
+        out = self._vane.out
+        is_split = out[cg.READY] > 0.0
+        gust = out[cg.BOOM_GUST]
+        self._turbulence.step(float(gust if gust == gust else out[cg.STEADY]), speed)
+
+        row = self._row
+        row[:6] = self._motion
+        row[6:11] = (
+            speed,
+            self._conditioner.dynamic_pressure(),
+            self._conditioner.mass(),
+            u[cond.THRUST],
+            u[cond.ELEVATOR],
         )
-        parameters = tuple(ParamEstimate(n, nan, nan, Status.UNESTIMATED, "warming up") for n in self._names)
-        return alpha, tuple(MethodEstimate(frame.t_ns, m, parameters, False, "warming up") for m in self._methods)
+        row[11] = out[cg.SPLIT] if is_split else out[cg.STEADY]
+        row[12:15] = out[cg.STEADY], out[cg.SCALED_LATE], out[cg.RATE_LATE]
+        row[15:17] = (out[cg.SPLIT], out[cg.GUST_STEP]) if is_split else (0.0, 0.0)
+        made = self._sides.step(row)
+        # The sample made is of the tick before, from q of three: all of them must have been measured at their own time.
+        self._fresh_run = self._fresh_run + 1 if is_fresh else 0
+        self._ticks += 1
+        if made and self._fresh_run >= 3 and self._ticks > SETTLE_TICKS and bool(np.isfinite(self._sides.out).all()):
+            self._derivatives.add(self._sides.out, t, self._split_run > 0)
+        self._split_run = self._split_run + 1 if is_split else 0
+
+    def _mean_speed(self) -> float:
+        return float(self._vane.out[cg.SPEED_MEAN]) if self._running else 0.0
+
+    def _not_applicable(self) -> dict[str, str]:
+        """For each live method that should not be applied now, why."""
+        reasons: dict[str, str] = {}
+        level = self._turbulence.name
+        if level in ("calm", "unknown") and not self._force:
+            why = "calm air: the delay would do harm" if level == "calm" else "turbulence not known yet"
+            reasons = {name: why for name in self._methods if METHODS[name].turbulence_only}
+        if not self._vane.out[cg.READY] > 0.0:
+            reasons |= {name: "no inertial angle of attack" for name in self._methods if name.startswith("split")}
+        return reasons
+
+    def _alpha(self, t_ns: int, u: Array, usable: bool, why: str) -> AlphaEstimate:
+        out = self._vane.out
+        wind = self._inertial.out
+        level, name = self._turbulence.level, self._turbulence.name
+        if not usable:
+            nan = math.nan
+            return AlphaEstimate(t_ns, *(nan,) * 11, level, name, nan, nan, nan, False, why)
+        vane, speed = float(u[cond.VANE]), float(u[cond.AIRSPEED])
+        zero = -self._zero
+        upwash = (self._scale - 1.0) * (vane - self._zero)
+        rate = float(out[cg.RATE])
+        steady = vane + zero + upwash + rate
+        noise = self._noise
+        by_rate = self._arm * noise["q"] / speed
+        if out[cg.READY] > 0.0:
+            fast, gust = float(out[cg.FAST]), float(out[cg.GUST])
+            alpha, lag, arrival = float(out[cg.SPLIT]), fast - steady, float(out[cg.SPLIT]) - fast
+            inertial = float(wind[0])
+            # Streams smoothed over half a second; 5 % of the gust for what the upwash model leaves.
+            parts = (noise["alpha_vane"] / self._body, 0.2 * noise["theta"], 0.2 * noise["v_down"] / speed, 0.05 * gust)
+        else:
+            alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
+            # Twice the band's gust for what the delays make of it.
+            parts = (noise["alpha_vane"] * self._scale, by_rate, 2.0 * (level if level == level else 0.0) / speed, 0.0)
+        parts = (*parts, 0.01 * steady)
+        return AlphaEstimate(
+            t_ns=t_ns,
+            alpha=alpha,
+            alpha_sd=math.sqrt(sum(x * x for x in parts)),
+            vane=vane,
+            zero=zero,
+            upwash=upwash,
+            rate=rate,
+            lag=lag,
+            gust=arrival,
+            alpha_inertial=inertial,
+            alpha_gust=gust,
+            gust_vertical=gust * speed,
+            turbulence_level=level,
+            turbulence=name,
+            wind_north=float(wind[3]),
+            wind_east=float(wind[4]),
+            wind_down=float(wind[5]),
+            valid=not why,
+            why=why,
+        )
+
+
+def _frame(k: int, values: Mapping[str, float]) -> Frame:
+    """A frame with these signals measured and no others."""
+    row = tuple(values.get(name, math.nan) for name in SIGNALS)
+    there = tuple(x == x for x in row)
+    ages = tuple(0.0 if x else math.nan for x in there)
+    return Frame(k * TICK_NS, k, row, ages, tuple(int(Quality.FRESH if x else Quality.MISSING) for x in there))

@@ -1,0 +1,297 @@
+"""Equation error in the frequency domain: complex least squares with real parameters, and honest standard errors.
+
+    Z(f) = sum_j theta_j X_j(f) + e(f),   theta = M^-1 Re(X^H Z),   M = Re(X^H X) + ridge
+
+Source: Klein and Morelli 2006, sections 11.2-11.3. Standard errors are the largest of three: residuals independent
+from line to line, with the lines of a grid finer than 1/T counted once; a sum of score products over neighbouring lines
+(Newey and West 1987), for residuals coloured in frequency; a jackknife over blocks of lines, which shows a model that
+asks for different parameters in different parts of the band. SI, radians.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+BLOCKS: Final = 6
+MAX_PARAMETERS: Final = 4
+
+# One row of the history that a tick's coefficients are made from.
+_P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = range(13)
+EXTRAS: Final = 5
+ROW: Final = _EXTRA + EXTRAS
+# constants
+_S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _XA, _YA, _ZA = range(12)
+
+
+@njit(cache=True)
+def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array, out: Array) -> bool:
+    """Left and right sides of both equations, one tick ago: the middle of three rows of history.
+
+    `row` (ROW,): p q r, ax ay az at the IMU, V, dynamic pressure, mass, thrust (NaN: unknown), elevator, angle of attack
+    at the CG, then signals that are passed on. `out`: q c/2V, elevator, CL (or CZ), Cm, then those signals. Angular
+    accelerations are central differences. `thrust` (2,): mean of what the drag polar leaves over, and its count.
+    Returns False while there are fewer than three rows; `history` (3, ROW) starts as NaN.
+    """
+    history[0] = history[1]
+    history[1] = history[2]
+    history[2] = row
+    h = history[1]
+    if not (math.isfinite(history[0, _Q]) and math.isfinite(h[_Q])):
+        return False
+    pdot = (history[2, _P] - history[0, _P]) / (2.0 * dt)
+    qdot = (history[2, _Q] - history[0, _Q]) / (2.0 * dt)
+    rdot = (history[2, _R] - history[0, _R]) / (2.0 * dt)
+    p, q, r = h[_P], h[_Q], h[_R]
+    x, y, z = constant[_XA], constant[_YA], constant[_ZA]
+    wr = p * x + q * y + r * z
+    ww = p * p + q * q + r * r
+    ax = h[_AX] - (qdot * z - rdot * y) - (p * wr - ww * x)
+    az = h[_AZ] - (pdot * y - qdot * x) - (r * wr - ww * z)
+    force = h[_QBAR] * constant[_S]
+    sin, cos = math.sin(h[_ALPHA]), math.cos(h[_ALPHA])
+    cz = h[_MASS] * az / force
+    push = h[_THRUST]
+    if not math.isfinite(push):
+        push = 0.0
+        if constant[_POLAR] > 0.0:
+            # Unknown thrust: what ax shows beyond the drag polar, averaged. Left in, it would add T/(qbar S) to CL_alpha.
+            cd = constant[_CD0] + constant[_CDI] * cz * cz
+            surplus = h[_MASS] * ax + force * (cd * cos + cz * sin)
+            thrust[1] += 1.0
+            thrust[0] += max(dt / 30.0, 1.0 / thrust[1]) * (surplus - thrust[0])
+            push = thrust[0]
+    cx = (h[_MASS] * ax - push) / force
+    out[0] = q * constant[_C] / (2.0 * h[_V])
+    out[1] = h[_DE]
+    out[2] = cz if constant[_BODY] > 0.0 else cx * sin - cz * cos
+    moment = constant[_IYY] * qdot + constant[_IXZ] * (p * p - r * r) + constant[_IXX_IZZ] * p * r
+    out[3] = moment / (force * constant[_C])
+    for i in range(EXTRAS):
+        out[4 + i] = h[_EXTRA + i]
+    return True
+
+
+@njit(cache=True)
+def _solve(m: Array, b: Array, n: int, inverse: Array) -> bool:
+    """inverse <- m^-1 (n x n, Gauss-Jordan, m symmetric positive and of unit diagonal); False if singular."""
+    work = np.empty((4, 8))
+    for i in range(n):
+        for j in range(n):
+            work[i, j] = m[i, j]
+            work[i, n + j] = 1.0 if i == j else 0.0
+    for k in range(n):
+        pivot = work[k, k]
+        if not pivot > 1e-10:
+            return False
+        for j in range(2 * n):
+            work[k, j] /= pivot
+        for i in range(n):
+            if i != k:
+                f = work[i, k]
+                for j in range(2 * n):
+                    work[i, j] -= f * work[k, j]
+    for i in range(n):
+        for j in range(n):
+            inverse[i, j] = work[i, n + j]
+    return True
+
+
+@njit(cache=True)
+def fit(x: Complex, z: Complex, ridge: Array, independent: float, out: Array) -> bool:
+    """Least squares of `z` (frequencies,) on `x` (parameters, frequencies), parameters <= 4.
+
+    `ridge`: added to the diagonal of Re(X^H X), (parameters,). `independent`: lines that count as one, T df, at most 1
+    line each. `out` (4, parameters + 1): parameters; standard errors; jackknife scatter; variance inflation by
+    collinearity; and in the last column R2, residual energy, signal energy, 0. False if there is no solution.
+    """
+    n, lines = x.shape
+    blocks = 6
+    part = np.zeros((blocks, n, n))
+    right = np.zeros((blocks, n))
+    energy = 0.0
+    for f in range(lines):
+        k = f * blocks // lines
+        for i in range(n):
+            a, b = x[i, f].real, x[i, f].imag
+            right[k, i] += a * z[f].real + b * z[f].imag
+            for j in range(i + 1):
+                part[k, i, j] += a * x[j, f].real + b * x[j, f].imag
+        energy += z[f].real ** 2 + z[f].imag ** 2
+    m = np.zeros((n, n))
+    rhs = np.zeros(n)
+    for k in range(blocks):
+        for i in range(n):
+            rhs[i] += right[k, i]
+            for j in range(i + 1):
+                m[i, j] += part[k, i, j]
+    scale = np.empty(n)
+    for i in range(n):
+        m[i, i] += ridge[i]
+        if not (m[i, i] > 0.0 and math.isfinite(m[i, i])):
+            return False
+        scale[i] = 1.0 / math.sqrt(m[i, i])
+    unit = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            unit[i, j] = (m[i, j] if i >= j else m[j, i]) * scale[i] * scale[j]
+    inverse = np.empty((n, n))
+    if not _solve(unit, rhs, n, inverse):
+        return False
+    theta = np.zeros(n)
+    for i in range(n):
+        out[3, i] = inverse[i, i]
+        for j in range(n):
+            inverse[i, j] *= scale[i] * scale[j]
+    for i in range(n):
+        for j in range(n):
+            theta[i] += inverse[i, j] * rhs[j]
+
+    score = np.zeros((lines, n))
+    left = 0.0
+    for f in range(lines):
+        re, im = z[f].real, z[f].imag
+        for i in range(n):
+            re -= theta[i] * x[i, f].real
+            im -= theta[i] * x[i, f].imag
+        left += re * re + im * im
+        for i in range(n):
+            score[f, i] = x[i, f].real * re + x[i, f].imag * im
+    share = min(max(independent, 1e-3), 1.0)
+    free = max(lines * share - 0.5 * n, 1.0) / share
+    variance = 0.5 * left / free / share
+    lags = min(max(int(math.ceil(1.5 / share)), 2), 12)
+    cloud = np.zeros((n, n))
+    for lag in range(lags + 1):
+        weight = 1.0 - lag / (lags + 1.0)
+        for f in range(lines - lag):
+            for i in range(n):
+                for j in range(n):
+                    if lag == 0:
+                        cloud[i, j] += score[f, i] * score[f, j]
+                    else:
+                        cloud[i, j] += weight * (score[f, i] * score[f + lag, j] + score[f + lag, i] * score[f, j])
+    mean = np.zeros(n)
+    square = np.zeros(n)
+    spare = np.empty((n, n))
+    used = 0
+    for k in range(blocks):
+        for i in range(n):
+            for j in range(n):
+                less = part[k, i, j] if i >= j else part[k, j, i]
+                unit[i, j] = ((m[i, j] if i >= j else m[j, i]) - less) * scale[i] * scale[j]
+        if not _solve(unit, rhs, n, spare):
+            continue
+        used += 1
+        for i in range(n):
+            value = 0.0
+            for j in range(n):
+                value += spare[i, j] * scale[i] * scale[j] * (rhs[j] - right[k, j])
+            mean[i] += value
+            square[i] += (value - theta[i]) ** 2
+    for i in range(n):
+        sandwich = 0.0
+        for a in range(n):
+            for b in range(n):
+                sandwich += inverse[i, a] * cloud[a, b] * inverse[b, i]
+        sandwich *= free / max(free - 0.5 * n, 1.0)
+        out[0, i] = theta[i]
+        out[1, i] = math.sqrt(max(variance * inverse[i, i], sandwich, 0.0))
+        out[2, i] = math.sqrt((blocks - 1.0) / blocks * square[i]) if used == blocks else math.inf
+    out[0, n] = 1.0 - left / energy if energy > 0.0 else 0.0
+    out[1, n] = left
+    out[2, n] = energy
+    out[3, n] = 0.0
+    return math.isfinite(theta.sum())
+
+
+@njit(cache=True)
+def fit_methods(
+    kinds: Indices,
+    steady: Complex,
+    split: Complex,
+    derivative: Array,
+    scale: Array,
+    ridge: float,
+    independent: Array,
+    out: Array,
+    solved: Flags,
+) -> None:
+    """Both equations of every live method.
+
+    `kinds`: 0 II, 1 III, 2 V, 3 split, 4 split+gust, (methods,). `steady` and `split`: spectra, channels q c/2V, elevator,
+    CL, Cm, then alpha's own. `derivative`: factor of Cm for its central difference; `scale`: of V's vane part, both
+    (frequencies,). `ridge`: of the gust regressor. `independent`: T df of either group, (2,). Fills `out`
+    (methods, 2, 4, MAX_PARAMETERS + 1), as `fit` does, and `solved` (methods, 2).
+    """
+    lines = steady.shape[1]
+    z = np.empty(lines, dtype=np.complex128)
+    x = np.empty((4, lines), dtype=np.complex128)
+    ridges = np.zeros(4)
+    ridges[3] = ridge
+    for m in range(kinds.shape[0]):
+        kind = kinds[m]
+        group = split if kind >= 3 else steady
+        n = 4 if kind == 4 else 3
+        for f in range(lines):
+            if kind == 0 or kind == 3:
+                x[0, f] = group[4, f]
+            elif kind == 1:
+                x[0, f] = group[5, f] + group[6, f]
+            elif kind == 2:
+                x[0, f] = group[5, f] * scale[f] + group[6, f]
+            else:
+                x[0, f] = group[4, f]
+                x[3, f] = group[5, f]
+            x[1, f] = group[0, f]
+            x[2, f] = group[1, f]
+        for equation in range(2):
+            for f in range(lines):
+                z[f] = group[2, f] if equation == 0 else group[3, f] * derivative[f]
+            each = out[m, equation, :, : n + 1]
+            solved[m, equation] = fit(x[:n], z, ridges[:n], independent[1 if kind >= 3 else 0], each)
+
+
+class Sides:
+    """The state of `sides`; `out`: q c/2V, elevator, CL (or CZ), Cm, and the signals passed through, one tick late."""
+
+    def __init__(self, aircraft: Aircraft, arm: tuple[float, float, float], dt: float, body: bool) -> None:
+        g, i = aircraft.geometry, aircraft.inertia
+        coupled = i.ixx is not None and i.izz is not None
+        self._constant = np.array(
+            [
+                g.wing_area,
+                g.chord,
+                i.iyy or 0.0,
+                i.ixz,
+                (i.ixx or 0.0) - (i.izz or 0.0) if coupled else 0.0,
+                aircraft.drag.zero_lift if aircraft.drag else 0.0,
+                aircraft.drag.induced if aircraft.drag else 0.0,
+                float(aircraft.drag is not None),
+                float(body),
+                *arm,
+            ]
+        )
+        self._dt = dt
+        self._history = np.full((3, ROW), math.nan)
+        self._thrust = np.zeros(2)
+        self.out = np.full(4 + EXTRAS, math.nan)
+
+    def restart(self) -> None:
+        """Forget the last two ticks: there is a gap."""
+        self._history[:] = math.nan
+
+    def step(self, row: Array) -> bool:
+        """One tick, `row` (ROW,); whether `out` holds a new sample."""
+        return bool(sides(self._constant, self._history, self._thrust, self._dt, row, self.out))
