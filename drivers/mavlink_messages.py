@@ -222,7 +222,7 @@ def _without_derived(name: str, fields: Mapping[str, float]) -> dict[str, float]
 
 
 def _euler(w: float, x: float, y: float, z: float) -> dict[str, float]:
-    """Euler angles (3-2-1), rad, of an attitude quaternion that rotates earth into body axes as MAVLink states it.
+    """Euler angles (3-2-1), rad, of the quaternion that turns the earth's axes into the body's.
 
     NaN if it is far from unit length, which no attitude is. Source: Stevens and Lewis 2003, eq. 1.3-33 and 1.3-34.
     """
