@@ -12,46 +12,42 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
+from typer._click.exceptions import ClickException
+from typer.exceptions import TyperException
 
+from station import postflight
 from station.bus import Bus
 from station.clock import Clock, SystemClock
-from station.profile import Profiles, load_card
+from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, say
+from station.profile import CanDevice, Profiles, Rig, load_card
 from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationError, UsageError
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app.add_typer(postflight.app)
 
-DONE, ERROR, USAGE, DEGRADED = 0, 1, 2, 3
 ENDPOINTS_WITHIN_S = 60.0
 
 
-class ViewMode(StrEnum):
-    web = "web"
-    native = "native"
-    none = "none"
+CardName = Annotated[str, typer.Argument(metavar="CARD", help="a name under profiles/cards, or a path")]
 
 
-CardName = Annotated[str, typer.Argument(metavar="[CARD]", help="a name under profiles/cards, or a path")]
-
-
-def say(text: str) -> None:
-    """Words for the user, on stderr; stdout is for what was asked for."""
-    print(text, file=sys.stderr, flush=True)
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(importlib.metadata.version("flight-test-station"))
+        raise typer.Exit
 
 
 @app.callback()
 def _options(
-    version: Annotated[bool, typer.Option("--version", help="print the version and leave")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version and leave")
+    ] = False,
 ) -> None:
     """Flight test station: corrected angle of attack and live derivatives at 50 Hz. --debug shows tracebacks."""
-    if version:
-        print(importlib.metadata.version("flight-test-station"))
-        raise typer.Exit
 
 
 # --- live
@@ -70,7 +66,7 @@ def run(
     from station import live
     from station.alignment import Aligner
     from station.estimation.methods import Estimator
-    from station.log import LogWriter
+    from station.log import About, LogWriter
     from station.panel import Board, Callbacks, json_lines, plain_lines, run_panel
     from station.view import View
 
@@ -89,7 +85,8 @@ def run(
 
     with ExitStack() as stack:
         endpoints = stack.enter_context(_emulators(card)) if flight_card.emulate else {}
-        writer = LogWriter(log, profiles, streams, clock, bus.put)
+        about = About(aircraft, streams, rig, flight_card, files=dbc_files(rig, Path(profiles.rig_dir)))
+        writer = LogWriter(log, about, clock, bus.put)
         stack.callback(writer.close)
         viewer = View(view.value, f"{flight_card.name}: {aircraft.name}", profiles, on_event=bus.put)
         stack.callback(viewer.close)
@@ -143,6 +140,11 @@ def run(
             raise failure[0]
     say(f"recorded {writer.bytes_written / 2**20:.1f} MiB in {writer.path}")
     return DONE if board.ever_complete else DEGRADED
+
+
+def dbc_files(rig: Rig, folder: Path) -> dict[str, bytes]:
+    """The rig's DBC files, to be kept in the recording."""
+    return {d.dbc: (folder / d.dbc).read_bytes() for d in rig.devices if isinstance(d, CanDevice)}
 
 
 def _points(bus: Bus, clock: Clock) -> Callable[[], int | None]:
@@ -283,86 +285,6 @@ def check(
     return DONE if all_go else DEGRADED
 
 
-# --- recordings
-
-
-LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="a recording (.mcap)")]
-
-
-@app.command()
-def replay(
-    log: LogPath,
-    speed: Annotated[str, typer.Option(metavar="X|max", help="times real time")] = "max",
-    view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.none,
-    verify: Annotated[bool, typer.Option("--verify", help="compare with the recorded estimates bit for bit")] = False,
-) -> int:
-    """Run the same estimators over a recording."""
-    from station import live
-    from station.alignment import Aligner
-    from station.estimation.methods import Estimator
-    from station.log import metadata, read_rows
-    from station.view import View
-
-    about = metadata(log)
-    if about.rig is None or about.card is None:
-        raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
-    rate = None if speed == "max" else _positive(speed, "--speed")
-    clock = SystemClock()
-    noise = about.rig.noise_si()
-    estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, noise)
-    estimator.warm_up()
-    source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
-    if rate is not None:
-        source = live.paced(source, clock, rate)
-    counts = {"beats": 0, "rows": 0, "different": 0}
-    first: list[str] = []
-
-    def compare(beat: live.Beat, made: Sequence[Rows]) -> None:
-        counts["beats"] += 1
-        if not beat.recorded:
-            return  # the station died between the tick and its estimates
-        counts["rows"] += len(beat.recorded)
-        # A crash may have cut the last beat's rows short: what was recorded must match.
-        for was, now in zip(beat.recorded, made, strict=False):
-            if not same_bits(was, now):
-                counts["different"] += 1
-                if not first:
-                    first.append(f"first difference at tick {beat.tick.k}: {type(was).__name__}\n{was}\n{now}")
-
-    with ExitStack() as stack:
-        show = None
-        if view is not ViewMode.none:
-            viewer = View(view.value, f"replay of {log.name}", None, on_event=lambda _: None)
-            stack.callback(viewer.close)
-            say(f"viewer: {viewer.start()}")
-            show = viewer.show
-        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare)
-    if counts["beats"] == 0:
-        raise UsageError(f"{log}: no ticks in it: nothing to replay")
-    print(f"{counts['beats']} ticks, {counts['rows']} rows compared, {counts['different']} different")
-    if verify and counts["different"]:
-        say(first[0])
-        return ERROR
-    return DONE
-
-
-def same_bits(one: Rows, other: Rows) -> bool:
-    """Whether two rows are equal to the last bit (NaN equals NaN, -0.0 differs from 0.0)."""
-    import msgspec
-
-    return msgspec.msgpack.encode(one) == msgspec.msgpack.encode(other)
-
-
-def _positive(text: str, option: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if value <= 0:
-        raise UsageError(f"{option}: {text!r} is not a number above 0")
-    return value
-
-
 # --- start
 
 
@@ -370,15 +292,18 @@ def main() -> None:
     """Run the command line; exit codes: 0 done, 1 error, 2 usage or invalid profile, 3 done but degraded."""
     debug = "--debug" in sys.argv
     sys.argv = [a for a in sys.argv if a != "--debug"]
+    if len(sys.argv) == 1:
+        sys.argv.append("--help")
     try:
         code = app(prog_name="station", standalone_mode=False)
-    except click.exceptions.Exit as leaving:
+    except typer.Exit as leaving:
         code = leaving.exit_code
-    except click.ClickException as error:
-        error.show(sys.stderr)
-        code = USAGE
-    except (click.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         code = 130
+    except TyperException as error:
+        words = error.format_message() if isinstance(error, ClickException) else str(error)
+        say(f"station: {words}\nsee: station --help")
+        code = USAGE
     except StationError as error:
         if debug:
             raise

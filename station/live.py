@@ -41,7 +41,7 @@ class Estimating(Protocol):
 
     def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]: ...
 
-    def reset(self) -> None:
+    def start_point(self) -> None:
         """Estimate afresh from the next frame on: a test point begins."""
         ...
 
@@ -72,7 +72,7 @@ def run(
         for row in beat.rows:
             aligner.accept(row)
             if isinstance(row, Event) and row.code is Code.POINT_START:
-                estimator.reset()
+                estimator.start_point()
         frame, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
         aligned: list[Rows] = [*events]
         if health is not None:

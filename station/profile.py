@@ -12,7 +12,7 @@ import itertools
 import json
 import math
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -580,10 +580,13 @@ class Profiles(_Frozen):
     """Where the rig's file lies: its DBC files are beside it."""
 
 
-def load_card(name: str) -> Profiles:
-    """A card with its aircraft and rig, checked against each other. Raises ProfileError."""
+def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles:
+    """A card with its aircraft and rig, checked against each other. Raises ProfileError.
+
+    `overrides` replace the card's values by dotted key, {"flight.gust_sigma": "5 ft/s"}.
+    """
     path = find("cards", name)
-    card = _load(Card, path)
+    card = _load(Card, path, overrides)
     aircraft = load_aircraft(card.aircraft, path)
     rig_path = find("rigs", card.rig, path)
     rig = _load(Rig, rig_path)
@@ -606,13 +609,15 @@ def load_card(name: str) -> Profiles:
     return Profiles(aircraft=aircraft, rig=rig, card=card, rig_dir=str(rig_path.parent))
 
 
-def _load(kind: type[T], path: Path) -> T:
+def _load(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None) -> T:
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise ProfileError(f"{path}: cannot be read: {error}") from error
     except tomllib.TOMLDecodeError as error:
         raise ProfileError(f"{path}: not valid TOML: {error}") from error
+    for key, value in (overrides or {}).items():
+        _override(raw, key, value)
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
@@ -630,6 +635,17 @@ def from_json(kind: type[T], text: str) -> T:
         return kind.model_validate_json(text, context=_SI)
     except ValidationError as error:
         raise ProfileError(_explain(Path("recording"), kind, error)) from None
+
+
+def _override(raw: dict[str, Any], key: str, value: Any) -> None:
+    *folders, last = key.split(".")
+    place: Any = raw
+    try:
+        for folder in folders:
+            place = place[int(folder)] if isinstance(place, list) else place.setdefault(folder, {})
+        place[int(last) if isinstance(place, list) else last] = value
+    except (AttributeError, IndexError, TypeError, ValueError):
+        raise ProfileError(f"no place for {key} in the card: write section.key or list.number.key") from None
 
 
 def _explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:

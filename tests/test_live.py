@@ -25,7 +25,7 @@ class Echo:
         alpha = AlphaEstimate(frame.t_ns, a, *[math.nan] * 11, "unknown", *[math.nan] * 3, False, "echo")
         return alpha, (MethodEstimate(frame.t_ns, "II", (), False, f"{self.points}"),)
 
-    def reset(self):
+    def start_point(self):
         self.points += 1
 
 
