@@ -12,7 +12,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -119,7 +119,8 @@ def _fly(
             control.send(("end", k / TRUTH_HZ))
             control.poll(None)
     except StationError as error:
-        _tell(control, str(error))
+        with suppress(OSError):
+            control.send(("error", error))
     except (EOFError, OSError):
         return  # whoever served us is gone
 
@@ -143,13 +144,6 @@ def _column(rows: Mapping[str, Floats], name: str, n: int) -> Floats:
     return np.full(n, np.nan) if found is None else found
 
 
-def _tell(control: Connection, error: str) -> None:
-    try:
-        control.send(("error", error))
-    except OSError:
-        return
-
-
 class _Child:
     """A process and the pipe that keeps it alive."""
 
@@ -171,7 +165,8 @@ class _Child:
                 word, detail = self.control.recv()
                 return str(word), detail
         except (EOFError, OSError):
-            return "error", f"its process ended with exit status {self.process.exitcode}"
+            self.process.join(1.0)
+            return "error", DeviceError(f"{self.name}: the process ended with exit status {self.process.exitcode}")
         return None
 
     def end(self) -> None:
@@ -196,7 +191,7 @@ def serve(
     Announces, as dictionaries fit for JSON: {"device", "link", "endpoint"} for each device when it can be opened, then
     {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the
     rig's signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
-    {"process", "error"} if a process fails. Raises DeviceError for what keeps the flight from starting.
+    {"process", "error"} if a process fails. Raises StationError for what keeps the flight from starting.
     """
     flight = profiles.card.flight
     if flight.source == "recording" and recording is None:
@@ -215,7 +210,7 @@ def serve(
             if word == "stop":
                 return
             if word == "error":
-                raise DeviceError(f"{child.name} cannot be emulated: {detail}")
+                raise detail
             if detail is not None:
                 announce(detail)
         began_ns = clock.now_ns() + round(_START_DELAY_S * 1e9) if start_ns is None else start_ns
@@ -257,7 +252,7 @@ def _first_word(child: _Child, stop: threading.Event) -> tuple[str, Any]:
             return "stop", None
         if word := child.told(_POLL_S):
             return word
-    return "error", f"not ready after {READY_TIMEOUT_S:g} s"
+    return "error", DeviceError(f"{child.name}: not ready after {READY_TIMEOUT_S:g} s")
 
 
 def _watch(children: Sequence[_Child], announce: Callable[[dict[str, Any]], None], stop: threading.Event) -> None:
@@ -270,5 +265,5 @@ def _watch(children: Sequence[_Child], announce: Callable[[dict[str, Any]], None
             if word == "end":
                 announce({"end_s": detail})
             else:
-                announce({"process": child.name, "error": detail})
+                announce({"process": child.name, "error": str(detail)})
                 alive.remove(child)

@@ -7,6 +7,7 @@ import math
 import select
 import signal
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -84,6 +85,7 @@ def serial_encoder(device: SerialDevice) -> Encode:
 
 def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
     from drivers.can_dbc import encode_frame, encode_slcan, load_dbc
+    from drivers.slcan_adapter import SlcanAdapter
 
     if device.interface != "slcan":
         raise DeviceError(f"{device.name}: CAN interface {device.interface} is not emulated: only slcan is")
@@ -92,7 +94,7 @@ def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
     def line(m: Outgoing) -> bytes:
         return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns, m.seq))
 
-    return Wire(PtyPort(folder / device.name), line)
+    return Wire(SlcanAdapter(folder / device.name), line)
 
 
 def _mavlink_wire(device: MavlinkDevice, rig_dir: Path, folder: Path) -> Wire:
@@ -123,8 +125,8 @@ def serve_device(
     device = profiles.rig.devices[index]
     try:
         wire = wire_of(device, Path(profiles.rig_dir), Path(folder))
-    except (StationError, OSError) as error:
-        control.send(("error", str(error)))
+    except StationError as error:
+        control.send(("error", error))
         return
     try:
         wire.port.plug()
@@ -137,7 +139,8 @@ def serve_device(
     finally:
         wire.port.close()
         # The last device out removes the folder, should the serving process have been killed.
-        Path(folder).rmdir() if not any(Path(folder).iterdir()) else None
+        with suppress(OSError):
+            Path(folder).rmdir()
 
 
 def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, truth: Connection) -> None:
