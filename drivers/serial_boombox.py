@@ -89,7 +89,7 @@ class BoomboxAsciiCodec(Codec):
             body = open_line(line)
             if body is None:
                 self.bad += 1
-            elif body.startswith("BOOM,"):
+            elif body.split(",", 1)[0] == "BOOM":
                 reading = _read_line(body)
                 if reading is None:
                     self.bad += 1
