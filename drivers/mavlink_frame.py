@@ -23,6 +23,8 @@ _STX2: Final = 0xFD
 _START: Final = re.compile(b"[\xfd\xfe]")
 _SIGNED: Final = 0x01
 _SIGNATURE_BYTES: Final = 13
+_OVERTAKEN: Final = 16
+"""A packet numbered up to so far behind the newest was sent twice or overtaken on the way."""
 _MINUTE: Final = 6_000_000
 """One minute in the unit of signature time, 10 us."""
 _SIGNING_EPOCH_NS: Final = 1_420_070_400_000_000_000
@@ -138,9 +140,9 @@ class Framer:
         sender = (frame[3], frame[4]) if frame[0] == _STX1 else (frame[5], frame[6])
         seq = frame[2] if frame[0] == _STX1 else frame[4]
         missing = (seq - self._next_seq.get(sender, seq)) % 256
-        if missing < 128:  # beyond that it is a packet overtaken on the way, or sent twice
-            self.lost += missing
-        self._next_seq[sender] = (seq + 1) % 256
+        if missing < 256 - _OVERTAKEN:
+            self.lost += missing if missing < 128 else 0  # further ahead, and the sender has started anew
+            self._next_seq[sender] = (seq + 1) % 256
         try:
             message = self._decoder.decode(frame)
         except dialect.MAVError:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer._click.exceptions import ClickException
 from typer.exceptions import TyperException
 
 from station import postflight
@@ -301,7 +300,7 @@ def main() -> None:
     except (typer.Abort, KeyboardInterrupt):
         code = 130
     except TyperException as error:
-        words = error.format_message() if isinstance(error, ClickException) else str(error)
+        words = getattr(error, "format_message", lambda: str(error))()
         say(f"station: {words}\nsee: station --help")
         code = USAGE
     except StationError as error:

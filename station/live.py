@@ -86,7 +86,7 @@ def run(
             log.append(estimates)
             log.flush()
         if show is not None:
-            show([*beat.rows, *aligned, *estimates])
+            show([*beat.rows, tick, *aligned, *estimates])
         if compare is not None:
             compare(beat, [frame, *estimates])
 

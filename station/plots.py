@@ -328,6 +328,6 @@ LEVEL_COLOURS: Final[Mapping[Level, int]] = {
 
 
 def event_text(event: Event) -> str:
-    """An event as one line of the log on the page and on the terminal."""
-    times = f" x{event.count}" if event.count > 1 else ""
+    """An event in one line, without its time, for the page and the terminal."""
+    times = f" x{event.count}" if event.count > 1 and event.source != "operator" else ""
     return f"{event.source} {event.code}{times}" + (f": {event.detail}" if event.detail else "")

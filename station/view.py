@@ -142,9 +142,7 @@ class View:
             for s in (a, b):
                 s.bind(("127.0.0.1", 0))
             self._ports = (a.getsockname()[1], b.getsockname()[1])
-        data = f"rerun+http://127.0.0.1:{self._ports[0]}/proxy"
-        page = f"http://127.0.0.1:{self._ports[1]}?theme=dark&hide_welcome_screen&url={quote(data, safe='')}"
-        self.address = page if self.mode == "web" else data
+        self.address = _address(self.mode, *self._ports)
 
     def _report(self, detail: str) -> None:
         self._on_event(Event(self._clock.now_ns(), "view", Code.VIEW, 1, detail))
@@ -268,6 +266,12 @@ class View:
             with contextlib.suppress(IndexError):  # show() drops from the same end
                 taken.extend(self._queue.popleft())
         return plots.batch(taken, self._start_ns or 0)
+
+
+def _address(mode: str, port: int, web_port: int) -> str:
+    """What to open: the page, or what a native viewer connects to."""
+    data = f"rerun+http://127.0.0.1:{port}/proxy"
+    return f"http://127.0.0.1:{web_port}/?theme=dark&url={quote(data, safe=':/')}" if mode == "web" else data
 
 
 def _framed(message: bytes) -> memoryview:

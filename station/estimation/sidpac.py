@@ -2,8 +2,8 @@
 
 `recursive_fourier`: as SIDPAC 2.0's rtpid. Every second sample, the first sample subtracted, no filter, no window, no
 constant column, a weak prior at zero, an estimate each second from 2 s on.
-`appendix1`: as Martos 2013, Appendix 1. Every sample, the first one subtracted, a fourth-order 0.02 Hz high-pass started at
-rest, Cm from j omega times the transform of the angular momentum.
+`appendix1`: as Martos 2013, Appendix 1. Every sample, the first one subtracted, a fourth-order 0.02 Hz high-pass begun
+at rest, Cm from j omega times the transform of the angular momentum.
 
 Equation, per frequency: Z(f) = X(f) p, complex least squares with real p (Morelli, AIAA 2000; Klein and Morelli 2006,
 section 7.2). The errors are not corrected for coloured residuals and shrink with a finer grid: station methods do both.

@@ -112,7 +112,7 @@ class PartWriter:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._register(topic)
-        if not self._body:
+        if not self._index:
             self._first = self._last = time_ns
         elif time_ns < self._first:
             self._first = time_ns
@@ -135,10 +135,14 @@ class PartWriter:
         if schema:
             self._records.append(Schema(id=schema, data=topic.schema, encoding="jsonschema", name=topic.schema_name))
             self._records[-1].write(self._head)
-        self._records.append(
-            Channel(number, topic.name, topic.encoding, metadata=dict(topic.about), schema_id=schema)
-        )
-        self._records[-1].write(self._head)
+        channel = Channel(number, topic.name, topic.encoding, metadata=dict(topic.about), schema_id=schema)
+        self._records.append(channel)
+        # Twice: before the chunk, where it outlives a damaged chunk, and within, where the checksum vouches for it.
+        again = RecordBuilder()
+        for out in (self._head, again):
+            channel.write(out)
+        self._body.append(_taken(again))
+        self.chunk_size += len(self._body[-1])
         return number
 
     def close_chunk(self) -> None:
@@ -243,6 +247,10 @@ class PartWriter:
             return False
         ours = os.fstat(self._file)
         return (at_path.st_ino, at_path.st_dev) == (ours.st_ino, ours.st_dev)
+
+    def is_linked(self) -> bool:
+        """Whether any path leads to this file."""
+        return os.fstat(self._file).st_nlink > 0
 
     def _write(self, data: bytes) -> None:
         done = 0

@@ -60,6 +60,7 @@ class PartReader:
         """Read the metadata and attachments at the start. Raises LogError if it is no MCAP file or cannot be read."""
         for _ in self._records(head_only=True):
             pass
+
     def messages(self) -> Iterator[tuple[Channel, int, bytes]]:
         self.channels.clear()
         self.damage.clear()
@@ -163,10 +164,10 @@ class PartReader:
                 self.metadata[name] = _mapping(rest)
             elif kind == Opcode.ATTACHMENT:
                 (crc,) = struct.unpack_from("<I", data, end - 4)
-                if crc and crc != zlib.crc32(data[start : end - 4]):
-                    self._hurts(at, "an attachment's checksum does not fit", 0.0)
-                    return
                 name, rest = _string(data[start + 16 : end - 4])
+                if crc and crc != zlib.crc32(data[start : end - 4]):
+                    # Kept all the same: the flight's rows must not be lost to one wrong byte of a profile.
+                    self._hurts(at, f"the checksum of {name!r} does not fit", 0.0)
                 _, rest = _string(rest)
                 self.attachments[name] = rest[8:]
         except (struct.error, UnicodeDecodeError, IndexError) as error:

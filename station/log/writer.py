@@ -142,8 +142,10 @@ class LogWriter:
             self._look_ns = now + _LOOK_NS
             if not part.is_there():
                 self._part = None
-                # Renamed, it can still be completed where it is; removed, this changes nothing.
-                self._end(part)
+                # Renamed, it can still be completed where it is now; removed, what is in memory goes to the next.
+                elsewhere = part.is_linked()
+                if self._end(part) and elsewhere:
+                    self._held.clear()
                 self._fail(f"{part.path} has vanished", now)
 
     def _close_chunk(self, part: PartWriter) -> None:
@@ -167,13 +169,14 @@ class LogWriter:
         self._part, self.path, self.failed = part, part.path, ""
 
     def _end(self, part: PartWriter) -> bool:
-        self._finished_bytes += part.size
         try:
             part.finish()
+            done = True
         except OSError:
             part.abandon()
-            return False
-        return True
+            done = False
+        self._finished_bytes += part.size
+        return done
 
     def _fail(self, why: str, now: int) -> None:
         self._opened_ns = None
@@ -226,7 +229,7 @@ def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 
         path.parent.mkdir(parents=True, exist_ok=True)
         part = PartWriter(path, *preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns))
     except FileExistsError:
-        raise LogError(f"{path}: already exists, and a recording is never overwritten") from None
+        raise LogError(f"{path}: exists already, and a recording is never overwritten") from None
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error.strerror}") from error
     try:
