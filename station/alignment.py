@@ -21,6 +21,8 @@ KEEP_NS: Final = 3_000_000_000
 LATE_NS: Final = 50_000_000
 SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
 STUCK_AFTER_S: Final = 0.25
+NOISE_JUMP: Final = 8.0
+"""Standard deviations of noise that two samples may differ by without it being a jump."""
 REPEAT_NS: Final = 500_000_000
 """Like events of one source are told at once and then counted, at most one row in this time."""
 SLOW_SHARE: Final = 0.8
@@ -30,13 +32,14 @@ NAN: Final = math.nan
 class _Buffer:
     """Recent samples of one stream and what is wrong with it now."""
 
-    def __init__(self, stream: Stream, can_stick: bool) -> None:
+    def __init__(self, stream: Stream, noise: Mapping[str, float]) -> None:
         self.stream = stream
         self.columns = tuple(SIGNAL_INDEX[name] for name in stream.signals)
         self.wraps = tuple(name in ANGLES_THAT_WRAP for name in stream.signals)
         self.low = tuple(SIGNALS[name].low for name in stream.signals)
         self.high = tuple(SIGNALS[name].high for name in stream.signals)
         self.max_rate = tuple(SIGNALS[name].max_rate for name in stream.signals)
+        self.jitter = tuple(NOISE_JUMP * noise.get(name, 0.0) for name in stream.signals)
         self.period_ns = round(1e9 / stream.rate_hz)
         self.latency_ns = round(stream.latency_s * 1e9)
         self.stale_ns = round(stream.stale_after_s * 1e9)
@@ -45,6 +48,7 @@ class _Buffer:
         self.clock = ClockMap(self.period_ns)
         self.samples: deque[tuple[int, tuple[float, ...]]] = deque()
         self.arrivals: deque[int] = deque()
+        can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
         self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
         self.same = 0
         self.suspect_until = [0] * len(stream.signals)
@@ -64,7 +68,7 @@ class Aligner:
 
     def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
         """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
-        self._buffers = {s.name: _Buffer(s, any(noise.get(name, 0.0) > 0 for name in s.signals)) for s in streams}
+        self._buffers = {s.name: _Buffer(s, noise) for s in streams}
         self._by_device: dict[str, list[_Buffer]] = {}
         for buffer in self._buffers.values():
             self._by_device.setdefault(buffer.stream.device, []).append(buffer)
@@ -177,7 +181,7 @@ class Aligner:
                 masked = masked or list(values)
                 masked[i] = NAN
                 continue
-            if last is not None and abs(value - last[i]) > buffer.max_rate[i] * dt:
+            if last is not None and abs(value - last[i]) > buffer.max_rate[i] * dt + buffer.jitter[i]:
                 buffer.suspect_until[i] = t_ns + SUSPECT_AFTER_JUMP_NS
                 detail = f"{buffer.stream.signals[i]} jumped by {value - last[i]:.4g}"
                 self._count(row.t_ns, buffer.stream.name, Code.JUMP, 1, detail)
