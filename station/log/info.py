@@ -10,7 +10,7 @@ from typing import Literal
 
 from station.conventions import Stream
 from station.log.about import About, LogInfo
-from station.log.messages import RowReader, RowWriter
+from station.log.messages import RowWriter
 from station.log.reading import metadata, read_part, readers
 from station.log.scan import PartReader
 from station.log.writer import write_log
@@ -121,11 +121,11 @@ def summarise(path: Path) -> Summary:
     last = previous_last = 0
     k: int | None = None
     broke = False
-    for reader, part_info in readers(path):
+    for reader in readers(path):
         out.files += 1
         out.bytes += reader.path.stat().st_size
         part_first: int | None = None
-        for row in read_part(reader, RowReader(part_info.streams), None):
+        for row in read_part(reader, None):
             out.rows += 1
             t_ns = row.t_ns
             first = t_ns if first is None else first
@@ -236,8 +236,8 @@ def recover(path: Path, out: Path) -> Summary:
 
 
 def _rows(path: Path) -> Iterator[Rows]:
-    for reader, info in readers(path):
-        yield from read_part(reader, RowReader(info.streams), None)
+    for reader in readers(path):
+        yield from read_part(reader, None)
 
 
 def _digest(path: Path, info: LogInfo) -> bytes:

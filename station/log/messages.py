@@ -280,58 +280,56 @@ ROW_KINDS: Final[Mapping[str, type[Row]]] = {
 }  # fmt: skip
 
 
-class RowReader:
-    """Turns messages back into the rows they were."""
+def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
+    """A message back as the row it was; a sample's values come in the order they were written in.
 
-    def __init__(self, streams: Iterable[Stream]) -> None:
-        self._signals = {s.name: s.signals for s in streams}
-
-    def row(self, kind: str, key: str, time_ns: int, data: bytes) -> Rows:
-        """Raises ValueError, KeyError or TypeError where the message is not a row of that kind."""
-        if kind == "RawBlock":
-            return RawBlock(time_ns, key, bytes(data))
-        body = _DECODE(data)
-        t_ns = body.get("t_ns", time_ns)
-        if kind == "Sample":
-            values = body["values"] if "values" in body else [body[n] for n in self._signals[key]]
-            quality = Quality(body["quality"])
-            return Sample(t_ns, key, body["t_device_ns"], body["seq"], _numbers(values), quality)
-        if kind == "Frame":
-            # A recording made before a signal was added to the table lacks it.
-            values = [body.get(n) for n in _NAMES]
-            ages, quality_list = list(body["age_s"]), list(body["quality"])
-            missing = len(_NAMES) - len(ages)
-            return Frame(
-                t_ns,
-                body["k"],
-                _numbers(values),
-                _numbers(ages + [None] * missing),
-                tuple(quality_list + [int(Quality.MISSING)] * missing),
-            )
-        if kind == "MethodEstimate":
-            parameters = tuple(
-                ParamEstimate(p["name"], _number(p["value"]), _number(p["sd"]), Status(p["status"]), p["why"])
-                for p in body.values()
-                if type(p) is dict
-            )
-            return MethodEstimate(t_ns, key, parameters, body["applicable"], body["why"])
-        if kind == "Event":
-            stamp = body["timestamp"]
-            t_ns = stamp["sec"] * 10**9 + stamp["nsec"]
-            return Event(t_ns, body["name"], Code(body["code"]), body["count"], body["detail"])
-        if kind in ("Truth", "Extra"):
-            named = {n: _number(v) for n, v in body["values"].items()}
-            return Truth(t_ns, named) if kind == "Truth" else Extra(t_ns, named)
-        if kind == "AlphaEstimate":
-            body.update({n: _number(body[n]) for n in _ALPHA_FLOATS})
-            return AlphaEstimate(**body)
-        if kind == "Health":
-            for stream in body["streams"]:
-                stream.update({n: _number(stream[n]) for n in _HEALTH_FLOATS})
-            body["streams"] = tuple(StreamHealth(**s) for s in body["streams"])
-            return Health(**body)
-        if kind == "Tick":
-            return Tick(**body)
-        if kind == "TimeSync":
-            return TimeSync(**body)
-        raise ValueError(f"no row is called {kind}")
+    Raises ValueError, KeyError or TypeError where the message is not a row of that kind.
+    """
+    if kind == "RawBlock":
+        return RawBlock(time_ns, key, bytes(data))
+    body = _DECODE(data)
+    t_ns = body.get("t_ns", time_ns)
+    if kind == "Sample":
+        t_device_ns, seq, quality = body.pop("t_device_ns"), body.pop("seq"), Quality(body.pop("quality"))
+        body.pop("t_ns", None)
+        values = body["values"] if "values" in body else body.values()
+        return Sample(t_ns, key, t_device_ns, seq, _numbers(values), quality)
+    if kind == "Frame":
+        # A recording made before a signal was added to the table lacks it.
+        values = [body.get(n) for n in _NAMES]
+        ages, quality_list = list(body["age_s"]), list(body["quality"])
+        missing = len(_NAMES) - len(ages)
+        return Frame(
+            t_ns,
+            body["k"],
+            _numbers(values),
+            _numbers(ages + [None] * missing),
+            tuple(quality_list + [int(Quality.MISSING)] * missing),
+        )
+    if kind == "MethodEstimate":
+        parameters = tuple(
+            ParamEstimate(p["name"], _number(p["value"]), _number(p["sd"]), Status(p["status"]), p["why"])
+            for p in body.values()
+            if type(p) is dict
+        )
+        return MethodEstimate(t_ns, key, parameters, body["applicable"], body["why"])
+    if kind == "Event":
+        stamp = body["timestamp"]
+        t_ns = stamp["sec"] * 10**9 + stamp["nsec"]
+        return Event(t_ns, body["name"], Code(body["code"]), body["count"], body["detail"])
+    if kind in ("Truth", "Extra"):
+        named = {n: _number(v) for n, v in body["values"].items()}
+        return Truth(t_ns, named) if kind == "Truth" else Extra(t_ns, named)
+    if kind == "AlphaEstimate":
+        body.update({n: _number(body[n]) for n in _ALPHA_FLOATS})
+        return AlphaEstimate(**body)
+    if kind == "Health":
+        for stream in body["streams"]:
+            stream.update({n: _number(stream[n]) for n in _HEALTH_FLOATS})
+        body["streams"] = tuple(StreamHealth(**s) for s in body["streams"])
+        return Health(**body)
+    if kind == "Tick":
+        return Tick(**body)
+    if kind == "TimeSync":
+        return TimeSync(**body)
+    raise ValueError(f"no row is called {kind}")

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from station.log.about import LogInfo, info_of
-from station.log.messages import ROW_KINDS, RowReader
+from station.log.messages import ROW_KINDS, read_row
 from station.log.scan import PartReader
 from station.rows import LogError, Row, Rows
 
@@ -36,14 +36,14 @@ def metadata(path: Path) -> LogInfo:
     return info_of(reader)
 
 
-def read_part(reader: PartReader, rows: RowReader, kinds: Collection[str] | None) -> Iterator[Rows]:
+def read_part(reader: PartReader, kinds: Collection[str] | None) -> Iterator[Rows]:
     """The rows of one file; what cannot be made a row is noted as damage."""
     for channel, time_ns, data in reader.messages():
         kind = channel.metadata.get("row", "")
         if kinds is not None and kind not in kinds:
             continue
         try:
-            yield rows.row(kind, channel.metadata["key"], time_ns, data)
+            yield read_row(kind, channel.metadata["key"], time_ns, data)
         except (ValueError, KeyError, TypeError) as error:
             reader.note(f"a message on {channel.topic} is no row: {error}")
 
@@ -57,11 +57,11 @@ def read_rows(path: Path, kinds: Collection[type[Row]] | None = None) -> Iterato
     names = None if kinds is None else {kind.__name__ for kind in kinds}
     if names is not None and not names <= ROW_KINDS.keys():
         raise ValueError(f"not rows: {names - ROW_KINDS.keys()}")
-    for reader, info in readers(path):
-        yield from read_part(reader, RowReader(info.streams), names)
+    for reader in readers(path):
+        yield from read_part(reader, names)
 
 
-def readers(path: Path) -> Iterator[tuple[PartReader, LogInfo]]:
+def readers(path: Path) -> Iterator[PartReader]:
     """Each file of a recording, opened. Files of another flight or without a readable start are passed over."""
     first = metadata(path)
     for part in parts(path):
@@ -72,4 +72,4 @@ def readers(path: Path) -> Iterator[tuple[PartReader, LogInfo]]:
         except LogError:
             continue
         if info.flight == first.flight:
-            yield reader, info
+            yield reader

@@ -1,0 +1,260 @@
+"""A recording is read however it ends, by this station and by others, and the verdict on it is right."""
+
+from __future__ import annotations
+
+import json
+import random
+import zlib
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+
+from station.conventions import SIGNALS, Stream
+from station.log import About, describe, metadata, read_rows, recover, summarise, write_log
+from station.log.part import PartWriter
+from station.profile import load_aircraft
+from station.rows import Code, Event, Frame, LogError, RawBlock, Rows, Sample, Tick
+
+STREAM = Stream("boom.vanes", ("alpha_vane", "beta_vane"), 50.0, 0.2, "boom")
+ABOUT = About(load_aircraft("twin_otter"), (STREAM,))
+
+
+def flight_rows(ticks: int, noise: random.Random) -> list[Rows]:
+    rows: list[Rows] = []
+    for k in range(ticks):
+        t = 10**9 + k * 20_000_000
+        rows.append(RawBlock(t, "boom", noise.randbytes(200)))
+        rows.append(Sample(t, "boom.vanes", t, k % 256, (noise.random(), noise.random())))
+        rows.append(Tick(t, k, t - 60_000_000))
+    return rows
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Rows]]:
+    path = tmp_path_factory.mktemp("whole") / "flight.mcap"
+    rows = flight_rows(500, random.Random(1))
+    write_log(path, ABOUT, rows)
+    return path, rows
+
+
+def test_other_readers_read_it(whole: tuple[Path, list[Rows]]) -> None:
+    path, rows = whole
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(rows)
+        assert sum(summary.statistics.channel_message_counts.values()) == len(rows)
+        found = [
+            json.loads(message.data) | {"log_time": message.log_time}
+            for _, channel, message in reader.iter_messages(topics=["/sample/boom.vanes"])
+        ]
+        schema = next(s for s in summary.schemas.values() if s.name == "station.Sample.boom.vanes")
+        attachments = {a.name: a.data for a in reader.iter_attachments()}
+        notes = {m.name: m.metadata for m in reader.iter_metadata()}
+    samples = [r for r in rows if isinstance(r, Sample)]
+    assert [(f["log_time"], f["t_device_ns"], f["seq"], f["alpha_vane"], f["beta_vane"]) for f in found] == [
+        (s.t_ns, s.t_device_ns, s.seq, *s.values) for s in samples
+    ]
+    assert json.loads(schema.data)["properties"]["alpha_vane"]["unit"] == SIGNALS["alpha_vane"].unit
+    assert json.loads(attachments["aircraft.json"])["name"] == "twin_otter"
+    assert notes["station"]["source"] == "flight"
+    with path.open("rb") as file:
+        assert sum(1 for _ in StreamReader(file, validate_crcs=True).records) > len(rows)
+
+
+def test_events_are_foxglove_log_messages(tmp_path: Path) -> None:
+    write_log(tmp_path / "a.mcap", ABOUT, [Event(1_500_000_000, "boom", Code.STALE, 2, "no data")])
+    with (tmp_path / "a.mcap").open("rb") as file:
+        ((schema, _, message),) = make_reader(file).iter_messages()
+    assert schema is not None
+    assert schema.name == "foxglove.Log"
+    body = json.loads(message.data)
+    assert body["timestamp"] == {"sec": 1, "nsec": 500_000_000}
+    assert (body["level"], body["name"], body["message"]) == (4, "boom", "STALE x2 no data")
+
+
+def test_a_whole_recording_is_complete(whole: tuple[Path, list[Rows]]) -> None:
+    path, rows = whole
+    summary = summarise(path)
+    assert (summary.verdict, summary.seconds_lost, summary.problems) == ("complete", 0.0, [])
+    assert (summary.rows, summary.ticks, summary.ticks_missed) == (len(rows), 500, 0)
+    assert summary.duration_s == pytest.approx(9.98)
+    (stream,) = summary.streams
+    assert (stream.samples, stream.gaps, stream.dropouts) == (500, 0, [])
+    assert stream.rate_hz == pytest.approx(50.0)
+    assert "complete" in describe(summary)
+
+
+def test_truncation_anywhere_is_read_and_called_truncated(whole: tuple[Path, list[Rows]], tmp_path: Path) -> None:
+    path, rows = whole
+    data = path.read_bytes()
+    start = data.index(b"zstd") - 37
+    noise = random.Random(2)
+    cuts = [*range(8), *noise.sample(range(8, start), 20), *noise.sample(range(start, len(data)), 60)]
+    cut, refused = tmp_path / "cut.mcap", []
+    for length in [*cuts, *range(len(data) - 40, len(data))]:
+        cut.write_bytes(data[:length])
+        try:
+            summary = summarise(cut)
+        except LogError:
+            refused.append(length)
+            continue
+        assert summary.verdict == "truncated", length
+        found = list(read_rows(cut))
+        assert found == rows[: len(found)]
+        # All but the chunk that was cut: 32 KiB of these rows are under 100 ticks.
+        assert len(found) >= len(rows) * (length - start) / len(data) - 600
+    assert max(refused) < start
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_flipped_byte_is_called_damaged(whole: tuple[Path, list[Rows]], tmp_path: Path, seed: int) -> None:
+    path, rows = whole
+    data = bytearray(path.read_bytes())
+    at = random.Random(seed).randrange(data.index(b"zstd") - 37, len(data))
+    data[at] ^= 1 << random.Random(seed + 1000).randrange(8)
+    hurt = tmp_path / "hurt.mcap"
+    hurt.write_bytes(data)
+    summary = summarise(hurt)
+    assert summary.verdict == "damaged", at
+    known = set(map(repr, rows))
+    found = [repr(r) for r in read_rows(hurt)]
+    assert set(found) <= known
+    assert len(found) >= len(rows) - 600
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_flipped_byte_in_the_profiles_is_called_damaged_or_refused(
+    whole: tuple[Path, list[Rows]], tmp_path: Path, seed: int
+) -> None:
+    path, rows = whole
+    data = bytearray(path.read_bytes())
+    at = random.Random(seed).randrange(8, data.index(b"zstd") - 37)
+    data[at] ^= 1 << random.Random(seed + 1000).randrange(8)
+    hurt = tmp_path / "hurt.mcap"
+    hurt.write_bytes(data)
+    try:
+        summary = summarise(hurt)
+    except LogError:
+        return
+    assert summary.verdict == "damaged"
+    assert list(read_rows(hurt)) == rows
+
+
+def test_after_a_damaged_chunk_reading_goes_on_and_the_loss_is_told(
+    whole: tuple[Path, list[Rows]], tmp_path: Path
+) -> None:
+    path, rows = whole
+    data = bytearray(path.read_bytes())
+    marks = [i for i in range(len(data)) if data[i : i + 4] == b"zstd"]
+    data[marks[1] + 200] ^= 0xFF
+    hurt = tmp_path / "hurt.mcap"
+    hurt.write_bytes(data)
+    summary = summarise(hurt)
+    assert summary.verdict == "damaged"
+    assert summary.seconds_lost == pytest.approx(summary.ticks_missed * 0.02, abs=0.021)
+    assert summary.rows + summary.ticks_missed * 3 == pytest.approx(len(rows), abs=3)
+    assert "byte" in summary.problems[0]
+
+
+def test_a_zeroed_stretch_costs_no_more_than_the_chunks_it_touches(
+    whole: tuple[Path, list[Rows]], tmp_path: Path
+) -> None:
+    path, rows = whole
+    data = bytearray(path.read_bytes())
+    marks = [i for i in range(len(data)) if data[i : i + 4] == b"zstd"]
+    data[marks[1] - 20 : marks[1] + 4000] = bytes(4020)
+    hurt = tmp_path / "hurt.mcap"
+    hurt.write_bytes(data)
+    found = list(read_rows(hurt))
+    assert found[-1] == rows[-1]
+    assert summarise(hurt).verdict == "damaged"
+
+
+def test_recover_writes_what_can_be_read(whole: tuple[Path, list[Rows]], tmp_path: Path) -> None:
+    path, rows = whole
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:80_000])
+    summary = recover(cut, tmp_path / "saved.mcap")
+    assert summary.verdict == "truncated"
+    saved = summarise(tmp_path / "saved.mcap")
+    assert (saved.verdict, saved.rows) == ("complete", summary.rows)
+    assert list(read_rows(tmp_path / "saved.mcap")) == rows[: saved.rows]
+    assert metadata(tmp_path / "saved.mcap").about.notes["recovered_from"] == "cut.mcap"
+    with pytest.raises(LogError, match="exists already"):
+        recover(cut, tmp_path / "saved.mcap")
+
+
+def test_recover_fails_if_what_it_wrote_does_not_read_back(
+    whole: tuple[Path, list[Rows]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = PartWriter._write
+
+    def spoil(self: PartWriter, data: bytes) -> None:
+        real(self, data.replace(b"zstd", b"zstx"))
+
+    monkeypatch.setattr(PartWriter, "_write", spoil)
+    with pytest.raises(LogError, match="does not read back"):
+        recover(whole[0], tmp_path / "saved.mcap")
+
+
+def test_what_is_no_recording_is_a_short_error(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="no such recording"):
+        metadata(tmp_path / "none.mcap")
+    text = tmp_path / "notes.mcap"
+    text.write_text("time [s],q [deg/s]\n")
+    with pytest.raises(LogError, match="not an MCAP file"):
+        summarise(text)
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(b"")
+    with pytest.raises(LogError, match="cut or damaged before its profiles end"):
+        summarise(empty)
+    with pytest.raises(LogError):
+        recover(empty, tmp_path / "out.mcap")
+    foreign = tmp_path / "foreign.mcap"
+    part = PartWriter(foreign, {}, {})
+    part.finish()
+    with pytest.raises(LogError, match="not of this station"):
+        summarise(foreign)
+
+
+def test_gaps_and_dropouts_are_counted_by_device_time(tmp_path: Path) -> None:
+    rows: list[Rows] = []
+    for k in range(100):
+        if 20 <= k < 22 or 50 <= k < 75:
+            continue
+        arrival = 10**9 + (k - k % 5) * 20_000_000
+        rows.append(Sample(arrival, "boom.vanes", k * 20_000_000, k, (0.0, 0.0)))
+    write_log(tmp_path / "a.mcap", ABOUT, rows)
+    (stream,) = summarise(tmp_path / "a.mcap").streams
+    assert stream.gaps == 2
+    assert stream.longest_gap_s == pytest.approx(0.52)
+    (dropout,) = stream.dropouts
+    assert dropout.length_s == pytest.approx(0.52)
+
+
+def test_events_are_counted_with_their_counts(tmp_path: Path) -> None:
+    rows = [Event(10**9, "boom", Code.CRC, 3), Event(2 * 10**9, "boom", Code.CRC, 4), Event(3 * 10**9, "x", Code.MARK)]
+    write_log(tmp_path / "a.mcap", ABOUT, rows)
+    summary = summarise(tmp_path / "a.mcap")
+    assert summary.event_counts == {"CRC": 7, "MARK": 1}
+    assert [e.t_s for e in summary.events] == [0.0, 1.0, 2.0]
+
+
+def test_kinds_left_out_are_not_read(whole: tuple[Path, list[Rows]]) -> None:
+    path, rows = whole
+    assert list(read_rows(path, (Tick,))) == [r for r in rows if isinstance(r, Tick)]
+    assert list(read_rows(path, (Frame,))) == []
+
+
+def test_the_checksum_of_the_data_is_what_the_format_says(whole: tuple[Path, list[Rows]]) -> None:
+    data = whole[0].read_bytes()
+    footer = len(data) - 8 - 29
+    summary_start = int.from_bytes(data[footer + 9 : footer + 17], "little")
+    data_end = summary_start - 13
+    assert data[data_end] == 0x0F
+    assert int.from_bytes(data[data_end + 9 : data_end + 13], "little") == zlib.crc32(data[:data_end])
