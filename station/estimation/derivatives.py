@@ -71,19 +71,24 @@ class Derivatives:
         self._split = Transform(6, self._frequencies, dt, forgetting_s)
         self._methods = methods
         self._names = names
-        self._kinds = np.array([KINDS.index(m) for m in methods], dtype=np.int64)
-        self._out = np.zeros((len(methods), 2, 4, MAX_PARAMETERS + 1))
-        self._solved = np.zeros((len(methods), 2), dtype=np.bool_)
+        self._out = np.zeros((len(KINDS), 2, 4, MAX_PARAMETERS + 1))
+        self._model = np.zeros((len(KINDS), 2, 3))
+        self._solved = np.zeros((len(KINDS), 2), dtype=np.bool_)
         self._independent = np.zeros(2)
-        self._known = np.array([abs(aircraft.value(n.replace("CZ", "CL"))) for n in names]).reshape(2, 3)
+        known = [abs(aircraft.value(n.replace("CZ", "CL"))) for n in names]
+        self._known = (known[:3], known[3:])
         self._noise = noise
         boom = aircraft.boom
         self._upwash = boom.upwash_body + boom.upwash_wing if boom else 0.0
         self._has_inertia = aircraft.inertia.iyy is not None
-        self._has_tail = aircraft.unsteady.tail_arm > 0.0
+        self._tail_arm = aircraft.unsteady.tail_arm
+        self._has_tail = self._tail_arm > 0.0
         self._half_chord = aircraft.geometry.chord / 2
         self._sears_k = np.linspace(0.0, 4.0, 801)
         self._sears = sears_magnitude(self._sears_k)
+        self._speed = math.nan
+        self._scale = np.ones(len(self._frequencies))
+        self._tail = np.zeros(len(self._frequencies))
 
     def clear(self) -> None:
         """Begin anew; the high-passes stay warm."""
@@ -100,81 +105,78 @@ class Derivatives:
 
     def estimate(self, t_ns: int, mean_speed: float, applicable: Mapping[str, str]) -> tuple[MethodEstimate, ...]:
         """What every method makes of the spectra now. `applicable`: for a method that is not, why."""
-        steady, split = self._steady, self._split
-        self._independent[0] = steady.samples * self._dt * self._step_hz
-        self._independent[1] = split.samples * self._dt * self._step_hz
-        if steady.samples > 0 and mean_speed > 0:
-            k = 2.0 * np.pi * self._frequencies * self._half_chord / mean_speed
-            sears = np.interp(k, self._sears_k, self._sears)
-            scale = (1.0 + self._upwash) / (1.0 + self._upwash * sears)
-            # What the vane's noise alone leaves in d on all lines.
-            ridge = len(k) * split.samples * self._noise["alpha_vane"] ** 2
-            fit_methods(
-                self._kinds,
-                steady.spectrum,
-                split.spectrum,
-                self._derivative,
-                scale,
-                ridge,
-                self._independent,
-                self._out,
-                self._solved,
-            )
-        sd = self._standard_errors()
+        if self._steady.samples > 0 and mean_speed > 0:
+            self._fit(mean_speed)
+        blocked = [self._blocked(group) for group in (self._steady, self._split)]
         found = []
-        for m, method in enumerate(self._methods):
-            group = split if method.startswith("split") else steady
-            blocked = self._blocked(group, method)
-            parameters: list[ParamEstimate] = []
-            for equation in range(2):
-                parameters.extend(self._judge(m, equation, blocked, sd[m, equation]))
-            why = applicable.get(method, "")
-            found.append(MethodEstimate(t_ns, method, tuple(parameters), not why, why))
+        for method in self._methods:
+            m = KINDS.index(method)
+            status, why = blocked[method.startswith("split")]
+            if method == "split+gust" and not self._has_tail:
+                status, why = Status.INVALID, "the aircraft profile gives no tail arm"
+            parameters = self._judge(m, 0, status, why) + self._judge(m, 1, status, why)
+            reason = applicable.get(method, "")
+            found.append(MethodEstimate(t_ns, method, tuple(parameters), not reason, reason))
         return tuple(found)
 
-    def _standard_errors(self) -> Array:
-        """Statistical errors widened by the model's: how far a method lies from the richest model, (methods, 2, 3)."""
-        return self._out[:, :, 1, :3]
+    def _fit(self, mean_speed: float) -> None:
+        steady, split = self._steady, self._split
+        if not abs(mean_speed - self._speed) < 0.001 * mean_speed:
+            self._speed = mean_speed
+            omega = 2.0 * np.pi * self._frequencies / mean_speed
+            sears = np.interp(omega * self._half_chord, self._sears_k, self._sears)
+            self._scale = (1.0 + self._upwash) / (1.0 + self._upwash * sears)
+            self._tail = np.tan(np.minimum(omega * self._tail_arm / 4.0, 1.0))
+        self._independent[0] = steady.samples * self._dt * self._step_hz
+        self._independent[1] = split.samples * self._dt * self._step_hz
+        fit_methods(
+            steady.spectrum,
+            split.spectrum,
+            self._derivative,
+            self._scale,
+            self._tail,
+            # What the vane's noise alone leaves in d on all lines.
+            len(self._frequencies) * split.samples * self._noise["alpha_vane"] ** 2,
+            self._independent,
+            self._out,
+            self._model,
+            self._solved,
+        )
 
-    def _blocked(self, group: Transform, method: str) -> tuple[Status, str]:
-        """Why a method has no estimates yet; an empty reason if it has."""
-        if method == "split+gust" and not self._has_tail:
-            return Status.INVALID, "the aircraft profile gives no tail arm"
+    def _blocked(self, group: Transform) -> tuple[Status, str]:
+        """Why a group of signals gives no estimates yet; ESTIMATED if it does."""
         if group.samples == 0:
             if group is self._split and self._steady.samples > 0:
                 return Status.INVALID, "no attitude to split the angle of attack with"
             return Status.UNESTIMATED, "warming up"
         if group.samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        energy = float(np.mean(np.abs(group.spectrum[1]) ** 2))
-        if energy < EXCITED * group.samples * self._noise["elevator"] ** 2:
+        elevator = group.spectrum[1]
+        energy = float(np.vdot(elevator, elevator).real)
+        if energy < EXCITED * len(elevator) * group.samples * self._noise["elevator"] ** 2:
             return Status.UNESTIMATED, "no elevator input"
         return Status.ESTIMATED, ""
 
-    def _judge(self, m: int, equation: int, blocked: tuple[Status, str], sd: Array) -> list[ParamEstimate]:
+    def _judge(self, m: int, equation: int, status: Status, why: str) -> list[ParamEstimate]:
         names = self._names[3 * equation : 3 * equation + 3]
-        status, why = blocked
         if equation == 1 and not self._has_inertia:
-            return [ParamEstimate(n, math.nan, math.nan, Status.INVALID, "profile has no iyy") for n in names]
-        if not self._solved[m, equation]:
-            if status is Status.ESTIMATED:
-                status, why = Status.INVALID, "regressors cannot be told apart"
+            status, why = Status.INVALID, "the aircraft profile gives no iyy"
+        elif status is Status.ESTIMATED and not self._solved[m, equation]:
+            status, why = Status.INVALID, "the regressors cannot be told apart"
+        if not self._solved[m, equation] or (equation == 1 and not self._has_inertia):
             return [ParamEstimate(n, math.nan, math.nan, status, why) for n in names]
-        out = self._out[m, equation]
-        last = 4 if self._methods[m] == "split+gust" else 3
-        poor = out[0, last] < MIN_R2
+        (*values, r2), (*errors, _), _, (*inflation, _) = self._out[m, equation, :, : 5 if m == 4 else 4].tolist()
+        model = self._model[m, equation].tolist()
+        known = self._known[equation]
+        if status is Status.ESTIMATED and r2 < MIN_R2:
+            status, why = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
         found = []
         for i, name in enumerate(names):
-            value, error = float(out[0, i]), float(sd[i])
             this, reason = status, why
             if status is Status.ESTIMATED:
-                if not (math.isfinite(value) and math.isfinite(error)):
-                    this, reason = Status.INVALID, "no finite solution"
-                elif out[3, i] > COLLINEAR:
-                    this, reason = Status.INVALID, "moves together with other regressors: vary the input"
-                elif poor:
-                    this, reason = Status.INVALID, f"the model explains {max(out[0, last], 0.0):.0%} of the data"
-                elif 2.0 * out[1, i] > max(abs(value), self._known[equation, i]):
+                if inflation[i] > COLLINEAR:
+                    this, reason = Status.INVALID, "moves with the other regressors: vary the input"
+                elif not 2.0 * errors[i] <= max(abs(values[i]), known[i]):
                     this, reason = Status.UNESTIMATED, "2 sd exceed the value"
-            found.append(ParamEstimate(name, value, error, this, reason))
+            found.append(ParamEstimate(name, values[i], math.hypot(errors[i], model[i]), this, reason))
         return found

@@ -21,7 +21,6 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Indices = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 BLOCKS: Final = 6
@@ -218,49 +217,66 @@ def fit(x: Complex, z: Complex, ridge: Array, independent: float, out: Array) ->
 
 @njit(cache=True)
 def fit_methods(
-    kinds: Indices,
     steady: Complex,
     split: Complex,
     derivative: Array,
     scale: Array,
+    tail: Array,
     ridge: float,
     independent: Array,
     out: Array,
+    model: Array,
     solved: Flags,
 ) -> None:
-    """Both equations of every live method.
+    """Both equations of II, III, V, split and split+gust, in that order.
 
-    `kinds`: 0 II, 1 III, 2 V, 3 split, 4 split+gust, (methods,). `steady` and `split`: spectra, channels q c/2V, elevator,
-    CL, Cm, then alpha's own. `derivative`: factor of Cm for its central difference; `scale`: of V's vane part, both
-    (frequencies,). `ridge`: of the gust regressor. `independent`: T df of either group, (2,). Fills `out`
-    (methods, 2, 4, MAX_PARAMETERS + 1), as `fit` does, and `solved` (methods, 2).
+    `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for its
+    central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `ridge`: of the gust
+    regressor. `independent`: T df of either group, (2,). Fills `out` (5, 2, 4, MAX_PARAMETERS + 1), as `fit` does,
+    `model` (5, 2, 3) and `solved` (5, 2).
+
+    `model` is what the structure leaves, in each parameter. The gust meets wing and tail late, and d carries the first
+    order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V, and as large a
+    coefficient as d's own. Any other method may be wrong by as much as it lies off split+gust besides.
     """
     lines = steady.shape[1]
     z = np.empty(lines, dtype=np.complex128)
     x = np.empty((4, lines), dtype=np.complex128)
     ridges = np.zeros(4)
     ridges[3] = ridge
-    for m in range(kinds.shape[0]):
-        kind = kinds[m]
+    spare = np.zeros((4, 5))
+    for back in range(5):
+        kind = 4 - back
         group = split if kind >= 3 else steady
         n = 4 if kind == 4 else 3
         for f in range(lines):
-            if kind == 0 or kind == 3:
-                x[0, f] = group[4, f]
-            elif kind == 1:
+            if kind == 1:
                 x[0, f] = group[5, f] + group[6, f]
             elif kind == 2:
                 x[0, f] = group[5, f] * scale[f] + group[6, f]
             else:
                 x[0, f] = group[4, f]
+            if kind == 4:
                 x[3, f] = group[5, f]
             x[1, f] = group[0, f]
             x[2, f] = group[1, f]
+        lines_free = independent[1 if kind >= 3 else 0]
         for equation in range(2):
             for f in range(lines):
                 z[f] = group[2, f] if equation == 0 else group[3, f] * derivative[f]
-            each = out[m, equation, :, : n + 1]
-            solved[m, equation] = fit(x[:n], z, ridges[:n], independent[1 if kind >= 3 else 0], each)
+            solved[kind, equation] = fit(x[:n], z, ridges[:n], lines_free, out[kind, equation, :, : n + 1])
+            for i in range(3):
+                if kind < 4:
+                    off = out[kind, equation, 0, i] - out[4, equation, 0, i] if solved[4, equation] else 0.0
+                    model[kind, equation, i] = math.hypot(off, model[4, equation, i])
+                else:
+                    model[kind, equation, i] = 0.0
+            if kind == 4 and solved[kind, equation]:
+                for f in range(lines):
+                    z[f] = x[3, f] * 1j * tail[f]
+                if fit(x, z, ridges, lines_free, spare):
+                    for i in range(3):
+                        model[kind, equation, i] = abs(out[kind, equation, 0, 3] * spare[0, i])
 
 
 class Sides:

@@ -261,12 +261,12 @@ class Estimator:
             alpha, lag, arrival = float(out[cg.SPLIT]), fast - steady, float(out[cg.SPLIT]) - fast
             inertial = float(wind[0])
             # Streams smoothed over half a second; 5 % of the gust for what the upwash model leaves.
-            parts = (noise["alpha_vane"] / self._body, 0.2 * noise["theta"], 0.2 * noise["v_down"] / speed, 0.05 * gust)
+            parts = [noise["alpha_vane"] / self._body, 0.2 * noise["theta"], 0.2 * noise["v_down"] / speed, 0.05 * gust]
         else:
             alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
             # Twice the band's gust for what the delays make of it.
-            parts = (noise["alpha_vane"] * self._scale, by_rate, 2.0 * (level if level == level else 0.0) / speed, 0.0)
-        parts = (*parts, 0.01 * steady)
+            parts = [noise["alpha_vane"] * self._scale, by_rate, 2.0 * (level if level == level else 0.0) / speed]
+        parts.append(0.01 * steady)
         return AlphaEstimate(
             t_ns=t_ns,
             alpha=alpha,
