@@ -26,7 +26,8 @@ _ATTEMPTS = 6
 
 
 def elevator_input(manoeuvres: Sequence[Manoeuvre], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Elevator added to trim at times of flight (s), rad. Inputs that overlap add up.
+    """Elevator added to trim at times of flight (s), rad. Inputs that overlap add up; one repeated before its end
+    starts anew.
 
     A positive amplitude moves the trailing edge down first. Raises ProfileError for a multisine without a harmonic in
     its band.
