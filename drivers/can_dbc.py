@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +35,8 @@ CHECKSUM: Final = "checksum"
 _LONGEST_LINE: Final = 64
 _REFUSED_LINE: Final = b"\x07\r"
 """Stands for a line python-can could not read; the codec counts it."""
+_CARRIES_NOTHING: Final = re.compile(rb"[zZ]?|(?:r[0-9A-Fa-f]{3}|R[0-9A-Fa-f]{8})[0-8](?:[0-9A-Fa-f]{4})?")
+"""An adapter's acknowledgement, or a remote request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +105,7 @@ class CanCodec(Codec):
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         readings: list[Reading | TimeReply] = []
         for line in self._cutter.feed(data):
-            if not line or line[:1] in b"rRzZ":  # acknowledgements and remote requests carry nothing
+            if _CARRIES_NOTHING.fullmatch(line):
                 continue
             frame = read_slcan(line)
             if frame is None:
@@ -227,19 +230,26 @@ class CanPort:
         try:
             message = self._bus.recv(timeout_s)
         except (ValueError, IndexError, KeyError):
-            # python-can's slcan raises these bare for a corrupt line. One that is not ASCII it also leaves in its
-            # buffer, where it would spoil every line to come.
-            unread = getattr(self._bus, "_buffer", None)
-            if isinstance(unread, bytearray):
-                unread.clear()
-            return _REFUSED_LINE
+            return self._refuse_line()
         except self._errors as error:
+            if isinstance(error.__cause__, ValueError):
+                return self._refuse_line()
             raise OSError(str(error)) from error
         if message is None or message.is_remote_frame or message.is_error_frame:
             return b""
         if message.is_fd or message.dlc != len(message.data):
             return _REFUSED_LINE
         return encode_slcan(message.arbitration_id, message.is_extended_id, bytes(message.data))
+
+    def _refuse_line(self) -> bytes:
+        """python-can's slcan raises a bare ValueError for a corrupt line, or wraps it if the line is not ASCII.
+
+        Such a line it also leaves in its buffer, where it would spoil every line to come.
+        """
+        unread = getattr(self._bus, "_buffer", None)
+        if isinstance(unread, bytearray):
+            unread.clear()
+        return _REFUSED_LINE
 
     def write(self, data: bytes) -> None:  # noqa: ARG002 - the station only listens here
         raise OSError("the station does not send on CAN")

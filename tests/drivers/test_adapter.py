@@ -1,0 +1,460 @@
+"""The adapter over scripted ports with a hand-moved clock, and over real pseudo-terminals unplugged under its hands."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import queue
+import threading
+import tty
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import pytest
+import serial
+
+from drivers.adapter import Adapter, open_devices
+from drivers.codec import Codec, Reading, TimeReply
+from drivers.serial_boombox import BoomboxCodec, encode_packet
+from station.clock import ManualClock, SystemClock
+from station.profile import CanDevice, Rig, SerialDevice, load_rig, profiles_dir
+from station.rows import Code, DeviceError, Event, RawBlock, Rows, Sample, TimeSync
+
+RIGS = profiles_dir() / "rigs"
+PATIENCE_S = 20.0
+GYRO = b"t10082800F6070069525F\r"
+"""Worked out by hand in test_wire_formats: p = 1 deg/s, q = -2 deg/s, r = 0.025 deg/s."""
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left_behind() -> Iterator[None]:
+    descriptors = len(os.listdir("/proc/self/fd"))
+    yield
+    assert not [t.name for t in threading.enumerate() if t.name.startswith("adapter-")]
+    assert len(os.listdir("/proc/self/fd")) <= descriptors
+
+
+class Rowsink:
+    """Takes rows from the adapter's thread and lets a test wait for one."""
+
+    def __init__(self) -> None:
+        self.rows: list[Rows] = []
+        self._new: queue.SimpleQueue[Rows] = queue.SimpleQueue()
+
+    def put(self, row: Rows) -> None:
+        self._new.put(row)
+
+    def wait_for(self, wanted: Callable[[Rows], bool]) -> Rows:
+        while True:
+            row = self._new.get(timeout=PATIENCE_S)
+            self.rows.append(row)
+            if wanted(row):
+                return row
+
+    def wait_for_event(self, code: Code) -> Event:
+        row = self.wait_for(lambda r: isinstance(r, Event) and r.code == code)
+        assert isinstance(row, Event)
+        return row
+
+    def wait_for_sample(self) -> Sample:
+        row = self.wait_for(lambda r: isinstance(r, Sample))
+        assert isinstance(row, Sample)
+        return row
+
+    def take_all(self) -> list[Rows]:
+        while not self._new.empty():
+            self.rows.append(self._new.get())
+        return self.rows
+
+    def events(self, code: Code) -> list[Event]:
+        return [row for row in self.take_all() if isinstance(row, Event) and row.code == code]
+
+    def samples(self) -> list[Sample]:
+        return [row for row in self.take_all() if isinstance(row, Sample)]
+
+
+class Script:
+    """A port that hands out (seconds since the last, bytes) on a hand-moved clock, then stays silent."""
+
+    def __init__(self, clock: ManualClock, steps: Sequence[tuple[float, bytes]]) -> None:
+        self._clock = clock
+        self._steps = iter(steps)
+        self.played = threading.Event()
+        self.written: list[bytes] = []
+        self.closed = False
+        self._gap = threading.Event()
+
+    def read(self, timeout_s: float) -> bytes:
+        step = next(self._steps, None)
+        if step is None:
+            self.played.set()
+            self._gap.wait(timeout_s)
+            return b""
+        self._clock.advance_s(step[0])
+        return step[1]
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def boom(**vanes: object) -> SerialDevice:
+    signals = {"alpha_vane": {"field": "v0", "unit": "deg", "slope": 0.005, "zero": 100.0}, **vanes}
+    return SerialDevice.model_validate(
+        {
+            "name": "boom",
+            "link": "serial",
+            "protocol": "boombox",
+            "port": "nowhere",
+            "streams": [{"name": "vanes", "message": 1, "rate": "200 Hz", "signals": signals}],
+        }
+    )
+
+
+def play(steps: Sequence[tuple[float, bytes]], codec: Codec | None = None) -> tuple[Rowsink, Script]:
+    clock = ManualClock(10**12)
+    sink, port = Rowsink(), Script(clock, steps)
+    adapter = Adapter(boom(), codec or BoomboxCodec(), lambda: port, clock, sink.put)
+    adapter.start()
+    assert port.played.wait(PATIENCE_S)
+    adapter.stop()
+    assert port.closed
+    return sink, port
+
+
+def test_a_packet_becomes_its_bytes_and_a_sample_in_si_at_the_time_of_the_read() -> None:
+    packet = encode_packet(1, 7, 5_000, [300])
+    sink, _ = play([(0.0, encode_packet(1, 6, 0, [0])), (0.005, packet[:4]), (0.001, packet[4:])])
+    t_ns = 10**12 + 6_000_000
+    block, sample = sink.take_all()[-2:]
+    assert block == RawBlock(t_ns, "boom", packet[4:])
+    assert isinstance(sample, Sample)
+    assert (sample.t_ns, sample.stream, sample.t_device_ns, sample.seq) == (t_ns, "boom.vanes", 5_000_000, 7)
+    assert sample.values == pytest.approx((math.radians(1.0),))
+
+
+def test_messages_that_the_rig_does_not_name_are_kept_as_bytes_only() -> None:
+    sink, _ = play([(0.0, encode_packet(9, 0, 0, [1]))])
+    assert sink.samples() == []
+    assert [type(row) for row in sink.rows] == [Event, RawBlock]
+
+
+def test_device_time_and_sequence_are_continuous_through_their_wraps() -> None:
+    start_us, step_us = 2**32 - 10_000, 5_000
+    steps = [(0.005, encode_packet(1, 254 + k, start_us + k * step_us, [0])) for k in range(600)]
+    samples = play(steps)[0].samples()
+    assert [s.seq for s in samples] == list(range(254, 854))
+    assert [s.t_device_ns for s in samples] == [1000 * (start_us + k * step_us) for k in range(600)]
+
+
+def test_a_silence_longer_than_the_wrap_is_counted_in_full() -> None:
+    silence_s = 3 * 2**32 * 1e-6 + 100.0
+    steps = [(0.0, encode_packet(1, 0, 77, [0])), (silence_s, encode_packet(1, 1, 77 + round(silence_s * 1e6), [0]))]
+    first, second = (s.t_device_ns for s in play(steps)[0].samples())
+    assert first is not None
+    assert second is not None
+    assert second - first == pytest.approx(silence_s * 1e9, abs=2_000)
+
+
+@pytest.mark.parametrize("step_s", [-2.0, 2.0])
+def test_a_step_of_the_device_clock_is_left_to_see(step_s: float) -> None:
+    t0 = 10_000_000
+    steps = [(0.0, encode_packet(1, 0, t0, [0])), (0.005, encode_packet(1, 1, t0 + 5_000 + round(step_s * 1e6), [0]))]
+    first, second = (s.t_device_ns for s in play(steps)[0].samples())
+    assert first is not None
+    assert second is not None
+    assert second - first == 5_000_000 + round(step_s * 1e9)
+
+
+def test_bad_messages_are_reported_at_once_then_gathered() -> None:
+    good, bad = encode_packet(1, 0, 0, [0]), b"\x05nonsense\x00"
+    steps = [(0.01, good)] + [(0.01, bad)] * 100 + [(0.04, b"")] * 10
+    sink, _ = play(steps)
+    events = sink.events(Code.CRC)
+    first_bad_ns = 10**12 + 20_000_000
+    assert events[0].t_ns == first_bad_ns
+    assert sum(e.count for e in events) == 100
+    gaps = [b.t_ns - a.t_ns for a, b in itertools.pairwise(events)]
+    assert all(250_000_000 <= gap <= 300_000_000 for gap in gaps)
+    assert {e.source for e in events} == {"boom"}
+
+
+def test_joining_in_the_middle_of_a_message_is_no_error_but_noise_alone_is() -> None:
+    packet = encode_packet(1, 0, 0, [0])
+    assert play([(0.0, packet[5:]), (0.005, packet), (0.005, packet)])[0].events(Code.CRC) == []
+    assert play([(0.0, packet[5:] + packet)])[0].events(Code.CRC) == []
+    assert sum(e.count for e in play([(0.005, packet[5:])] * 8)[0].events(Code.CRC)) >= 1
+
+
+def test_values_that_are_no_numbers_are_missing_and_none_at_all_is_no_sample() -> None:
+    sink, _ = play([(0.0, encode_packet(1, 0, 0, [math.nan])), (0.0, encode_packet(1, 1, 0, []))])
+    assert sink.samples() == []
+    clock, two = ManualClock(), Rowsink()
+    port = Script(clock, [(0.0, encode_packet(1, 0, 0, [100, math.nan]))])
+    device = boom(beta_vane={"field": "v1", "unit": "deg"})
+    adapter = Adapter(device, BoomboxCodec(), lambda: port, clock, two.put)
+    adapter.start()
+    assert port.played.wait(PATIENCE_S)
+    adapter.stop()
+    (sample,) = two.samples()
+    assert sample.values[0] == 0.0
+    assert math.isnan(sample.values[1])
+
+
+class Asking(Codec):
+    """Asks the time once; every byte is an answer that the device gave at 5 s on its clock."""
+
+    def __init__(self) -> None:
+        self.bad = self.resyncs = 0
+        self.asked = False
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        return [TimeReply(sent_ns=10**12, device_ns=5 * 10**9) for _ in data]
+
+    def reset(self) -> None:
+        self.asked = False
+
+    def outgoing(self, now_ns: int) -> bytes:
+        request, self.asked = (b"" if self.asked else b"time?"), True
+        return request
+
+
+def test_time_requests_are_sent_and_answers_become_time_syncs() -> None:
+    sink, port = play([(0.0, b""), (0.004, b"!")], Asking())
+    assert port.written == [b"time?"]
+    (sync,) = [row for row in sink.take_all() if isinstance(row, TimeSync)]
+    assert sync == TimeSync(10**12 + 4_000_000, "boom", 10**12 + 2_000_000 - 5 * 10**9, 4_000_000)
+
+
+class Faulty(Asking):
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        raise ZeroDivisionError("a mistake of ours")
+
+
+def test_a_drivers_own_fault_is_an_event_and_the_link_is_tried_again() -> None:
+    clock, sink = ManualClock(), Rowsink()
+    ports = [Script(clock, [(0.0, b"x")]), Script(clock, [])]
+    left = iter(ports)
+    adapter = Adapter(boom(), Faulty(), lambda: next(left), clock, sink.put)
+    adapter.start()
+    assert "driver fault: ZeroDivisionError" in sink.wait_for_event(Code.DISCONNECT).detail
+    sink.wait_for_event(Code.RECONNECT)
+    adapter.stop()
+    assert all(port.closed for port in ports)
+
+
+def test_a_link_that_stays_away_is_reported_once_however_often_it_is_tried() -> None:
+    tries, sink = threading.Semaphore(0), Rowsink()
+
+    def never() -> Script:
+        tries.release()
+        raise OSError("nobody there")
+
+    adapter = Adapter(boom(), BoomboxCodec(), never, ManualClock(), sink.put)
+    adapter.start()
+    for _ in range(3):
+        assert tries.acquire(timeout=PATIENCE_S)
+    assert not adapter.connected
+    adapter.stop()
+    adapter.stop()
+    assert [e.detail for e in sink.events(Code.DISCONNECT)] == ["nobody there"]
+
+
+def test_an_adapter_that_was_never_started_can_be_stopped() -> None:
+    Adapter(boom(), BoomboxCodec(), lambda: Script(ManualClock(), []), ManualClock(), Rowsink().put).stop()
+
+
+# --- real terminals ---
+
+
+class Terminal:
+    """A pseudo-terminal behind a link whose path survives an unplug."""
+
+    def __init__(self, link: Path) -> None:
+        self.link = link
+        self.master = -1
+        self.plug()
+
+    def plug(self) -> None:
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.link.symlink_to(os.ttyname(slave))
+        os.set_blocking(self.master, False)
+        self._slave = slave
+
+    def let_go(self) -> None:
+        """Leave the terminal's far end to the station alone."""
+        if self._slave >= 0:
+            os.close(self._slave)
+            self._slave = -1
+
+    def unplug(self) -> None:
+        self.let_go()
+        if self.master >= 0:
+            self.link.unlink()
+            os.close(self.master)
+            self.master = -1
+
+    def send(self, data: bytes) -> None:
+        assert os.write(self.master, data) == len(data)
+
+
+@pytest.fixture
+def terminal(_nothing_left_behind: None, tmp_path: Path) -> Iterator[Terminal]:
+    made = Terminal(tmp_path / "port")
+    yield made
+    made.unplug()
+
+
+def serial_adapter(link: Path, sink: Rowsink) -> Adapter:
+    rig = Rig(name="r", devices=(boom(),))
+    (adapter,) = open_devices(rig, {"boom": str(link)}, RIGS, SystemClock(), sink.put)
+    return adapter
+
+
+def can_adapter(link: Path, sink: Rowsink) -> Adapter:
+    rig = load_rig("can_only")
+    (adapter,) = open_devices(rig, {"can": str(link)}, RIGS, SystemClock(), sink.put)
+    return adapter
+
+
+LINKS = [
+    pytest.param(serial_adapter, encode_packet(1, 0, 0, [300]), id="serial"),
+    pytest.param(can_adapter, GYRO, id="slcan"),
+]
+Maker = Callable[[Path, Rowsink], Adapter]
+
+
+@pytest.mark.parametrize(("make", "message"), LINKS)
+def test_an_unplugged_device_is_missed_and_found_again(terminal: Terminal, make: Maker, message: bytes) -> None:
+    sink = Rowsink()
+    adapter = make(terminal.link, sink)
+    adapter.start()
+    try:
+        sink.wait_for_event(Code.CONNECT)
+        assert adapter.connected
+        terminal.let_go()
+        for _ in range(2):
+            terminal.send(message)
+            sink.wait_for_sample()
+            terminal.unplug()
+            assert sink.wait_for_event(Code.DISCONNECT).source == adapter.device.name
+            terminal.plug()
+            sink.wait_for_event(Code.RECONNECT)
+            terminal.let_go()
+        terminal.send(message)
+        sink.wait_for_sample()
+    finally:
+        adapter.stop()
+    assert not adapter.connected
+    assert len(sink.events(Code.CONNECT)) == 1
+
+
+@pytest.mark.parametrize(("make", "message"), LINKS)
+def test_a_missing_port_is_said_so_and_taken_when_it_comes(tmp_path: Path, make: Maker, message: bytes) -> None:
+    sink = Rowsink()
+    adapter = make(tmp_path / "port", sink)
+    adapter.start()
+    late = None
+    try:
+        detail = sink.wait_for_event(Code.DISCONNECT).detail
+        assert str(tmp_path / "port") in detail
+        assert "no such" in detail.lower()
+        assert not adapter.connected
+        late = Terminal(tmp_path / "port")
+        sink.wait_for_event(Code.CONNECT)
+        late.let_go()
+        late.send(message)
+        sink.wait_for_sample()
+    finally:
+        adapter.stop()
+        if late is not None:
+            late.unplug()
+
+
+@pytest.mark.parametrize(("make", "message"), LINKS)
+def test_a_busy_port_is_said_so(terminal: Terminal, make: Maker, message: bytes) -> None:
+    sink = Rowsink()
+    with serial.Serial(str(terminal.link), exclusive=True):
+        adapter = make(terminal.link, sink)
+        adapter.start()
+        detail = sink.wait_for_event(Code.DISCONNECT).detail
+    adapter.stop()
+    assert "busy" in detail
+    assert len(detail.splitlines()) <= 3
+
+
+@pytest.mark.parametrize(
+    "corrupt",
+    [
+        b"t1zz8\r",
+        b"\xff\xfe\xfd\r",
+        b"t\r",
+        b"D123\r",
+        b"t100800\r",
+        b"T1000000\a",
+        b"b1009" + b"A" * 24 + b"\r",
+        b"\r\r\a",
+    ],
+)
+def test_a_corrupt_line_does_not_end_the_can_link(terminal: Terminal, corrupt: bytes) -> None:
+    """python-can's slcan raises bare ValueError and keeps what is not ASCII in its buffer for ever."""
+    sink = Rowsink()
+    adapter = can_adapter(terminal.link, sink)
+    adapter.start()
+    try:
+        sink.wait_for_event(Code.CONNECT)
+        terminal.let_go()
+        terminal.send(GYRO)
+        sink.wait_for_sample()
+        for _ in range(3):
+            terminal.send(corrupt + GYRO)
+            sink.wait_for_sample()
+        assert adapter.codec.bad == (0 if corrupt == b"\r\r\a" else 3)
+    finally:
+        adapter.stop()
+    assert sink.events(Code.DISCONNECT) == []
+    (sample, *_) = sink.samples()
+    assert sample.stream == "can.gyro"
+    assert sample.values == pytest.approx([math.radians(v) for v in (1.0, -2.0, 0.025)])
+    blocks = [row.data for row in sink.rows if isinstance(row, RawBlock)]
+    assert GYRO in blocks
+
+
+def test_frames_of_any_python_can_interface_are_read() -> None:
+    import can
+
+    device = load_rig("can_only").devices[0]
+    assert isinstance(device, CanDevice)
+    rig = Rig(name="r", devices=(device.model_copy(update={"interface": "virtual", "channel": "adapter-test"}),))
+    sink = Rowsink()
+    (adapter,) = open_devices(rig, {}, RIGS, SystemClock(), sink.put)
+    with can.Bus(interface="virtual", channel="adapter-test") as other:
+        adapter.start()
+        try:
+            sink.wait_for_event(Code.CONNECT)
+            frame = bytes.fromhex("2800F6070069525F")
+            other.send(can.Message(arbitration_id=0x100, data=frame, is_extended_id=False))
+            assert sink.wait_for_sample().stream == "can.gyro"
+        finally:
+            adapter.stop()
+    assert sink.events(Code.CRC) == []
+
+
+def test_an_unknown_can_interface_is_said_so() -> None:
+    device = load_rig("can_only").devices[0]
+    rig = Rig(name="r", devices=(device.model_copy(update={"interface": "carrier_pigeon", "channel": "loft"}),))
+    sink = Rowsink()
+    (adapter,) = open_devices(rig, {}, RIGS, SystemClock(), sink.put)
+    adapter.start()
+    assert "carrier_pigeon" in sink.wait_for_event(Code.DISCONNECT).detail
+    adapter.stop()
+
+
+def test_an_emulated_device_without_its_emulator_is_named() -> None:
+    with pytest.raises(DeviceError, match="device can is emulated") as caught:
+        open_devices(load_rig("can_only"), {}, RIGS, SystemClock(), Rowsink().put)
+    assert len(str(caught.value).splitlines()) <= 3
