@@ -23,6 +23,7 @@ from fastcrc import crc8
 
 from drivers.codec import Codec, Reading, TimeReply
 from drivers.framing import Cutter
+from station.conventions import unit_named
 from station.profile import CanDevice
 from station.rows import DeviceError, ProfileError
 
@@ -147,16 +148,22 @@ class CanCodec(Codec):
 
 def _check(device: CanDevice, path: Path, messages: Mapping[str, CanMessage]) -> None:
     for stream in device.streams:
-        key = f"device {device.name}, stream {stream.name}"
-        message = messages.get(str(stream.message))
-        if message is None:
-            raise ProfileError(f"{path}: {key}: no message {stream.message}{_nearest(str(stream.message), messages)}")
-        names = {s.name: s for s in message.definition.signals}
+        key = f"{path}: device {device.name}, stream {stream.name}"
+        name = str(stream.message)
+        if name not in messages:
+            raise ProfileError(f"{key}: no message {name}{_nearest(name, messages)}")
+        units = {s.name: s.unit or "" for s in messages[name].definition.signals}
         for signal, channel in stream.signals.items():
-            if channel.field not in names:
-                near = _nearest(channel.field, names)
+            if channel.field not in units:
                 raise ProfileError(
-                    f"{path}: {key}, {signal}: message {stream.message} has no signal {channel.field}{near}"
+                    f"{key}, {signal}: message {name} has no signal {channel.field}{_nearest(channel.field, units)}"
+                )
+            unit = units[channel.field]
+            is_as_it_comes = channel.slope == 1 and channel.zero == 0 and channel.table is None
+            if unit and is_as_it_comes and unit_named(unit) not in (None, unit_named(channel.unit)):
+                raise ProfileError(
+                    f"{key}, {signal}: {name}.{channel.field} is in {unit}, not {channel.unit}\n"
+                    "correct the rig's unit, or give a slope"
                 )
 
 
