@@ -16,11 +16,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import LONGITUDINAL, SIGNAL_INDEX, from_si
+from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_NS, from_si
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, Level, MethodEstimate, Row, Status, Truth
 
-DERIVATIVE_PERIOD_NS: Final = 200_000_000
-"""Derivatives converge over seconds: five points a second draw them, a tenth of the cost of every tick."""
+SLOW_NS: Final = 500_000_000
+"""Derivatives, wind and turbulence level change over seconds: two points a second draw them."""
 
 METHOD_COLOURS: Final[Mapping[str, int]] = {
     "I": 0x999999FF,
@@ -132,16 +132,17 @@ STATES: Final[Mapping[str, Mapping[str, int]]] = {
 
 
 def derivative_plot(name: str, setup: Setup) -> Plot:
-    """Axes of one derivative: every live method, the bounds of the recommended one, the profile's value."""
-    lines = [Line("profile", _GREY, 1.0), *_band(METHOD_COLOURS[setup.recommended])]
-    lines += [Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25) for m in setup.methods]
+    """Axes of one derivative: every live method with its bounds, and the profile's value."""
+    lines = [Line("profile", _GREY, 1.0)]
+    for m in setup.methods:
+        lines += [*_band(METHOD_COLOURS[m]), Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
 
-def bounds_plot(name: str, setup: Setup) -> Plot:
-    """The bounds of the other methods, drawn on the axes of `derivative_plot` where there is room for them."""
-    lines = [line for m in setup.methods if m != setup.recommended for line in _band(METHOD_COLOURS[m])]
-    return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, child="bounds")
+def without_rival_bounds(setup: Setup) -> list[bool]:
+    """Which lines of a derivative's plot to show where it is small: all but the bounds of other methods."""
+    shown = [(m == setup.recommended, m == setup.recommended, True) for m in setup.methods]
+    return [True, *(line for method in shown for line in method)]
 
 
 def link_plots(setup: Setup) -> tuple[Plot, Plot, Plot, Plot]:
@@ -256,33 +257,36 @@ def _alpha(rows: Batch, setup: Setup) -> Iterator[Points]:
     yield Points(CORRECTIONS.path, t, angles[:, 5:])
     gusts = np.array([a.gust_vertical if a.valid else math.nan for a in rows.alphas])
     yield Points(GUST_SPEED.path, t, gusts[:, None])
-    # The wind and the level change slowly: one point a batch.
-    last = rows.alphas[-1]
-    level = math.nan if last.turbulence == "unknown" else last.turbulence_level
-    yield Points(WIND.path, t[-1:], np.array([[last.wind_north, last.wind_east, last.wind_down]]))
-    yield Points(TURBULENCE.path, t[-1:], np.array([[level, *setup.class_limits]]))
+    slow = [a for a in rows.alphas if _is_slow_point(a)]
+    if slow:
+        t = _times(slow, rows.start_ns)
+        yield Points(WIND.path, t, np.array([[a.wind_north, a.wind_east, a.wind_down] for a in slow]))
+        levels = [math.nan if a.turbulence == "unknown" else a.turbulence_level for a in slow]
+        yield Points(TURBULENCE.path, t, np.array([[level, *setup.class_limits] for level in levels]))
+
+
+def _is_slow_point(row: Row) -> bool:
+    """One tick in `SLOW_NS`, whichever batch it falls in."""
+    return row.t_ns % SLOW_NS < TICK_NS
 
 
 def _derivatives(rows: Batch, setup: Setup) -> Iterator[Points]:
     slots: dict[int, dict[str, MethodEstimate]] = {}
     for row in rows.methods:
-        slots.setdefault(row.t_ns // DERIVATIVE_PERIOD_NS, {})[row.method] = row
-    t = np.array([max(r.t_ns for r in slot.values()) - rows.start_ns for slot in slots.values()], dtype=np.int64)
-    main = setup.recommended
+        if _is_slow_point(row):
+            slots.setdefault(row.t_ns, {})[row.method] = row
+    t = np.array([t_ns - rows.start_ns for t_ns in slots], dtype=np.int64)
     for name in setup.derivatives:
-        found = [{m: _estimated(row, name) for m, row in slot.items()} for slot in slots.values()]
-        if not any(found):
-            continue
-        values, bounds = [], []
-        for at in found:
-            value, sd = at.get(main, (math.nan, math.nan))
-            reference = setup.references.get(name, math.nan)
-            lines = [at.get(m, (math.nan, math.nan)) for m in setup.methods]
-            values.append([reference, value - 2 * sd, value + 2 * sd, *(v for v, _ in lines)])
-            others = (line for m, line in zip(setup.methods, lines, strict=True) if m != main)
-            bounds.append([edge for v, s in others for edge in (v - 2 * s, v + 2 * s)])
-        yield Points((f"{name} [1/rad]",), t, np.array(values))
-        yield Points((f"{name} [1/rad]", "bounds"), t, np.array(bounds))
+        reference = setup.references.get(name, math.nan)
+        values = []
+        for slot in slots.values():
+            lines = [reference]
+            for m in setup.methods:
+                value, sd = _estimated(slot[m], name) if m in slot else (math.nan, math.nan)
+                lines += [value - 2 * sd, value + 2 * sd, value]
+            values.append(lines)
+        if slots and not np.all(np.isnan(np.array(values)[:, 1:])):
+            yield Points((f"{name} [1/rad]",), t, np.array(values))
 
 
 def _estimated(row: MethodEstimate, name: str) -> tuple[float, float]:

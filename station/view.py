@@ -1,7 +1,7 @@
 """The operator's page: rows -> Rerun, in a process of its own that may stall or die without costing the loop a tick.
 
 `View` is the station's end: a bounded queue that drops its oldest and a thread that feeds the child through a pipe.
-`python -m station.view` is the child: it runs Rerun's server on loopback and sends it a batch a fifth of a second.
+`python -m station.view` is the child: it runs Rerun's server on loopback and sends it a batch each 0.4 s.
 The pipe carries length-prefixed msgpack: one Setup, then Batches; the child answers a byte for each it has shown.
 Rerun takes a second and 100 MB to import, so only the child and `write_rrd` do.
 """
@@ -30,7 +30,7 @@ import numpy as np
 
 from station import plots
 from station.clock import Clock, SystemClock
-from station.plots import Batch, Plot, Setup
+from station.plots import Batch, Plot, Points, Setup
 from station.rows import Code, Event, LogError, Row, Rows
 
 if TYPE_CHECKING:
@@ -42,8 +42,11 @@ if TYPE_CHECKING:
 TIMELINE: Final = "station_time"
 QUEUE_TICKS: Final = 1000
 """20 s of ticks: the child needs about 4 s to start."""
-BATCH_TICKS: Final = 10
-BATCH_NS: Final = 200_000_000
+BATCH_TICKS: Final = 20
+BATCH_NS: Final = 400_000_000
+HOLD_NS: Final = 1_500_000_000
+"""Lines with few points wait this long for more: a piece costs a browser the same whatever its length, and one without a
+graphics processor takes some 20 pieces a second."""
 MAX_BATCH_TICKS: Final = 100
 UNANSWERED: Final = 2
 """Batches in flight before the queue waits: what is shown is never older than that."""
@@ -326,8 +329,8 @@ class Page:
         self._states: dict[str, str] = {}
         self._derivatives = tuple(plots.derivative_plot(name, setup) for name in setup.derivatives)
         self._links = plots.link_plots(setup)
-        bounds = tuple(plots.bounds_plot(name, setup) for name in setup.derivatives)
-        for plot in (*plots.FIXED, *self._derivatives, *bounds, *self._links):
+        self._held: dict[plots.Path, list[Points]] = {}
+        for plot in (*plots.FIXED, *self._derivatives, *self._links):
             style = rr.SeriesLines(
                 colors=[line.colour for line in plot.lines],
                 widths=[line.width for line in plot.lines],
@@ -344,12 +347,10 @@ class Page:
         import rerun as rr
 
         for points in plots.points(rows, self._setup):
-            values = points.values if points.values.shape[1] > 1 else points.values[:, 0]
-            self._recording.send_columns(
-                _path(points.path),
-                indexes=[rr.TimeColumn(TIMELINE, duration=points.t_ns.astype("timedelta64[ns]"))],
-                columns=rr.Scalars.columns(scalars=values),
-            )
+            held = self._held.setdefault(points.path, [])
+            held.append(points)
+            if sum(len(p.t_ns) for p in held) >= BATCH_TICKS // 2 or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
+                self._send(points.path)
         for event in rows.events:
             self._recording.set_time(TIMELINE, duration=np.timedelta64(event.t_ns - rows.start_ns, "ns"))
             level = plots.LEVEL_NAMES[event.level]
@@ -361,11 +362,32 @@ class Page:
                 self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
                 self._recording.log(f"state/{what}", rr.StateChange(state=state))
 
+    def flush(self) -> None:
+        """Send what was held back to go in fewer, longer pieces."""
+        for path in self._held:
+            self._send(path)
+
+    def _send(self, path: plots.Path) -> None:
+        import rerun as rr
+
+        held = self._held[path]
+        if not held:
+            return
+        t = np.concatenate([points.t_ns for points in held]).astype("timedelta64[ns]")
+        values = np.concatenate([points.values for points in held])
+        held.clear()
+        self._recording.send_columns(
+            _path(path),
+            indexes=[rr.TimeColumn(TIMELINE, duration=t)],
+            columns=rr.Scalars.columns(scalars=values if values.shape[1] > 1 else values[:, 0]),
+        )
+
     def blueprint(self) -> rrb.Blueprint:
         """Flight on the left, answers on the right; every method's bounds, links and air on tabs of their own."""
         import rerun.blueprint as rrb
 
-        view = self._view
+        view, shown = self._view, plots.without_rival_bounds(self._setup)
+        key = self._derivatives[0]
         flight = rrb.Horizontal(
             rrb.Vertical(
                 view(plots.ALPHA),
@@ -376,7 +398,7 @@ class Page:
                 row_shares=[3.2, 1.6, 1.4, 1.6, 1.2],
             ),
             rrb.Vertical(
-                rrb.Grid(*(view(plot, contents="$origin") for plot in self._derivatives), grid_columns=3),
+                rrb.Grid(*(view(plot, only=shown, legend=plot is key) for plot in self._derivatives), grid_columns=3),
                 rrb.Horizontal(view(plots.TURBULENCE), view(self._links[0])),
                 rrb.Horizontal(
                     _event_log(),
@@ -403,7 +425,7 @@ class Page:
             auto_layout=False,
         )
 
-    def _view(self, plot: Plot, *, contents: str = "$origin/**", legend: bool | None = None) -> rrb.TimeSeriesView:
+    def _view(self, plot: Plot, *, only: list[bool] | None = None, legend: bool | None = None) -> rrb.TimeSeriesView:
         import rerun as rr
         import rerun.blueprint as rrb
 
@@ -416,7 +438,7 @@ class Page:
         now = rrb.TimeRangeBoundary.cursor_relative(seconds=0)
         return rrb.TimeSeriesView(
             origin=_path(plot.path),
-            contents=contents,
+            overrides={_path(plot.path): rr.SeriesLines(visible_series=only)} if only else None,
             name=plot.name,
             axis_y=rrb.ScalarAxis(range=fixed) if fixed else None,
             plot_legend=rrb.PlotLegend("LeftTop", visible=plot.legend if legend is None else legend),
@@ -465,6 +487,7 @@ def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None 
             taken.clear()
     if start_ns is not None:
         page.show(plots.batch(taken, start_ns))
+    page.flush()
     recording.flush()
     recording.disconnect()
 
