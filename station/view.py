@@ -45,8 +45,8 @@ QUEUE_TICKS: Final = 1000
 BATCH_TICKS: Final = 20
 BATCH_NS: Final = 400_000_000
 HOLD_NS: Final = 1_500_000_000
-"""Lines with few points wait this long for more: a piece costs a browser the same whatever its length, and one without a
-graphics processor takes some 20 pieces a second."""
+"""Lines with few points wait this long for more: a piece costs a browser the same whatever its length, and one that
+draws without a graphics processor takes some 20 a second."""
 MAX_BATCH_TICKS: Final = 100
 UNANSWERED: Final = 2
 """Batches in flight before the queue waits: what is shown is never older than that."""
