@@ -77,7 +77,7 @@ class Framer:
                 self._lose_sync()
                 at = start.start()
             size, sound = self._packet(at)
-            if size is None:
+            if sound is None and (self._in_sync or not self._hides_a_packet(at)):
                 break
             if sound:
                 self._in_sync = True
@@ -104,12 +104,22 @@ class Framer:
         self.resyncs += self._in_sync
         self._in_sync = False
 
-    def _packet(self, at: int) -> tuple[int | None, bool]:
-        """Size of the packet starting at `at` (None: too little is here yet; 0: none) and whether it is sound."""
+    def _hides_a_packet(self, at: int) -> bool:
+        """Whether a sound packet lies behind a start that was found among noise and whose packet is not all here yet.
+
+        That start is then taken for noise too, rather than let it hold up good packets until it can be proved wrong.
+        """
+        return any(self._packet(start.start())[1] for start in _START.finditer(self._pending, at + 1))
+
+    def _packet(self, at: int) -> tuple[int, bool | None]:
+        """Size of the packet starting at `at` (0: there is none, or not known yet) and whether it is sound.
+
+        None: too little of it is here yet.
+        """
         head = self._pending[at : at + 10]
         if head[0] == _STX1:
             if len(head) < 6:
-                return None, False
+                return 0, None
             size, kind = 8 + head[1], dialect.mavlink_map.get(head[5])
             if kind is None or head[1] > kind.unpacker.size:
                 return 0, False
@@ -117,16 +127,18 @@ class Framer:
             if len(head) > 2 and head[2] & ~_SIGNED:
                 return 0, False  # flags this reader does not know: the standard says to drop it
             if len(head) < 10:
-                return None, False
+                return 0, None
             size = 12 + head[1] + _SIGNATURE_BYTES * (head[2] & _SIGNED)
             kind = dialect.mavlink_map.get(int.from_bytes(head[7:10], "little"))
         if kind is None:
-            # A message of some other dialect has no checksum that could be checked: what follows must be a packet.
+            # The checksum of another dialect's message cannot be checked: it must stand right between two packets.
+            if not self._in_sync:
+                return 0, False
             if len(self._pending) <= at + size:
-                return None, False
+                return size, None
             return size, self._pending[at + size] in (_STX1, _STX2)
         if len(self._pending) < at + size:
-            return None, False
+            return size, None
         end = at + size - _SIGNATURE_BYTES * (head[0] == _STX2 and head[2] & _SIGNED)
         checked = bytes(self._pending[at + 1 : end - 2]) + bytes([kind.crc_extra])
         return size, crc16.mcrf4xx(checked) == int.from_bytes(self._pending[end - 2 : end], "little")

@@ -139,8 +139,7 @@ class TestPythonCan:
             second.close()
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning:multiprocessing")
-@pytest.mark.filterwarnings("ignore::DeprecationWarning:dronecan")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_dronecan_reads_what_the_adapter_sends(served: Served) -> None:
     """Its driver insists on acknowledgements; angle-of-attack broadcasts come out as dronecan's own messages."""
     logging.getLogger("dronecan").setLevel(logging.CRITICAL)
