@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import can  # noqa: F401 - takes seconds; the adapter would miss the first of the flight importing it
 import numpy as np
 import psutil
 import pytest
@@ -24,11 +25,11 @@ from station.clock import SystemClock
 from station.profile import Profiles, load_card
 from station.rows import Code, DeviceError, Event, ProfileError, Rows, Sample, TimeSync
 
-T = np.arange(0.0, 20.0, 0.02)
+T = np.arange(0.0, 6.0, 0.02)
 
 
 def recorded() -> dict[str, NDArray[np.float64]]:
-    """A made-up record at 50 Hz: every signal of the bench rig but the beta vane."""
+    """A made-up record of 6 s at 50 Hz: every signal of the bench rig but the beta vane."""
     waves = ("alpha_vane", "elevator", "p", "q", "r", "ax", "ay", "phi", "theta", "psi", "v_east", "v_down")
     swing = {name: 0.1 * np.sin(2 * np.pi * 0.4 * T + i) for i, name in enumerate((*waves, "aileron", "rudder"))}
     level = {
@@ -53,10 +54,10 @@ def profiles(rig: str = "bench", **card: Any) -> Profiles:
 
 def test_a_recording_is_played_through_its_values_and_smoothly_between() -> None:
     playback = Playback(recorded())
-    rows = [playback.advance(7) for _ in range(572)]
+    rows = [playback.advance(7) for _ in range(172)]
     q = np.concatenate([r["q"] for r in rows])
-    assert playback.duration_s == pytest.approx(19.98)
-    assert len(q) == 3997
+    assert playback.duration_s == pytest.approx(5.98)
+    assert len(q) == 1197
     assert len(rows[-1]["q"]) == 0
     np.testing.assert_allclose(q[::4], recorded()["q"], atol=1e-12)
     t = np.arange(len(q)) / 200
@@ -65,16 +66,14 @@ def test_a_recording_is_played_through_its_values_and_smoothly_between() -> None
 
 def test_missing_values_are_bridged_and_missing_signals_are_not_invented() -> None:
     record = recorded()
-    record["q"][300:310] = np.nan
+    record["q"][150:160] = np.nan
     record["theta"][:] = np.nan
     record["psi"] = np.remainder(0.3 * T + 3.0 + np.pi, 2 * np.pi) - np.pi  # passes +-180 deg
     playback = Playback(record)
     assert "theta" not in playback.signals
     assert "beta_vane" not in playback.signals
     rows = playback.advance(4000)
-    np.testing.assert_allclose(
-        rows["q"][1200:1240], np.interp(np.arange(1200, 1240) / 200, T, recorded()["q"]), atol=5e-3
-    )
+    np.testing.assert_allclose(rows["q"][600:640], np.interp(np.arange(600, 640) / 200, T, recorded()["q"]), atol=5e-3)
     np.testing.assert_allclose(np.diff(rows["psi"]), 0.3 / 200, atol=1e-9)
 
 
@@ -147,26 +146,30 @@ def test_all_links_at_once_from_process_to_sample() -> None:
             assert wait_for(lambda: any(isinstance(r, Event) and r.code == Code.RECONNECT for r in rows))
             seen = len(rows)
             assert wait_for(lambda: any(isinstance(r, Sample) and r.stream == "can.gyro" for r in rows[seen:]))
+            # The record ends, and with it the messages.
+            assert wait_for(lambda: "end_s" in told[-1])
         finally:
             for adapter in adapters:
                 adapter.stop()
-    start_ns = told[-1]["start_ns"]
+    start_ns = told[-2]["start_ns"]
+    assert told[-1]["end_s"] == pytest.approx(5.985)
+    assert max(r.t_ns for r in rows if isinstance(r, Sample)) - start_ns == pytest.approx(5.985e9, rel=0.02)
     events = [(r.source, r.code) for r in rows if isinstance(r, Event) and r.code != Code.CONNECT]
     assert events[:2] == [("can", Code.DISCONNECT), ("can", Code.RECONNECT)]
     assert any(isinstance(r, TimeSync) for r in rows)
     record = recorded()
-    for number, (stream, profile) in enumerate((f"{d.name}.{s.name}", s) for d in flown.rig.devices for s in d.streams):
+    for stream, profile in ((f"{d.name}.{s.name}", s) for d in flown.rig.devices for s in d.streams):
         samples = [r for r in rows if isinstance(r, Sample) and r.stream == stream]
         arrivals = np.array([(r.t_ns - start_ns) * 1e-9 for r in samples])
-        before = arrivals[(arrivals > 1.5) & (arrivals < 3.9)]
-        assert len(before) > 5, number
-        assert (len(before) - 1) / (before[-1] - before[0]) == pytest.approx(profile.rate, rel=0.02)
+        # Nothing is lost but by the unplug; the stamps say the rate, however busy this machine is.
+        stamps = np.array([(r.t_device_ns or 0) * 1e-9 for r in samples])[arrivals < 3.9]
+        assert (len(stamps) - 1) / (stamps[-1] - stamps[0]) == pytest.approx(profile.rate, rel=0.02), stream
         if profile.rate < 100 or "elevator" not in profile.signals:
             continue
         column = list(profile.signals).index("elevator")
         values = np.array([r.values[column] for r in samples])
-        # Arrival is up to some ms after the stamp; the record moves by 0.25 rad/s at most.
-        np.testing.assert_allclose(values, np.interp(arrivals, record["time"] - 100.0, record["elevator"]), atol=0.01)
+        # Arrival is some ms after the stamp on a busy machine; the record moves by 0.25 rad/s at most.
+        np.testing.assert_allclose(values, np.interp(arrivals, record["time"] - 100.0, record["elevator"]), atol=0.02)
     assert not folder.exists()
     assert multiprocessing.active_children() == []
     assert threading.active_count() == threads
