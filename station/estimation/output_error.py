@@ -1,0 +1,415 @@
+"""Output error and filter error: maximum likelihood by Gauss-Newton (methods oe and fe).
+
+Output error: z = y(p) + e, y from integrating the equations of motion; assumes no process noise. Filter error: y is the
+one-step prediction of a steady-state Kalman filter, so it stands turbulence; its process-noise amplitudes are estimated
+with the derivatives. Both: residual variances estimated in turn with the parameters, diagonal; SI, rad.
+Sources: Klein and Morelli 2006, sections 6.1.2-6.1.3; Jategaonkar 2015, chapters 4 and 5; errors for coloured residuals
+Morelli and Klein 1997.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg import matmul_toeplitz, solve_continuous_are
+
+from station.estimation.kalman import parameter_vector
+from station.estimation.longitudinal import NX, NY, PARAMETERS, Body, advance, outputs, rates
+from station.estimation.regression import NotIdentifiable
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Simulate = Callable[[Array], Array]
+"""Parameters (m,) -> outputs (n, k)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Convergence:
+    """When to stop. SIDPAC's output error stops the search over residual variances at 5 %; 0.1 % is converged."""
+
+    step: float = 1e-3
+    """Largest change of a parameter, in standard errors."""
+    noise: float = 1e-3
+    """Relative change of the residual variances; after it one more search runs with the newest ones."""
+    searches: int = 40
+    iterations: int = 30
+
+
+CONVERGED = Convergence()
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFit:
+    """Estimates (m,) with standard errors for white and coloured residuals; model and residual (n, k)."""
+
+    estimate: Array
+    se_white: Array
+    se_coloured: Array
+    covariance: Array
+    """(m, m), white residuals."""
+    noise: Array
+    """(k,) residual variances."""
+    model: Array
+    residual: Array
+    iterations: int
+    converged: bool
+
+
+def gauss_newton(
+    simulate: Simulate,
+    measured: Array,
+    start: Array,
+    convergence: Convergence = CONVERGED,
+    relative_step: float = 0.01,
+    *,
+    symmetric_correlation: bool = False,
+) -> OutputFit:
+    """Fit outputs to `measured` (n, k), NaN where missing.
+
+    Sensitivities by central differences of `relative_step`. A step that raises the cost or leaves the finite is halved.
+    `symmetric_correlation` takes the correlation of two outputs at a lag for the one at the opposite lag too, as SIDPAC
+    does, for comparison with its coloured errors. Raises NotIdentifiable if the start cannot be simulated or the
+    parameters are not determined.
+    """
+    used = np.isfinite(measured)
+    count = used.sum(axis=0)
+    if (count <= len(start)).any():
+        raise NotIdentifiable("an output has hardly any samples")
+    p = np.asarray(start, dtype=np.float64).copy()
+
+    def residual(parameters: Array) -> Array:
+        return np.where(used, measured - simulate(parameters), 0.0)
+
+    e = residual(p)
+    if not np.isfinite(e).all():
+        raise NotIdentifiable("the start values do not give a finite simulation")
+    noise = _variances(e, count)
+    settled = converged = False
+    total = 0
+    for _ in range(convergence.searches):
+        p, e, steps, converged = _search(simulate, residual, used, p, e, noise, convergence, relative_step)
+        total += steps
+        latest = _variances(e, count)
+        change = float(np.max(np.abs(latest / noise - 1)))
+        noise = latest
+        if settled:
+            break
+        settled = change < convergence.noise
+    sensitivity = _sensitivities(simulate, p, relative_step, used)
+    covariance = _invert(_information(sensitivity, noise))
+    se_white = np.sqrt(np.diag(covariance))
+    middle = _coloured_scores(sensitivity, e, noise, symmetric_correlation)
+    variance = np.diag(covariance @ middle @ covariance)
+    return OutputFit(
+        estimate=p,
+        se_white=se_white,
+        # The unbiased autocorrelation may give a negative variance: then the white one is all there is.
+        se_coloured=np.where(variance > 0, np.sqrt(np.maximum(variance, 0.0)), se_white),
+        covariance=covariance,
+        noise=noise,
+        model=simulate(p),
+        residual=np.where(used, e, np.nan),
+        iterations=total,
+        converged=converged and settled,
+    )
+
+
+def _variances(e: Array, count: NDArray[np.int64]) -> Array:
+    variances: Array = (e * e).sum(axis=0) / count
+    if not (variances > 0).all():
+        raise NotIdentifiable("an output is fitted without any residual: it cannot have been measured")
+    return variances
+
+
+def _search(
+    simulate: Simulate,
+    residual: Simulate,
+    used: NDArray[np.bool_],
+    p: Array,
+    e: Array,
+    noise: Array,
+    convergence: Convergence,
+    relative_step: float,
+) -> tuple[Array, Array, int, bool]:
+    """Minimise the cost with the residual variances held."""
+    cost = 0.5 * float((e * e / noise).sum())
+    for i in range(convergence.iterations):
+        sensitivity = _sensitivities(simulate, p, relative_step, used)
+        covariance = _invert(_information(sensitivity, noise))
+        step = covariance @ np.einsum("aij,ij,j->a", sensitivity, e, 1 / noise)
+        small = bool(np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < convergence.step)
+        for _halving in range(12):
+            e_new = residual(p + step)
+            cost_new = 0.5 * float((e_new * e_new / noise).sum())
+            # Difference quotients may leave the least cost a little beside: 0.01 of a log-likelihood is nothing.
+            if np.isfinite(cost_new) and cost_new <= cost + 0.01:
+                break
+            step = step / 2
+        else:
+            return p, e, i + 1, small
+        p, e, cost = p + step, e_new, cost_new
+        if small:
+            return p, e, i + 1, True
+    return p, e, convergence.iterations, False
+
+
+def _sensitivities(simulate: Simulate, p: Array, relative_step: float, used: NDArray[np.bool_]) -> Array:
+    """dy/dp, (m, n, k), 0 where nothing was measured."""
+    rows = []
+    for j, value in enumerate(p):
+        step = np.zeros(len(p))
+        step[j] = relative_step * abs(value) if value != 0 else relative_step
+        rows.append(np.where(used, (simulate(p + step) - simulate(p - step)) / (2 * step[j]), 0.0))
+    found = np.array(rows)
+    if not np.isfinite(found).all():
+        raise NotIdentifiable("the simulation diverges")
+    return found
+
+
+def _information(sensitivity: Array, noise: Array) -> Array:
+    m = len(sensitivity)
+    weighted = (sensitivity / np.sqrt(noise)).reshape(m, -1)
+    information: Array = weighted @ weighted.T
+    return information
+
+
+def _invert(information: Array) -> Array:
+    scale = np.sqrt(np.diag(information))
+    if not (scale > 0).all():
+        raise NotIdentifiable("an output that depends on no parameter, or a parameter that changes no output")
+    scaled = information / np.outer(scale, scale)
+    if np.linalg.cond(scaled) > 1e12:
+        raise NotIdentifiable("parameters that the record cannot tell apart")
+    inverse: Array = np.linalg.inv(scaled) / np.outer(scale, scale)
+    return inverse
+
+
+def _coloured_scores(sensitivity: Array, e: Array, noise: Array, symmetric: bool) -> Array:
+    """Sum over i, j of S(i)' R^-1 Rvv(j - i) R^-1 S(j), with the unbiased auto- and cross-correlations Rvv."""
+    m, n, k = sensitivity.shape
+    middle = np.zeros((m, m))
+    overlap = n - np.arange(n)
+    for a in range(k):
+        for b in range(k):
+            both = np.correlate(e[:, b], e[:, a], "full")
+            behind = both[n - 1 :: -1] / overlap
+            ahead = behind if symmetric else both[n - 1 :] / overlap
+            left, right = sensitivity[:, :, a] / noise[a], sensitivity[:, :, b].T / noise[b]
+            middle += left @ matmul_toeplitz((behind, ahead), right, check_finite=False)
+    return middle
+
+
+@dataclass(frozen=True, slots=True)
+class Longitudinal:
+    """Output or filter error of the longitudinal motion (longitudinal.py).
+
+    `start` (4,) fixed initial state; `fixed` values of the other parameters; `free` those estimated; `inputs` (n, 3).
+    """
+
+    body: Body
+    start: Array
+    fixed: Mapping[str, float]
+    free: tuple[str, ...]
+    inputs: Array
+    dt: float
+
+    def _vectors(self) -> tuple[Array, Integers, Array]:
+        index = np.array([PARAMETERS.index(name) for name in self.free], dtype=np.int64)
+        return parameter_vector(self.fixed), index, np.ascontiguousarray(self.inputs, dtype=np.float64)
+
+    def output_error(self, measured: Array, initial: Sequence[float], convergence: Convergence) -> OutputFit:
+        """Fit `measured` (n, 7) with the parameters `free` starting at `initial`. Raises NotIdentifiable."""
+        base, index, inputs = self._vectors()
+        c = self.body.constants()
+
+        def simulate(values: Array) -> Array:
+            p = base.copy()
+            p[index] = values
+            return _simulate(c, p, self.start, inputs, self.dt)
+
+        return gauss_newton(simulate, measured, np.asarray(initial, dtype=np.float64), convergence)
+
+    def filter_error(
+        self, measured: Array, initial: Sequence[float], amplitudes: Sequence[float], convergence: Convergence
+    ) -> OutputFit:
+        """As `output_error`, with the process-noise amplitudes of V, alpha, theta, q estimated after the parameters.
+
+        The gain is that of the motion linearised at `start`; A P + P A' - P C' R^-1 C P / dt + F F' = 0, K = P C' R^-1.
+        The diagonal of K C is kept at or below 1, so that no state is corrected by more than its measured error.
+        Missing measurements are an error: the gain is a steady one. Raises NotIdentifiable.
+        """
+        if not np.isfinite(measured).all():
+            raise NotIdentifiable("filter error needs every sample of every output")
+        base, index, inputs = self._vectors()
+        c = self.body.constants()
+        m = len(self.free)
+        p = np.concatenate([np.asarray(initial, dtype=np.float64), np.asarray(amplitudes, dtype=np.float64)])
+        z = np.ascontiguousarray(measured, dtype=np.float64)
+
+        def gain(values: Array, noise: Array) -> tuple[Array, Array]:
+            q = base.copy()
+            q[index] = values[:m]
+            return q, _steady_gain(c, q, self.start, inputs[0], values[m:], noise, self.dt)
+
+        def predict(values: Array, noise: Array) -> Array:
+            q, k = gain(values, noise)
+            return _predict(c, q, k, self.start, inputs, z, self.dt)
+
+        def share(values: Array, noise: Array) -> Array:
+            q, k = gain(values, noise)
+            return np.diag(k @ _linearise(c, q, self.start, inputs[0])[1])
+
+        start = base.copy()
+        start[index] = initial
+        _, h = _linearise(c, start, self.start, inputs[0])
+        # Without a filter first: its residuals are too large, so the first gain is a gentle one.
+        noise = z - _simulate(c, start, self.start, inputs, self.dt)
+        if not np.isfinite(noise).all():
+            raise NotIdentifiable("the start values do not give a finite simulation")
+        return _filter_error(predict, share, np.abs(h), z, np.mean(noise**2, axis=0), p, m, convergence)
+
+
+Filtered = Callable[[Array, Array], Array]
+"""Parameters (m + 4,), residual variances (k,) -> outputs (n, k) or the diagonal of K C (4,)."""
+
+
+def _filter_error(
+    predict: Filtered,
+    share: Filtered,
+    influence: Array,
+    z: Array,
+    noise: Array,
+    p: Array,
+    m: int,
+    convergence: Convergence,
+) -> OutputFit:
+    """Gauss-Newton, each step with the gain for the residual variances of the step before.
+
+    When the variances change, the amplitudes p[m:] are scaled so that the gain stays about what it was (Jategaonkar
+    2015, section 5.4); `influence` (k, 4) says how much each output sees of each state.
+    """
+    used = np.ones(z.shape, dtype=bool)
+    count = used.sum(axis=0)
+    iterations, converged = 0, False
+    while iterations < 2 * convergence.searches and not converged:
+        iterations += 1
+
+        def simulate(values: Array, held: Array = noise) -> Array:
+            return predict(values, held)
+
+        def shared(values: Array, held: Array = noise) -> Array:
+            return share(values, held)
+
+        e = z - simulate(p)
+        cost = _log_variances(e)
+        sensitivity = _sensitivities(simulate, p, 1e-3, used)
+        latest = _variances(e, count)
+        covariance = _invert(_information(sensitivity, latest))
+        step = covariance @ np.einsum("aij,ij,j->a", sensitivity, e, 1 / latest)
+        step, bound = _within(shared, p, step, covariance)
+        small = bool(np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < 0.01)
+        for _halving in range(12):
+            trial = z - simulate(p + step)
+            if np.isfinite(trial).all() and (bound or _log_variances(trial) <= cost + 1e-9):
+                break
+            step = step / 2
+        else:
+            trial, step = e, 0 * step
+        p = p + step
+        latest = _variances(trial, count)
+        weight = influence**2 / noise[:, None]
+        p[m:] = np.abs(p[m:]) * (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
+        converged = small and float(np.max(np.abs(latest / noise - 1))) < convergence.noise
+        noise = latest
+    model = predict(p, noise)
+    se = np.sqrt(np.diag(covariance))
+    return OutputFit(
+        estimate=p,
+        se_white=se,
+        # The filter leaves white residuals.
+        se_coloured=se,
+        covariance=covariance,
+        noise=noise,
+        model=model,
+        residual=z - model,
+        iterations=iterations,
+        converged=converged,
+    )
+
+
+def _within(share: Simulate, p: Array, step: Array, covariance: Array) -> tuple[Array, bool]:
+    """The best step that leaves the diagonal of K C at most 1, to first order, and whether it was changed for that."""
+    beyond = np.flatnonzero(share(p + step) > 1)
+    if len(beyond) == 0:
+        return step, False
+    slope = np.empty((len(beyond), len(p)))
+    for j, value in enumerate(p):
+        d = np.zeros(len(p))
+        d[j] = 1e-4 * abs(value) if value != 0 else 1e-6
+        slope[:, j] = (share(p + d) - share(p - d))[beyond] / (2 * d[j])
+    excess = slope @ step - (1 - share(p)[beyond])
+    across = covariance @ slope.T
+    changed: Array = step - across @ np.linalg.solve(slope @ across, excess)
+    return changed, True
+
+
+def _log_variances(e: Array) -> float:
+    """Sum of the logarithms of the residual variances; infinite for a simulation that diverged."""
+    if not np.isfinite(e).all():
+        return float("inf")
+    return float(np.log(np.mean(e * e, axis=0)).sum())
+
+
+def _steady_gain(c: Array, p: Array, x: Array, u: Array, amplitudes: Array, noise: Array, dt: float) -> Array:
+    a, h = _linearise(c, p, x, u)
+    try:
+        steady = solve_continuous_are(a.T, h.T, np.diag(amplitudes**2), np.diag(noise * dt))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise NotIdentifiable("no steady filter gain") from error
+    gain: Array = steady @ h.T / noise
+    return np.ascontiguousarray(gain)
+
+
+@njit(cache=True)
+def _linearise(c: Array, p: Array, x: Array, u: Array) -> tuple[Array, Array]:
+    """A (4, 4) and C (7, 4) by central differences."""
+    a, h = np.empty((NX, NX)), np.empty((NY, NX))
+    rate, output, moved = np.empty((2, NX)), np.empty((2, NY)), x.copy()
+    for j in range(NX):
+        for side in range(2):
+            moved[j] = x[j] + (1e-5 if side == 0 else -1e-5)
+            rates(moved, u, p, c, rate[side])
+            outputs(moved, u, p, c, output[side])
+        moved[j] = x[j]
+        a[:, j] = (rate[0] - rate[1]) / 2e-5
+        h[:, j] = (output[0] - output[1]) / 2e-5
+    return a, h
+
+
+@njit(cache=True)
+def _simulate(c: Array, p: Array, start: Array, u: Array, dt: float) -> Array:
+    n = len(u)
+    y, x, work = np.empty((n, NY)), start.copy(), np.empty((6, NX))
+    for k in range(n):
+        if k > 0:
+            advance(x, u[k - 1], u[k], dt, p, c, work)
+        outputs(x, u[k], p, c, y[k])
+    return y
+
+
+@njit(cache=True)
+def _predict(c: Array, p: Array, gain: Array, start: Array, u: Array, z: Array, dt: float) -> Array:
+    n = len(u)
+    y, x, work = np.empty((n, NY)), start.copy(), np.empty((6, NX))
+    for k in range(n):
+        if k > 0:
+            for i in range(NX):
+                for j in range(NY):
+                    x[i] += gain[i, j] * (z[k - 1, j] - y[k - 1, j])
+            advance(x, u[k - 1], u[k], dt, p, c, work)
+        outputs(x, u[k], p, c, y[k])
+    return y
