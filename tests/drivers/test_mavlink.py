@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -24,6 +24,7 @@ from station.profile import MavlinkDevice
 from station.rows import DeviceError
 
 SECOND = 1_000_000_000
+SEEDED = settings(deadline=None, derandomize=True)
 
 
 def device(**options: Any) -> MavlinkDevice:
@@ -210,6 +211,7 @@ def test_integers_are_held_in_range_and_the_unknown_is_said() -> None:
     assert math.isnan(reading.fields["hdg"])
 
 
+@SEEDED
 @given(roll=st.floats(-3.1, 3.1), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3.1, 3.1), scale=st.floats(0.95, 1.05))
 def test_quaternions_are_those_of_scipy(roll: float, pitch: float, yaw: float, scale: float) -> None:
     x, y, z, w = scale * Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat()
@@ -291,6 +293,7 @@ def test_what_is_missing_from_the_link_is_counted() -> None:
     assert codec.lost == len(missing), "sent twice, overtaken, sent after a restart: none is lost"
 
 
+@SEEDED
 @given(blocks=st.lists(st.binary(max_size=400), max_size=6))
 def test_any_bytes(blocks: list[bytes]) -> None:
     codec = MavlinkCodec(device(timesync=True, request_streams=True))
@@ -306,6 +309,7 @@ def test_any_bytes(blocks: list[bytes]) -> None:
 DEFINITIONS = {30: ATTITUDE, 24: GPS_RAW_INT, 11020: AOA_SSA, 0: HEARTBEAT}
 
 
+@SEEDED
 @given(data=st.data())
 def test_any_payload_in_a_sound_packet(data: st.DataObject) -> None:
     codec = MavlinkCodec(device(timesync=True))
@@ -316,6 +320,7 @@ def test_any_payload_in_a_sound_packet(data: st.DataObject) -> None:
     assert (codec.bad, codec.resyncs) == (0, 0)
 
 
+@SEEDED
 @given(st.binary(max_size=300))
 def test_any_bytes_to_the_emulated_autopilot(data: bytes) -> None:
     MavlinkEncoder().answer(data, 0)
@@ -379,6 +384,7 @@ def test_a_time_since_1970_is_not_the_boot_clock() -> None:
 # What the station sends.
 
 
+@SEEDED
 @given(st.lists(st.binary(max_size=100), max_size=5))
 def test_nothing_is_sent_unless_the_rig_allows_it(blocks: list[bytes]) -> None:
     codec = MavlinkCodec(device())

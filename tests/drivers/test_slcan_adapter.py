@@ -15,10 +15,12 @@ from pathlib import Path
 import can
 import dronecan
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.slcan_adapter import SlcanAdapter
+
+SEEDED = settings(deadline=None, derandomize=True)
 
 
 class Served:
@@ -284,6 +286,7 @@ def test_a_new_client_does_not_get_the_last_ones_frames(direct: Direct) -> None:
     assert direct.read() == b"\r\r\r"
 
 
+@SEEDED
 @given(blocks=st.lists(st.binary(max_size=60), max_size=8))
 def test_any_bytes_from_a_client(tmp_path_factory: pytest.TempPathFactory, blocks: list[bytes]) -> None:
     one = Direct(tmp_path_factory.mktemp("any") / "can")
