@@ -67,11 +67,12 @@ class Derivatives:
         self._frequencies = grid(card.low, card.high, card.step)
         self._minimum = MIN_PERIODS / card.low
         self._derivative = central_difference_factor(self._frequencies, dt)
+        self._steady_from_s = self._split_from_s = 0.0
         self._steady = Transform(7, self._frequencies, dt, forgetting_s)
         self._split = Transform(6, self._frequencies, dt, forgetting_s)
         self._methods = methods
         self._names = names
-        self._out = np.zeros((len(KINDS), 2, 4, MAX_PARAMETERS + 1))
+        self._out = np.zeros((len(KINDS), 2, 3, MAX_PARAMETERS + 1))
         self._model = np.zeros((len(KINDS), 2, 3))
         self._solved = np.zeros((len(KINDS), 2), dtype=np.bool_)
         self._independent = np.zeros(2)
@@ -98,10 +99,14 @@ class Derivatives:
     def add(self, x: Array, since_start_s: float, with_split: bool) -> None:
         """One sample: q c/2V, elevator, CL, Cm, alpha steady, its vane and rate parts delayed, split alpha, d."""
         due = since_start_s >= self._warm_up_s
-        self._steady.step(x[:7], due and self._steady.filtered * self._dt >= self._warm_up_s - SLACK_S)
+        if self._steady.filtered == 0:
+            self._steady_from_s = since_start_s
+        late = since_start_s - self._warm_up_s + SLACK_S
+        self._steady.step(x[:7], due and self._steady_from_s <= late)
         if with_split:
-            y = np.concatenate((x[:4], x[7:9]))
-            self._split.step(y, due and self._split.filtered * self._dt >= self._warm_up_s - SLACK_S)
+            if self._split.filtered == 0:
+                self._split_from_s = since_start_s
+            self._split.step(np.concatenate((x[:4], x[7:9])), due and self._split_from_s <= late)
 
     def estimate(self, t_ns: int, mean_speed: float, applicable: Mapping[str, str]) -> tuple[MethodEstimate, ...]:
         """What every method makes of the spectra now. `applicable`: for a method that is not, why."""
@@ -165,7 +170,7 @@ class Derivatives:
             status, why = Status.INVALID, "the regressors cannot be told apart"
         if not self._solved[m, equation] or (equation == 1 and not self._has_inertia):
             return [ParamEstimate(n, math.nan, math.nan, status, why) for n in names]
-        (*values, r2), (*errors, _), _, (*inflation, _) = self._out[m, equation, :, : 5 if m == 4 else 4].tolist()
+        (*values, r2), (*errors, _), (*inflation, _) = self._out[m, equation, :, : 5 if m == 4 else 4].tolist()
         model = self._model[m, equation].tolist()
         known = self._known[equation]
         if status is Status.ESTIMATED and r2 < MIN_R2:
