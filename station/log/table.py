@@ -33,6 +33,8 @@ class Table:
     """What the simulation knows, at the same times (linear between its steps)."""
     extra: Mapping[str, Column] = field(default_factory=dict)
     """Of an imported record: its columns that are no signal, SI."""
+    record_ns: NDArray[np.int64] | None = None
+    """Of an imported record on one time base: (n,) the record's own time."""
 
     @property
     def rate_hz(self) -> float:
@@ -48,7 +50,8 @@ class Table:
 
         quality = {name: column[keep] for name, column in self.quality.items()}
         columns, truth, extra = cut(self.columns), cut(self.truth), cut(self.extra)
-        return Table(self.t_s[keep], columns, self.aircraft, self.t0_ns, quality, truth, extra)
+        record_ns = None if self.record_ns is None else self.record_ns[keep]
+        return Table(self.t_s[keep], columns, self.aircraft, self.t0_ns, quality, truth, extra, record_ns)
 
 
 class Point(NamedTuple):
@@ -81,16 +84,20 @@ def table(path: Path) -> Table:
             named[type(row)].append(row)
         elif isinstance(row, Sample) and not frames:
             samples.setdefault(row.stream, []).append(row)
+    record_ns = None
+    quality: dict[str, NDArray[np.uint8]] = {}
     if frames:
         t_ns, columns, quality = _from_frames(frames)
     elif samples:
         t_ns, columns = _from_samples(samples, info.streams, info.about.imported)
-        quality = {}
+        first = next(iter(samples.values()))[0]
+        if info.about.imported and len(samples) == 1 and first.t_device_ns is not None:
+            record_ns = t_ns + (first.t_device_ns - first.t_ns)
     else:
         raise LogError(f"{path}: holds neither frames nor samples")
     truth = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Truth]).items()}
     extra = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Extra]).items()}
-    return Table((t_ns - t_ns[0]) / 1e9, columns, info.aircraft, int(t_ns[0]), quality, truth, extra)
+    return Table((t_ns - t_ns[0]) / 1e9, columns, info.aircraft, int(t_ns[0]), quality, truth, extra, record_ns)
 
 
 def _from_frames(frames: list[Frame]) -> tuple[NDArray[np.int64], dict[str, Column], dict[str, NDArray[np.uint8]]]:

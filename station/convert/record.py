@@ -1,0 +1,92 @@
+"""A record from elsewhere, in SI, and the recording made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import SIGNALS, Stream, Unit
+from station.log import About, write_log
+from station.profile import Aircraft
+from station.rows import Extra, LogError, Rows, Sample
+
+Column = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Signals on one time base: `t_ns` (n,) the record's own time, increasing; columns (n,) SI, NaN where missing."""
+
+    name: str
+    t_ns: NDArray[np.int64]
+    columns: Mapping[str, Column]
+    extra: Mapping[str, Column] = field(default_factory=dict)
+    """Columns that are no signal of the station, SI."""
+
+    def stream(self) -> Stream:
+        step = float(np.median(np.diff(self.t_ns))) * 1e-9 if len(self.t_ns) > 1 else 1.0
+        rate = 1.0 / step
+        return Stream(self.name, tuple(self.columns), rate, max(0.2, 10 / rate))
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    tracks: Sequence[Track]
+    aircraft: Aircraft
+    source: str
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+
+def write_record(path: Path, record: Record) -> int:
+    """Make a recording of it: station time 0 is the record's first sample. Returns the number of rows.
+
+    Raises LogError if the record is empty or the file cannot be written.
+    """
+    tracks = [t for t in record.tracks if len(t.t_ns) and t.columns]
+    if not tracks:
+        raise LogError(f"{record.source}: holds no signal that the station knows: {', '.join(SIGNALS)}")
+    about = About(
+        record.aircraft,
+        tuple(t.stream() for t in tracks),
+        source=record.source,
+        imported=True,
+        notes=record.notes,
+    )
+    return write_log(path, about, _rows(tracks))
+
+
+def _rows(tracks: Sequence[Track]) -> Iterator[Rows]:
+    zero = min(int(t.t_ns[0]) for t in tracks)
+    # By time, then in the order of the tracks.
+    times = np.concatenate([t.t_ns for t in tracks])
+    which = np.concatenate([np.full(len(t.t_ns), i) for i, t in enumerate(tracks)])
+    values = [list(zip(*(c.tolist() for c in t.columns.values()), strict=True)) for t in tracks]
+    extras = [list(zip(*(c.tolist() for c in t.extra.values()), strict=True)) for t in tracks]
+    at = [0] * len(tracks)
+    for i in which[np.argsort(times, kind="stable")].tolist():
+        track, k = tracks[i], at[i]
+        at[i] += 1
+        t_ns = int(track.t_ns[k])
+        yield Sample(t_ns - zero, track.name, t_ns, None, values[i][k])
+        if track.extra:
+            yield Extra(t_ns - zero, dict(zip(track.extra, extras[i][k], strict=True)))
+
+
+def in_si(values: Column, unit: Unit) -> Column:
+    """Converted to SI; values that are in SI already keep their bits."""
+    return _shifted(values if unit.factor == 1.0 else values * unit.factor, unit.offset)
+
+
+def from_si(values: Column, unit: Unit) -> Column:
+    """The inverse of `in_si`, to within one rounding each way."""
+    shifted = _shifted(values, -unit.offset)
+    return shifted if unit.factor == 1.0 else shifted / unit.factor
+
+
+def _shifted(values: Column, offset: float) -> Column:
+    # Adding zero would turn -0.0 into 0.0.
+    return values + offset if offset else values
