@@ -8,7 +8,6 @@ whose other end only the serving process has, and ends when that closes, however
 from __future__ import annotations
 
 import multiprocessing
-import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.emulated_device import flown_signals, serve_device
+from drivers.emulated_device import flown_signals, heed_signals, serve_device
 from drivers.emulated_messages import TRUTH_HZ
 from station.clock import Clock, SystemClock
 from station.conventions import ANGLES_THAT_WRAP
@@ -95,7 +94,7 @@ def _fly(
     devices: Sequence[tuple[Connection, tuple[str, ...]]],
 ) -> None:
     """The flight process: truth to each device's pipe, the signals that it asked for, AHEAD_S early."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    heed_signals()
     clock = SystemClock()
     try:
         source = _source(profiles, recording)

@@ -6,6 +6,7 @@ import heapq
 import math
 import select
 import signal
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -33,6 +34,13 @@ class Wire:
     also: Mapping[str, float] = field(default_factory=dict)
     """Messages without signals, and their rates."""
     answer: Answer | None = None
+
+
+def heed_signals() -> None:
+    """In a process of the emulator: leave Ctrl-C to the serving process; clean up when told to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: sys.exit())
 
 
 def flown_signals(device: Device, absent: tuple[str, ...]) -> tuple[str, ...]:
@@ -121,7 +129,7 @@ def serve_device(
 ) -> None:
     """Emulate device number `index` of the rig: say where it is on `control`, wait there for the start, then send what
     the rows from `truth` become until `control` closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    heed_signals()
     device = profiles.rig.devices[index]
     try:
         wire = wire_of(device, Path(profiles.rig_dir), Path(folder))
