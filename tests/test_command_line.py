@@ -1,0 +1,116 @@
+"""The command line as a user meets it: exit codes of contract.md, errors of one to three lines, JSON on stdout."""
+
+import json
+import sys
+
+import pytest
+
+from station.__main__ import main
+
+
+@pytest.fixture
+def station(monkeypatch, capsys):
+    """Runs the command line; exit code, stdout, stderr."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["station", *map(str, words)])
+        with pytest.raises(SystemExit) as leaving:
+            main()
+        told = capsys.readouterr()
+        return leaving.value.code, told.out, told.err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    """A short recording of the simulation."""
+    path = tmp_path_factory.mktemp("logs") / "flight.mcap"
+    argv, sys.argv = sys.argv, ["station", "simulate", "bench", "-o", str(path), "--duration", "30", "--seed", "3"]
+    try:
+        with pytest.raises(SystemExit) as leaving:
+            main()
+    finally:
+        sys.argv = argv
+    assert leaving.value.code == 0
+    return path
+
+
+def test_version_and_help(station):
+    assert station("--version")[:2] == (0, "0.1.0\n")
+    code, out, _ = station("--help")
+    assert code == 0
+    for verb in ("run", "emulate", "check", "replay", "info", "recover", "import", "export", "identify", "simulate"):
+        assert f"  {verb} " in out
+        assert station(verb, "--help")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (("fly",), 2, "fly"),
+        (("run", "--duration", "long"), 2, "--duration"),
+        (("run", "bensh", "--view", "none"), 2, "did you mean bench?"),
+        (("check", "/nowhere/card.toml"), 2, "no such file"),
+        (("info", "/nowhere/log.mcap"), 1, "no such file"),
+        (("replay", "/nowhere/log.mcap"), 1, "/nowhere/log.mcap"),
+        (("identify", "/nowhere/log.mcap"), 1, "/nowhere/log.mcap"),
+        (("simulate", "bench", "-o", "/tmp/x.mcap", "--set", "flight.gust_sgma=3"), 2, "did you mean gust_sigma?"),
+        (("simulate", "bench", "-o", "/tmp/x.mcap", "--set", "nothing"), 2, "KEY=VALUE"),
+        (("simulate", "bench", "-o", "/tmp/x.mcap", "--set", "name.x.y=3"), 2, "no place for name.x.y"),
+    ],
+)
+def test_errors_are_short_and_say_how_to_mend(station, words, code, expected):
+    got, out, err = station(*words)
+    assert got == code
+    assert expected in err
+    assert out == ""
+    assert len(err.strip().splitlines()) <= 3
+    assert "Traceback" not in err
+
+
+def test_an_unreadable_recording(station, tmp_path):
+    path = tmp_path / "noise.mcap"
+    path.write_bytes(bytes(range(256)) * 40)
+    for verb in (("info", path), ("replay", path), ("recover", path, "-o", tmp_path / "out.mcap")):
+        code, _, err = station(*verb)
+        assert code == 1
+        assert str(path) in err
+        assert len(err.strip().splitlines()) <= 3
+
+
+def test_info_tells_complete_from_truncated(station, flight, tmp_path):
+    code, out, _ = station("info", flight, "--json")
+    told = json.loads(out)
+    assert (code, told["verdict"]) == (0, "complete")
+    assert told["duration_s"] == pytest.approx(30.0, abs=0.05)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(flight.read_bytes()[:-5000])
+    code, out, _ = station("info", cut, "--json")
+    assert (code, json.loads(out)["verdict"]) == (3, "truncated")
+    code, _, _ = station("recover", cut, "-o", tmp_path / "mended.mcap")
+    assert code == 0
+    assert station("info", tmp_path / "mended.mcap")[0] == 0
+
+
+def test_recordings_are_never_overwritten(station, flight, tmp_path):
+    before = flight.read_bytes()
+    for words in (("simulate", "bench", "-o", flight), ("recover", flight, "-o", flight)):
+        code, _, err = station(*words)
+        assert code == 1
+        assert "exists" in err
+    assert flight.read_bytes() == before
+
+
+def test_the_same_seed_flies_the_same_flight(station, flight, tmp_path):
+    again = tmp_path / "again.mcap"
+    assert station("simulate", "bench", "-o", again, "--duration", 30, "--seed", 3)[0] == 0
+    from station.log import read_rows
+
+    assert list(map(repr, read_rows(again))) == list(map(repr, read_rows(flight)))
+
+
+def test_a_simulation_is_not_replayed(station, flight):
+    code, _, err = station("replay", flight)
+    assert code == 2
+    assert "station identify" in err
