@@ -266,7 +266,7 @@ def _opener(device: Device, endpoints: Mapping[str, str]) -> Opener:
 
             return open_port(address, device.baud)
         if isinstance(device, CanDevice):
-            from drivers.can_dbc import open_port as open_bus
+            from drivers.can_port import open_port as open_bus
 
             return open_bus(device, address, is_emulated=device.name in endpoints)
         from drivers.mavlink_port import open_port as open_mavlink

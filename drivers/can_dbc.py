@@ -1,4 +1,4 @@
-"""CAN: frames named and scaled by a DBC file (cantools), from any of python-can's interfaces.
+"""CAN: frames named and scaled by a DBC file (cantools), and back for emulated devices.
 
 A frame travels through the adapter and into the log as its slcan text line (`tIIILDD..` or `TIIIIIIIILDD..` and a
 carriage return, after the Lawicel adapter protocol), whatever interface it came from, so one codec reads them all.
@@ -16,7 +16,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import cantools
 from fastcrc import crc8
@@ -25,17 +25,14 @@ from drivers.codec import Codec, Reading, TimeReply
 from drivers.framing import Cutter
 from station.conventions import unit_named
 from station.profile import CanDevice
-from station.rows import DeviceError, ProfileError
-
-if TYPE_CHECKING:
-    import can
+from station.rows import ProfileError
 
 STAMP: Final = "stamp"
 COUNTER: Final = "counter"
 CHECKSUM: Final = "checksum"
 _LONGEST_LINE: Final = 64
-_REFUSED_LINE: Final = b"\x07\r"
-"""Stands for a line python-can could not read; the codec counts it."""
+REFUSED_LINE: Final = b"\x07\r"
+"""Stands for a frame or line that could not be read; the codec counts it."""
 _CARRIES_NOTHING: Final = re.compile(rb"[zZ]?|(?:r[0-9A-Fa-f]{3}|R[0-9A-Fa-f]{8})[0-8](?:[0-9A-Fa-f]{4})?")
 """An adapter's acknowledgement, or a remote request."""
 
@@ -224,74 +221,3 @@ def _raw(signal: Any, value: float, wraps: bool) -> int:
     high = low + 2**signal.length - 1
     count = float((value - signal.offset) / signal.scale)
     return int(round(count) % (high + 1) if wraps else round(min(max(count, low), high)))
-
-
-class CanPort:
-    """An open python-can bus as a port: each read is at most one frame, as its slcan line."""
-
-    def __init__(self, bus: can.BusABC, errors: tuple[type[Exception], ...]) -> None:
-        self._bus = bus
-        self._errors = errors
-
-    def read(self, timeout_s: float) -> bytes:
-        try:
-            message = self._bus.recv(timeout_s)
-        except (ValueError, IndexError, KeyError):
-            return self._refuse_line()
-        except self._errors as error:
-            if isinstance(error.__cause__, ValueError):
-                return self._refuse_line()
-            raise OSError(str(error)) from error
-        if message is None or message.is_remote_frame or message.is_error_frame:
-            return b""
-        if message.is_fd or message.dlc != len(message.data):
-            return _REFUSED_LINE
-        return encode_slcan(message.arbitration_id, message.is_extended_id, bytes(message.data))
-
-    def _refuse_line(self) -> bytes:
-        """python-can's slcan raises a bare ValueError for a corrupt line, or wraps it if the line is not ASCII.
-
-        Such a line it also leaves in its buffer, where it would spoil every line to come.
-        """
-        unread = getattr(self._bus, "_buffer", None)
-        if isinstance(unread, bytearray):
-            unread.clear()
-        return _REFUSED_LINE
-
-    def write(self, data: bytes) -> None:  # noqa: ARG002 - the station only listens here
-        raise OSError("the station does not send on CAN")
-
-    def close(self) -> None:
-        try:
-            self._bus.shutdown()
-        except self._errors:
-            # With its adapter gone, python-can cannot send the closing command and leaves the port open.
-            handle = getattr(self._bus, "serialPortOrig", None)
-            if handle is not None:
-                handle.close()
-
-
-def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> CanPort:
-    """The bus, opened. Raises DeviceError saying why not."""
-    import can  # takes seconds: only where there is a CAN device
-
-    options: dict[str, Any] = {"bitrate": device.bitrate}
-    if device.interface == "slcan":
-        # A read waits in the operating system, not in a polling loop. Real adapters may restart when opened, and the
-        # library's default gives them two seconds.
-        options["timeout"] = 0.02
-        if is_emulated:
-            options["sleep_after_open"] = 0.0
-    try:
-        bus = can.Bus(interface=device.interface, channel=channel, ignore_config=True, **options)
-    except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
-        raise DeviceError(f"cannot open CAN {device.interface} {channel}: {error}") from error
-    port = CanPort(bus, (can.CanError, OSError))
-    handle = getattr(bus, "serialPortOrig", None)
-    if handle is not None:
-        try:
-            handle.exclusive = True
-        except OSError as error:
-            port.close()
-            raise DeviceError(f"{channel} is busy: another program has it open; close that") from error
-    return port
