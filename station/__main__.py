@@ -22,7 +22,7 @@ from station import postflight
 from station.bus import Bus
 from station.clock import Clock, SystemClock
 from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, say
-from station.profile import CanDevice, Profiles, Rig, load_card
+from station.profile import CanDevice, Profiles, Rig, load_aircraft, load_card
 from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationError, UsageError
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -282,6 +282,24 @@ def check(
         grid.add_row(s.stream, "yes" if s.alive else "no", rate, f"{s.age_s:.2f}", s.clock, verdict, note)
     Console().print(grid)
     return DONE if all_go else DEGRADED
+
+
+# --- records from elsewhere
+
+
+@app.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="fdata .mat, .csv, HFB-320 .asc, DataFlash .bin, .ulg")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="LOG", help="the recording to make")],
+    aircraft: Annotated[str, typer.Option(metavar="NAME", help="aircraft profile")],
+) -> int:
+    """Make a station recording of a record from elsewhere."""
+    from drivers.dataflash import read_dataflash
+    from station.convert import import_file
+
+    count = import_file(file, out, load_aircraft(aircraft), {".bin": read_dataflash})
+    say(f"{out}: {count} rows")
+    return DONE
 
 
 # --- start

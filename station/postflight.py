@@ -90,7 +90,7 @@ def replay(
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
     print(f"{counts['beats']} ticks, {counts['rows']} rows compared, {counts['different']} different")
     if verify and counts["different"]:
-        say(first[0])
+        say("\n".join(line[:300] for line in first[0].splitlines()))
         return ERROR
     return DONE
 
@@ -123,6 +123,35 @@ def recover_(log: LogPath, out: Annotated[Path, typer.Option("-o", "--out", meta
     """Write every readable row of a broken recording into a new, complete file."""
     summary = recover(_there(log), out)
     say(f"{out}: {summary.rows} rows; the original is {summary.verdict}")
+    return DONE
+
+
+class ExportFormat(StrEnum):
+    csv = "csv"
+    parquet = "parquet"
+    mat = "mat"
+    mdf4 = "mdf4"
+    rrd = "rrd"
+
+
+@app.command("export")
+def export_(
+    log: LogPath,
+    to: Annotated[ExportFormat, typer.Option(help="mat is the SIDPAC fdata layout")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="PATH", help="the file to make")],
+) -> int:
+    """Write the aligned table and the raw streams for other programs, units kept."""
+    from station.convert import export
+    from station.view import write_rrd
+
+    _there(log)
+    if to is ExportFormat.rrd:
+        about = metadata(log).about
+        write_rrd(read_rows(log), out, title=f"{about.source} of {about.aircraft.name}")
+        say(str(out))
+    else:
+        for made in export(log, to.value, out):
+            say(str(made))
     return DONE
 
 
