@@ -105,7 +105,7 @@ HOLD_HEIGHT: Final = 0.004
 HOLD_LAG: Final = 3.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def atmosphere(height: float) -> tuple[float, float, float]:
     """Pressure (Pa), temperature (K) and density (kg/m3) of the standard atmosphere below 11 km. ISO 2533."""
     temperature = 288.15 - 0.0065 * height
@@ -246,7 +246,7 @@ def trimmed_state(c: Constants, lags: int) -> NDArray[np.float64]:
     return x
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rates(
     c: Constants,
     lift_motion: NDArray[np.float64],

@@ -64,7 +64,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def lag(state: float, old: float, new: float, steps: float) -> float:
     """A first-order lag's output after an interval of `steps` time constants, its input going straight old -> new."""
     decay = math.exp(-steps)
@@ -73,7 +73,7 @@ def lag(state: float, old: float, new: float, steps: float) -> float:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def upwash_step(table: NDArray[np.float64], state: NDArray[np.float64], old: float, new: float, chords: float) -> float:
     """Advance one memory of the upwash by an interval of `chords` chords travelled; its output, rad.
 
@@ -86,7 +86,7 @@ def upwash_step(table: NDArray[np.float64], state: NDArray[np.float64], old: flo
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def vane_step(v: VaneConstants, state: NDArray[np.float64], new: float) -> float:
     """Advance the vane's dynamics by one interval with the flow angle going straight from the last one to `new`.
 
@@ -99,7 +99,7 @@ def vane_step(v: VaneConstants, state: NDArray[np.float64], new: float) -> float
     return float(state[0])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def flow_angle(v: VaneConstants, u: float, w: float, q: float, ug: float, wg: float, wing: float) -> float:
     """The angle (rad) that a vane without dynamics would show.
 

@@ -76,7 +76,7 @@ def _second_order(length: float, step: float) -> tuple[NDArray[np.float64], NDAr
     return transition, factor
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _fill(
     noise: NDArray[np.float64],
     state: NDArray[np.float64],
@@ -100,7 +100,7 @@ def _fill(
         state[0] = decay * state[0] + kick * noise[k, 0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gust_at(field: NDArray[np.float64], first: int, distance: float, component: int) -> float:
     """A component of the gust (0 u, 1 v, 2 w) at a distance, m; `first` is the index of the field's first point."""
     position = distance / STEP

@@ -81,7 +81,7 @@ class Tables(NamedTuple):
     upwash_gust: NDArray[np.float64]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _downwash_source(wake: NDArray[np.float64], newest: int, start: int, place: float) -> tuple[float, int]:
     """Wing incidence when the wing was at `place`, and the ring entry before it; the search begins at `start`."""
     n = wake.shape[1]
@@ -96,7 +96,7 @@ def _downwash_source(wake: NDArray[np.float64], newest: int, start: int, place: 
     return wake[1, a] + part * (wake[1, b] - wake[1, a]), j
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _stage(
     c: ac.Constants,
     tables: Tables,
@@ -124,7 +124,7 @@ def _stage(
     return entry
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _record(
     c: ac.Constants,
     site: Site,
@@ -163,7 +163,8 @@ def _record(
     row[32], row[33], row[34], row[35] = gust[1], gust[0], aux[ac.CL], aux[ac.CM]
 
 
-@njit(cache=True)
+# numba's cache does not notice changes of what `_advance` calls in other modules: after editing one, touch this file.
+@njit(cache=True, error_model="numpy")
 def _advance(
     c: ac.Constants,
     tables: Tables,
@@ -181,7 +182,7 @@ def _advance(
     """
     x, marks = memory.x, memory.marks
     n = x.shape[0]
-    k1, k2, k3, k4 = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    k1, k2, k3, k4, trial = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     aux, spare = np.zeros(ac.AUX_SIZE), np.zeros(ac.AUX_SIZE)
     ring = memory.wake.shape[1]
     for k in range(out.shape[0]):
@@ -211,9 +212,15 @@ def _advance(
         marks[1] += 1
         memory.wake[0, marks[1] % ring] = s
         memory.wake[1, marks[1] % ring] = aux[ac.WING]
-        _stage(c, tables, x + 0.5 * DT * k1, command[2 * k + 1], field, first, memory, k2, spare)
-        _stage(c, tables, x + 0.5 * DT * k2, command[2 * k + 1], field, first, memory, k3, spare)
-        _stage(c, tables, x + DT * k3, command[2 * k + 2], field, first, memory, k4, spare)
+        for i in range(n):
+            trial[i] = x[i] + 0.5 * DT * k1[i]
+        _stage(c, tables, trial, command[2 * k + 1], field, first, memory, k2, spare)
+        for i in range(n):
+            trial[i] = x[i] + 0.5 * DT * k2[i]
+        _stage(c, tables, trial, command[2 * k + 1], field, first, memory, k3, spare)
+        for i in range(n):
+            trial[i] = x[i] + DT * k3[i]
+        _stage(c, tables, trial, command[2 * k + 2], field, first, memory, k4, spare)
         for i in range(n):
             x[i] += DT / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
 
@@ -358,10 +365,13 @@ def fly(
     dictionaries hold (n,) arrays in SI; truth has "time" (s), all signals without errors, and TRUTH. `seed` replaces
     the flight's. Raises ProfileError.
     """
-    rig = sensors if isinstance(sensors, Rig) else None
-    channels = sensors_of(rig) if rig else {name: sensors.get(name, Sensor()) for name in SIGNALS}  # type: ignore[union-attr]
+    place = (0.0, 0.0, 0.0)
+    if isinstance(sensors, Rig):
+        channels, place = sensors_of(sensors), sensors.imu_position
+    else:
+        channels = {name: sensors.get(name, Sensor()) for name in SIGNALS}
     seed = card.flight.seed if seed is None else seed
-    simulation = Simulation(aircraft, card.flight, card.manoeuvres, rig.imu_position if rig else (0.0, 0.0, 0.0), seed)
+    simulation = Simulation(aircraft, card.flight, card.manoeuvres, place, seed)
     exact = simulation.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
     shown = {name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items()}
     return shown, {name: values[::EVERY].copy() for name, values in exact.items()}

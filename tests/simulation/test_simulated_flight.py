@@ -251,6 +251,31 @@ def test_turbulence_with_perfect_alpha_biases_as_in_the_reference_study() -> Non
         assert bias[i] == pytest.approx(expected, abs=2.0 + 3 * sd / math.sqrt(40))
 
 
+@pytest.mark.parametrize(
+    ("sigma", "runs", "raw", "steady", "off"),
+    [
+        ("0 ft/s", 1, (-17.1, 69.5, -17.2, 18.5, 1.4), (-2.5, 18.9, -2.5, 5.1, 1.3), 1.5),
+        ("5 ft/s", 25, (-29.5, 35.8, -40.3, -4.5, -17.0), (-17.1, -6.5, -29.8, -13.9, -17.0), 6.0),
+    ],
+)
+def test_the_vane_misleads_as_in_the_reference_study(
+    sigma: str, runs: int, raw: tuple[float, ...], steady: tuple[float, ...], off: float
+) -> None:
+    """Set A, doublet, per cent of the calm estimate (all but CL_de): the vane raw, and calibrated with + q r/V."""
+    aircraft = load_aircraft("twin_otter_martos")
+    _, calm = fly(aircraft, {}, card(LATE_DOUBLET), 50.0)
+    reference = equation_error(aircraft, calm)
+    found: list[list[np.ndarray]] = [[], []]
+    for seed in range(runs):
+        _, truth = fly(aircraft, {}, card(LATE_DOUBLET, gust_sigma=sigma), 50.0, seed=seed)
+        vane = truth["alpha_vane"]
+        for kept, alpha in zip(found, (vane, 0.85 * (vane + 5.3 * truth["q"] / truth["airspeed"])), strict=True):
+            kept.append(equation_error(aircraft, truth | {"alpha": alpha}))
+    for kept, wanted in zip(found, (raw, steady), strict=True):
+        error = 100 * (np.mean(kept, axis=0) / reference - 1)
+        np.testing.assert_allclose(np.delete(error, 2), wanted, atol=off)
+
+
 def test_sensors_show_the_truth_with_their_noise() -> None:
     aircraft = load_aircraft("twin_otter")
     shown, truth = fly(aircraft, STANDARD, card(DOUBLET, gust_sigma="5 ft/s"), 30.0, seed=4)
