@@ -51,8 +51,17 @@ class Adapter:
     name). `put` is called from the adapter's thread and must not block.
     """
 
-    def __init__(self, device: Device, codec: Codec, opener: Opener, clock: Clock, put: Callable[[Rows], None]) -> None:
+    def __init__(
+        self,
+        device: Device,
+        codec: Codec,
+        opener: Opener,
+        clock: Clock,
+        put: Callable[[Rows], None],
+        address: str = "",
+    ) -> None:
         self.device = device
+        self.address = address
         self.codec = codec
         self._opener = opener
         self._clock = clock
@@ -113,7 +122,7 @@ class Adapter:
         self.codec.reset()
         # A link is nearly always joined in the middle of a message: the first unreadable one is no fault.
         self._may_excuse = True
-        self._say(Code.RECONNECT if self._ever_connected else Code.CONNECT)
+        self._say(Code.RECONNECT if self._ever_connected else Code.CONNECT, detail=self.address)
         self._ever_connected, self._lost = True, False
         self._connected.set()
 
@@ -195,7 +204,9 @@ def open_devices(
     adapters = []
     for device in rig.devices:
         codec = _codec(rig, device, rig_dir)
-        adapters.append(Adapter(device, codec, _opener(device, endpoints), clock, put))
+        address = _address(device, endpoints)
+        opener = _opener(device, address, is_emulated=device.name in endpoints)
+        adapters.append(Adapter(device, codec, opener, clock, put, address))
     return adapters
 
 
@@ -218,7 +229,11 @@ def _codec(rig: Rig, device: Device, rig_dir: Path) -> Codec:
         for stream in device.streams:
             known = fields_known(str(stream.message))
             _check_stream(rig, device, stream, known, f"one of {', '.join(TABLE)}")
-        return MavlinkCodec(device, read_signing_key(device, rig_dir), utc_now_ns())
+        try:
+            key = read_signing_key(device, rig_dir)
+        except DeviceError as error:
+            raise ProfileError(str(error)) from error
+        return MavlinkCodec(device, key, utc_now_ns())
     if device.protocol in ("ubx", "nmea"):
         from drivers.serial_gnss import NMEA_FIELDS, UBX_FIELDS, NmeaCodec, UbxCodec
 
@@ -245,32 +260,32 @@ def _check_stream(rig: Rig, device: Device, stream: StreamProfile, known: Sequen
             raise ProfileError(f"{key}, {signal}: {stream.message} has no field {channel.field}; {near}")
 
 
-def _opener(device: Device, endpoints: Mapping[str, str]) -> Opener:
-    own = (
-        device.port
-        if isinstance(device, SerialDevice)
-        else device.channel
-        if isinstance(device, CanDevice)
-        else device.url
-    )
+def _address(device: Device, endpoints: Mapping[str, str]) -> str:
+    if isinstance(device, SerialDevice):
+        own = device.port
+    elif isinstance(device, CanDevice):
+        own = device.channel
+    else:
+        own = device.url
     address = endpoints.get(device.name, own)
     if address == EMULATED:
         raise DeviceError(
             f"device {device.name} is emulated and its emulator is not running\n"
             "use a card with emulate = true, or write the real port into the rig"
         )
+    return address
 
-    def open_now() -> Port:
-        if isinstance(device, SerialDevice):
-            from drivers.serial_port import open_port
 
-            return open_port(address, device.baud)
-        if isinstance(device, CanDevice):
-            from drivers.can_port import open_port as open_bus
+def _opener(device: Device, address: str, is_emulated: bool) -> Opener:
+    # Imported here, before flight, and not by the thread in flight: python-can takes seconds.
+    if isinstance(device, SerialDevice):
+        from drivers import serial_port
 
-            return open_bus(device, address, is_emulated=device.name in endpoints)
-        from drivers.mavlink_port import open_port as open_mavlink
+        return lambda: serial_port.open_port(address, device.baud)
+    if isinstance(device, CanDevice):
+        from drivers import can_port
 
-        return open_mavlink(device, address)
+        return lambda: can_port.open_port(device, address, is_emulated)
+    from drivers import mavlink_port
 
-    return open_now
+    return lambda: mavlink_port.open_port(device, address)

@@ -1,16 +1,15 @@
-"""A CAN bus through any of python-can's interfaces, as a Port."""
+"""A CAN bus through any of python-can's interfaces, as a Port. Importing python-can takes seconds."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import can
 
 from drivers import serial_port
 from drivers.can_dbc import REFUSED_LINE, encode_slcan
 from station.profile import CanDevice
 from station.rows import DeviceError
-
-if TYPE_CHECKING:
-    import can
 
 
 class CanPort:
@@ -89,8 +88,6 @@ class BlockReader:
 
 def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> CanPort:
     """The bus, opened. Raises DeviceError saying why not."""
-    import can  # takes seconds: only where there is a CAN device
-
     options: dict[str, Any] = {"bitrate": device.bitrate}
     if device.interface == "slcan":
         # A read waits in the operating system, not in a polling loop. Real adapters may restart when opened, and the

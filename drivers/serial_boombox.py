@@ -30,7 +30,8 @@ FIELDS: Final = tuple(f"v{i}" for i in range(120))
 """What a rig may name."""
 _HEADER: Final = struct.Struct("<BBI")
 _CRC: Final = struct.Struct("<H")
-_LONGEST: Final = 256
+_LONGEST_PACKET: Final = 256
+_LONGEST_LINE: Final = 1024
 
 
 class BoomboxCodec(Codec):
@@ -39,7 +40,7 @@ class BoomboxCodec(Codec):
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = 0
-        self._cutter = Cutter(b"\x00", _LONGEST)
+        self._cutter = Cutter(b"\x00", _LONGEST_PACKET)
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         readings: list[Reading | TimeReply] = []
@@ -81,7 +82,7 @@ class BoomboxAsciiCodec(Codec):
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = 0
-        self._cutter = Cutter(b"\n", _LONGEST)
+        self._cutter = Cutter(b"\n", _LONGEST_LINE)
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         readings: list[Reading | TimeReply] = []

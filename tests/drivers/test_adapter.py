@@ -334,7 +334,7 @@ def test_an_unplugged_device_is_missed_and_found_again(terminal: Terminal, make:
     adapter = make(terminal.link, sink)
     adapter.start()
     try:
-        sink.wait_for_event(Code.CONNECT)
+        assert sink.wait_for_event(Code.CONNECT).detail == str(terminal.link)
         assert adapter.connected
         terminal.let_go()
         for _ in range(2):

@@ -110,6 +110,7 @@ def refusal(rig: Rig, rig_dir: Path = RIGS) -> str:
         (altered("mixed", 2, message="GSV"), ("device gnss", "GSV", "GGA, RMC, VTG")),
         (altered("mixed", 2, field="speed"), ("device gnss", "v_north", "speed")),
         (altered("bench", 2, message="ATITUDE"), ("device autopilot", "ATITUDE", "ATTITUDE")),
+        (altered("bench", 2, signing_key_file="missing.key"), ("autopilot", "missing.key", "No such file")),
         (altered("bench", 2, field="rol"), ("device autopilot", "phi", "did you mean roll?")),
     ],
 )

@@ -24,7 +24,7 @@ from pyubx2 import UBXReader
 from drivers.can_dbc import CanCodec, encode_frame, encode_slcan, load_dbc, read_slcan
 from drivers.codec import Codec, Reading
 from drivers.framing import open_line
-from drivers.serial_boombox import BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
+from drivers.serial_boombox import FIELDS, BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
 from drivers.serial_gnss import DAY_NS, WEEK_NS, NmeaCodec, UbxCodec, encode_nav_pvt, encode_sentence
 from station.profile import CanDevice, load_rig, profiles_dir
 
@@ -230,7 +230,7 @@ def test_any_bytes_are_counted_never_raised_and_may_be_cut_anywhere(case: Case, 
 
 
 @every_case
-@given(noise=st.binary(min_size=600, max_size=900))
+@given(noise=st.binary(min_size=1100, max_size=1400))
 def test_noise_that_gives_nothing_is_counted(case: Case, noise: bytes) -> None:
     codec = case.codec()
     if not codec.feed(noise.replace(b"\0", b"\1").replace(b"\r", b"\1")):
@@ -260,7 +260,10 @@ def test_counts_are_rounded_and_held_time_and_sequence_wrap(encode: Any, codec: 
 
 
 @given(
-    st.integers(0, 255), st.integers(0, 10**6), st.integers(0, 2**40), st.lists(st.integers(-32767, 32767), max_size=40)
+    st.integers(0, 255),
+    st.integers(0, 10**6),
+    st.integers(0, 2**40),
+    st.lists(st.integers(-32767, 32767), max_size=len(FIELDS)),
 )
 def test_what_the_boom_box_sends_is_read_in_both_forms(message: int, seq: int, t_us: int, counts: list[int]) -> None:
     (binary,) = BoomboxCodec().feed(encode_packet(message, seq, t_us, counts))
@@ -268,6 +271,12 @@ def test_what_the_boom_box_sends_is_read_in_both_forms(message: int, seq: int, t
     assert binary == text
     assert isinstance(binary, Reading)
     assert list(binary.fields.values()) == counts
+
+
+@pytest.mark.parametrize(("encode", "codec"), [(encode_packet, BoomboxCodec), (encode_line, BoomboxAsciiCodec)])
+def test_the_longest_message_is_read(encode: Any, codec: Any) -> None:
+    (found,) = codec().feed(encode(255, 255, 2**32 - 1, [-32767] * len(FIELDS)))
+    assert len(found.fields) == len(FIELDS)
 
 
 def test_pyubx2_reads_our_frames() -> None:
