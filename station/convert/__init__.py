@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from station.convert.delimited import read_csv, read_hfb
 from station.convert.export import Format, export
@@ -13,11 +15,27 @@ from station.convert.ulog import read_ulog
 from station.profile import Aircraft
 from station.rows import LogError
 
-__all__ = ["Format", "Reader", "Record", "Track", "export", "import_file"]
+__all__ = ["Format", "Reader", "Record", "Track", "export", "import_file", "reader_of"]
 
 Reader = Callable[[Path, Aircraft], Record]
 
+Columns = tuple[str, Sequence[int], Mapping[str, Sequence[float]]]
+"""Signals on one time base: name, times in ns, SI values by signal."""
+
 READERS: Mapping[str, Reader] = {".mat": read_fdata, ".csv": read_csv, ".asc": read_hfb, ".ulg": read_ulog}
+
+
+def reader_of(source: str, read: Callable[[Path], Sequence[Columns]]) -> Reader:
+    """A reader made of a function that gives plain columns: for the drivers, which do not know recordings."""
+
+    def reader(path: Path, aircraft: Aircraft) -> Record:
+        tracks = [
+            Track(name, np.array(t_ns, dtype=np.int64), {n: np.array(c, dtype=np.float64) for n, c in columns.items()})
+            for name, t_ns, columns in read(path)
+        ]
+        return Record(tracks, aircraft, source, {"file": path.name})
+
+    return reader
 
 
 def import_file(path: Path, out: Path, aircraft: Aircraft, more_readers: Mapping[str, Reader] | None = None) -> int:

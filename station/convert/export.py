@@ -42,9 +42,7 @@ def export(path: Path, form: Format, out: Path) -> tuple[Path, ...]:
     """
     flown = table(path)
     write: Mapping[Format, Callable[[], list[Path]]] = {
-        "csv": lambda: _separate(
-            path, flown, out, lambda at, group: write_csv(at, group.t_s, group.columns, group.units)
-        ),
+        "csv": lambda: _separate(path, flown, out, _csv),
         "parquet": lambda: _separate(path, flown, out, partial(_parquet, to_json(flown.aircraft))),
         "mat": lambda: _mat(path, flown, out),
         "mdf4": lambda: _mdf4(path, flown, out),
@@ -102,7 +100,7 @@ def _beside(path: Path, flown: Table) -> list[_Group]:
         groups.append(_Group("alpha", _times([a.t_ns for a in alphas], zero), columns, units))
     for method, estimates in methods.items():
         columns = {}
-        for i, parameter in enumerate(max((e.parameters for e in estimates), key=lambda p: len(p))):
+        for i, parameter in enumerate(max(estimates, key=lambda e: len(e.parameters)).parameters):
             for what in ("value", "sd"):
                 name = parameter.name if what == "value" else f"{parameter.name}_sd"
                 columns[name] = np.array(
@@ -131,6 +129,10 @@ def _separate(path: Path, flown: Table, out: Path, write: Callable[[Path, _Group
         write(target, group)
         made.append(target)
     return made
+
+
+def _csv(target: Path, group: _Group) -> None:
+    write_csv(target, group.t_s, group.columns, group.units)
 
 
 def _parquet(aircraft: str, target: Path, group: _Group) -> None:
