@@ -13,14 +13,17 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from typer.exceptions import TyperException
 
 from station import postflight
 from station.bus import Bus
 from station.clock import Clock, SystemClock
+from station.conventions import TICK_HZ
 from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, say
 from station.profile import CanDevice, Profiles, Rig, load_aircraft, load_card
 from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationError, UsageError
@@ -69,7 +72,7 @@ def run(
     from station.panel import Board, Callbacks, json_lines, plain_lines, run_panel
     from station.view import View
 
-    profiles = load_card(card)
+    profiles = _load(card)
     check_devices(profiles.rig, Path(profiles.rig_dir))
     aircraft, rig, flight_card = profiles.aircraft, profiles.rig, profiles.card
     clock, bus, stop = SystemClock(), Bus(), _stop_on_signals()
@@ -216,23 +219,44 @@ def emulate(card: CardName = "bench") -> int:
     """Serve the card's emulated devices alone; one JSON line per endpoint."""
     from drivers.emulate import serve
 
-    profiles = load_card(card)
+    profiles = _load(card)
     stop = _stop_on_signals()
     serve(profiles, lambda told: _write_line(json.dumps(told)), stop, SystemClock(), _recorded_flight(profiles))
     return DONE
 
 
-def _recorded_flight(profiles: Profiles) -> dict[str, Any] | None:
+def _recorded_flight(profiles: Profiles) -> dict[str, NDArray[np.float64]] | None:
     """The signals of the recording that the card wants flown, with their times; None where it flies the simulation."""
     from station.log import table
 
     flight = profiles.card.flight
     if flight.source != "recording":
         return None
-    if flight.recording is None:
-        raise ProfileError(f'card {profiles.card.name}: flight.recording: missing, with flight.source = "recording"')
-    flown = table(Path(flight.recording))
-    return {"time": flown.t_s, **flown.columns}
+    flown = table(_recording(profiles))
+    held = np.arange(0.0, flight.lead_in, 1 / TICK_HZ)
+    flown_s = flown.t_s - flown.t_s[0] + flight.lead_in
+    signals = {n: np.concatenate([np.full(len(held), c[0]), c]) for n, c in flown.columns.items()}
+    return {"time": np.concatenate([held, flown_s]), **signals}
+
+
+def _recording(profiles: Profiles) -> Path:
+    card = profiles.card
+    if card.flight.recording is None:
+        raise ProfileError(f'card {card.name}: flight.recording: missing, with flight.source = "recording"')
+    return Path(card.flight.recording)
+
+
+def _load(card: str) -> Profiles:
+    """A card's profiles. A recording that is flown brings its own aircraft, and the place of its IMU."""
+    from station.log import metadata
+
+    profiles = load_card(card)
+    if profiles.card.flight.source != "recording":
+        return profiles
+    about = metadata(_recording(profiles)).about
+    place = about.rig.imu_position if about.rig else (0.0, 0.0, 0.0)
+    rig = profiles.rig.model_copy(update={"imu_position": place})
+    return profiles.model_copy(update={"aircraft": about.aircraft, "rig": rig})
 
 
 @app.command()
@@ -249,7 +273,7 @@ def check(
     from station.alignment import Aligner
     from station.rows import Health
 
-    profiles = load_card(card)
+    profiles = _load(card)
     rig_dir = Path(profiles.rig_dir)
     check_devices(profiles.rig, rig_dir)
     clock, bus, stop = SystemClock(), Bus(), _stop_on_signals()
@@ -318,7 +342,7 @@ def main() -> None:
     except (typer.Abort, KeyboardInterrupt):
         code = 130
     except TyperException as error:
-        words = getattr(error, "format_message", lambda: str(error))()
+        words = getattr(error, "format_message", error.__str__)()
         say(f"station: {words}\nsee: station --help")
         code = USAGE
     except StationError as error:
