@@ -74,8 +74,8 @@ class Plot:
         return (self.name, self.child) if self.child else (self.name,)
 
 
-def _band(colour: int) -> tuple[Line, Line]:
-    return (Line(BAND, _faint(colour), 0.75),) * 2
+def _band(colour: int, name: str = BAND) -> tuple[Line, Line]:
+    return (Line(name, _faint(colour), 0.75),) * 2
 
 
 ALPHA: Final = Plot(
@@ -135,7 +135,9 @@ def derivative_plot(name: str, setup: Setup) -> Plot:
     """Axes of one derivative: every live method with its bounds, and the profile's value."""
     lines = [Line("profile", _GREY, 1.0)]
     for m in setup.methods:
-        lines += [*_band(METHOD_COLOURS[m]), Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25)]
+        # The legend hides lines of one name together.
+        bounds = _band(METHOD_COLOURS[m], BAND if m == setup.recommended else f"{BAND} of the others")
+        lines += [*bounds, Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
 

@@ -332,14 +332,16 @@ class Page:
         self._held: dict[plots.Path, list[Points]] = {}
         for plot in (*plots.FIXED, *self._derivatives, *self._links):
             style = rr.SeriesLines(
-                colors=[line.colour for line in plot.lines],
+                colors=np.array([line.colour for line in plot.lines], dtype=np.uint32),
                 widths=[line.width for line in plot.lines],
                 names=[line.name for line in plot.lines],
             )
             recording.log(_path(plot.path), style, static=True)
         for what, known in plots.STATES.items():
             if known:
-                labels = rr.StateConfiguration(values=list(known), colors=list(known.values()))
+                labels = rr.StateConfiguration(
+                    values=list(known), colors=np.array(list(known.values()), dtype=np.uint32)
+                )
                 recording.log(f"state/{what}", labels, static=True)
 
     def show(self, rows: Batch) -> None:
