@@ -76,7 +76,7 @@ class MessageFaults:
             elif fault.kind == "delayed":
                 delay += np.where(on, max(0.0, fault.value), 0.0)
             elif fault.kind == "wrong":
-                values[on, self._column(fault)] += fault.value
+                values[on, self._signals.index(fault.signal or "")] += fault.value
             elif fault.kind == "stuck":
                 if number not in self._stuck:
                     first = int(np.argmax(on))
@@ -86,9 +86,6 @@ class MessageFaults:
         if n:
             self._last = healthy[-1].copy()
         return Fate(values, silent, lost, garbage, delay)
-
-    def _column(self, fault: Fault) -> int:
-        return self._signals.index(fault.signal) if fault.signal else 0
 
 
 def faults_of(
@@ -100,7 +97,7 @@ def faults_of(
         for f in faults
         if f.device == device
         and (f.stream is None or f.stream in streams)
-        and (f.kind != "wrong" or f.signal is None or f.signal in signals)
+        and (f.kind != "wrong" or f.signal in signals)
     )
 
 

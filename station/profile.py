@@ -465,8 +465,8 @@ class Fault(_Frozen):
     signal: str | None = None
     """For "wrong": the signal that is offset."""
     value: float = 0.0
-    """"wrong": SI offset added; "delayed" and "clock_step": seconds; "slow": divisor of the rate; "intermittent":
-    share of messages lost."""
+    """"wrong": SI offset added; "delayed" and "clock_step": seconds; "slow": divisor of the rate (4 if left out);
+    "intermittent" and "garbage": share of messages lost or replaced by random bytes (half if left out)."""
 
 
 class Flight(_Frozen):
@@ -484,7 +484,7 @@ class Flight(_Frozen):
     wind_north: MetresPerSecond = 0.0
     wind_east: MetresPerSecond = 0.0
     heading: Radians = 0.0
-    seed: int = 1
+    seed: int = Field(default=1, ge=0)
     device_clock_offset: Seconds = 3600.0
     """Device clocks start this far from the station's, each a multiple of it."""
     device_clock_drift_ppm: float = 30.0
@@ -608,6 +608,12 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
         if fault.stream is not None and fault.stream not in streams:
             near = _nearest(fault.stream, streams)
             raise ProfileError(f"{path}: faults[{i}].stream: {fault.device} has no stream {fault.stream}{near}")
+        signals = tuple(n for s in devices[fault.device].streams if fault.stream in (None, s.name) for n in s.signals)
+        if fault.signal is not None and fault.signal not in signals:
+            near = _nearest(fault.signal, signals)
+            raise ProfileError(f"{path}: faults[{i}].signal: {fault.device} does not give {fault.signal} there{near}")
+        if fault.kind == "wrong" and fault.signal is None:
+            raise ProfileError(f"{path}: faults[{i}].signal: missing: which signal is to be wrong?")
     return Profiles(aircraft=aircraft, rig=rig, card=card, rig_dir=str(rig_path.parent))
 
 

@@ -16,7 +16,7 @@ import serial
 from pyubx2 import UBX_PROTOCOL, UBXReader
 
 from drivers.can_dbc import CanCodec
-from drivers.codec import Codec, Reading
+from drivers.codec import Codec, Reading, TimeReply
 from drivers.emulated_device import wire_of
 from drivers.emulated_messages import TRUTH_HZ, DeviceScript
 from drivers.emulated_ports import PtyPort, TcpPort, UdpPort
@@ -25,6 +25,7 @@ from drivers.serial_boombox import BoomboxAsciiCodec, BoomboxCodec
 from drivers.serial_gnss import NmeaCodec, UbxCodec
 from station.conventions import to_si
 from station.profile import CanDevice, Card, Device, MavlinkDevice, Rig, SerialDevice, load_rig, profiles_dir
+from station.rows import DeviceError
 
 START_NS = 7_000_000_000_000
 RIG_DIR = profiles_dir() / "rigs"
@@ -126,6 +127,41 @@ def test_the_production_codec_reads_the_truth(rig_name: str, index: int, tmp_pat
     assert codec.bad == codec.resyncs == 0
     for stream in device.streams:
         assert counts[stream.name] == pytest.approx(stream.rate * SECONDS, abs=1.01), stream.name
+
+
+def mavlink(url: str) -> MavlinkDevice:
+    device = load_rig("mavlink_only").devices[0]
+    assert isinstance(device, MavlinkDevice)
+    return device.model_copy(update={"url": url})
+
+
+@pytest.mark.parametrize(
+    ("url", "kind"), [("emulated", UdpPort), ("udpin:0.0.0.0:14550", UdpPort), ("tcp:10.0.0.2:5760", TcpPort),
+                      ("/dev/ttyACM0", PtyPort)]
+)  # fmt: skip
+def test_mavlink_is_emulated_on_the_kind_of_link_the_rig_names(url: str, kind: type, tmp_path: Path) -> None:
+    wire = wire_of(mavlink(url), RIG_DIR, tmp_path)
+    wire.port.close()
+    assert type(wire.port) is kind
+
+
+def test_the_emulated_autopilot_answers_time_requests_with_its_own_clock(tmp_path: Path) -> None:
+    device = mavlink("tcp:127.0.0.1:5760")
+    wire = wire_of(device, RIG_DIR, tmp_path)
+    codec = MavlinkCodec(device)
+    _, messages = flown(load_rig("mavlink_only"), 0, tmp_path, seconds=0.1)
+    for _, data in messages:
+        codec.feed(data)
+    request = codec.outgoing(START_NS)
+    assert wire.answer is not None
+    replies = codec.feed(wire.answer(request, START_NS + 10**12))
+    assert replies == [TimeReply(START_NS, START_NS + 10**12)]
+
+
+def test_only_slcan_is_emulated_of_can(tmp_path: Path) -> None:
+    device = load_rig("can_only").devices[0].model_copy(update={"interface": "socketcan"})
+    with pytest.raises(DeviceError, match="socketcan"):
+        wire_of(device, RIG_DIR, tmp_path)
 
 
 def test_pyubx2_reads_the_receivers_frames(tmp_path: Path) -> None:
