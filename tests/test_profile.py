@@ -155,3 +155,15 @@ def test_a_fault_of_an_unknown_device(tmp_path):
     text = 'name = "c"\naircraft = "twin_otter"\nrig = "rig.toml"\nneeds = []\n[[faults]]\ndevice = "bom"\n'
     text += 'kind = "off"\nstart = "1 s"\nduration = "1 s"\n'
     assert "did you mean boom?" in message(tmp_path, load_card, text)
+
+
+@pytest.mark.parametrize(
+    ("signal", "expected"), [('signal = "alpha_van"\n', "did you mean alpha_vane?"), ("", "which signal")]
+)
+def test_a_wrong_value_of_a_signal_that_the_device_does_not_give(tmp_path, signal, expected):
+    (tmp_path / "rig.toml").write_text(RIG)
+    text = 'name = "c"\naircraft = "twin_otter"\nrig = "rig.toml"\nneeds = []\n[[faults]]\ndevice = "boom"\n'
+    text += f'kind = "wrong"\nstart = "1 s"\nduration = "1 s"\nvalue = 0.1\n{signal}'
+    words = message(tmp_path, load_card, text)
+    assert "faults[0].signal" in words
+    assert expected in words
