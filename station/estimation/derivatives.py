@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
-from station.estimation.equation_error import MAX_PARAMETERS, fit_methods
+from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
 from station.estimation.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 KINDS: Final = ("II", "III", "V", "split", "split+gust")
 """In the order that equation_error.fit_methods numbers them."""
@@ -68,11 +69,19 @@ class Derivatives:
         self._minimum = MIN_PERIODS / card.low
         self._derivative = central_difference_factor(self._frequencies, dt)
         self._steady_from_s = self._split_from_s = 0.0
-        self._steady = Transform(7, self._frequencies, dt, forgetting_s)
-        self._split = Transform(6, self._frequencies, dt, forgetting_s)
+        self._steady = Transform(7, self._frequencies, dt)
+        self._split = Transform(6, self._frequencies, dt)
+        self._groups = (self._steady, self._split)
+        self._samples = [0.0, 0.0]
         self._methods = methods
         self._names = names
         self._out = np.zeros((len(KINDS), 2, 3, MAX_PARAMETERS + 1))
+        self._past = np.zeros((len(KINDS), 2, PAST))
+        self._close = np.zeros(2, dtype=np.bool_)
+        self._segment = 1.0 / card.step
+        self._keep = math.exp(-self._segment / forgetting_s)
+        self._closed = np.zeros((2, 2))
+        """Of either group's closed segments: samples, and elevator energy on all lines."""
         self._model = np.zeros((len(KINDS), 2, 3))
         self._solved = np.zeros((len(KINDS), 2), dtype=np.bool_)
         self._independent = np.zeros(2)
@@ -95,6 +104,8 @@ class Derivatives:
         """Begin anew; the high-passes stay warm."""
         self._steady.clear()
         self._split.clear()
+        self._past[:] = 0.0
+        self._closed[:] = 0.0
 
     def add(self, x: Array, since_start_s: float, with_split: bool) -> None:
         """One sample: q c/2V, elevator, CL, Cm, alpha steady, its vane and rate parts delayed, split alpha, d."""
@@ -110,9 +121,10 @@ class Derivatives:
 
     def estimate(self, t_ns: int, mean_speed: float, applicable: Mapping[str, str]) -> tuple[MethodEstimate, ...]:
         """What every method makes of the spectra now. `applicable`: for a method that is not, why."""
-        if self._steady.samples > 0 and mean_speed > 0:
+        self._samples = [g.samples + c for g, c in zip(self._groups, self._closed[:, 0].tolist(), strict=True)]
+        if self._samples[0] > 0 and mean_speed > 0:
             self._fit(mean_speed)
-        blocked = [self._blocked(group) for group in (self._steady, self._split)]
+        blocked = [self._blocked(0), self._blocked(1)]
         found = []
         for method in self._methods:
             m = KINDS.index(method)
@@ -132,8 +144,9 @@ class Derivatives:
             sears = np.interp(omega * self._half_chord, self._sears_k, self._sears)
             self._scale = (1.0 + self._upwash) / (1.0 + self._upwash * sears)
             self._tail = np.tan(np.minimum(omega * self._tail_arm / 4.0, 1.0))
-        self._independent[0] = steady.samples * self._dt * self._step_hz
-        self._independent[1] = split.samples * self._dt * self._step_hz
+        for i, group in enumerate(self._groups):
+            self._independent[i] = group.samples * self._dt * self._step_hz
+            self._close[i] = group.samples * self._dt >= self._segment
         fit_methods(
             steady.spectrum,
             split.spectrum,
@@ -141,24 +154,32 @@ class Derivatives:
             self._scale,
             self._tail,
             # What the vane's noise alone leaves in d on all lines.
-            len(self._frequencies) * split.samples * self._noise["alpha_vane"] ** 2,
+            len(self._frequencies) * self._samples[1] * self._noise["alpha_vane"] ** 2,
             self._independent,
+            self._close,
+            self._past,
             self._out,
             self._model,
             self._solved,
         )
+        for i, group in enumerate(self._groups):
+            if self._close[i]:
+                self._closed[i] += group.samples, _energy(group.spectrum[1])
+                self._closed[i] *= self._keep
+                self._past[3 * i : 3 + 2 * i] *= self._keep
+                group.clear()
 
-    def _blocked(self, group: Transform) -> tuple[Status, str]:
-        """Why a group of signals gives no estimates yet; ESTIMATED if it does."""
-        if group.samples == 0:
-            if group is self._split and self._steady.samples > 0:
+    def _blocked(self, i: int) -> tuple[Status, str]:
+        """Why a group of signals, 0 steady or 1 split, gives no estimates yet; ESTIMATED if it does."""
+        samples = self._samples[i]
+        if samples == 0:
+            if i == 1 and self._samples[0] * self._dt > SLACK_S:
                 return Status.INVALID, "no attitude to split the angle of attack with"
             return Status.UNESTIMATED, "warming up"
-        if group.samples * self._dt < self._minimum:
+        if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        elevator = group.spectrum[1]
-        energy = float(np.vdot(elevator, elevator).real)
-        if energy < EXCITED * len(elevator) * group.samples * self._noise["elevator"] ** 2:
+        energy = float(self._closed[i, 1]) + _energy(self._groups[i].spectrum[1])
+        if energy < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2:
             return Status.UNESTIMATED, "no elevator input"
         return Status.ESTIMATED, ""
 
@@ -185,3 +206,7 @@ class Derivatives:
                     this, reason = Status.UNESTIMATED, "2 sd exceed the value"
             found.append(ParamEstimate(name, values[i], math.hypot(errors[i], model[i]), this, reason))
         return found
+
+
+def _energy(spectrum: Complex) -> float:
+    return float(np.vdot(spectrum, spectrum).real)

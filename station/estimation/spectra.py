@@ -33,19 +33,17 @@ def step(
     phase: Complex,
     turn: Complex,
     count: Array,
-    keep: float,
     is_open: bool,
 ) -> None:
     """One sample of each channel, `x` (channels,), all finite.
 
     Edits the filters `z` (channels, sections, 2), `spectrum` (channels, frequencies), `phase` (frequencies,) and `count`
-    (samples filtered, effective samples transformed). `rest`: filter state of a constant 1, (sections, 2). `keep`: what
-    is kept of the past at each sample, 1 for all.
+    (samples filtered, samples transformed). `rest`: filter state of a constant 1, (sections, 2).
     """
     first = count[0] == 0.0
     count[0] += 1.0
     if is_open:
-        count[1] = keep * count[1] + 1.0
+        count[1] += 1.0
     for c in range(x.shape[0]):
         if first:
             for k in range(sos.shape[0]):
@@ -58,12 +56,8 @@ def step(
             z[c, k, 1] = sos[k, 2] * value - sos[k, 5] * y
             value = y
         if is_open:
-            if keep == 1.0:
-                for i in range(phase.shape[0]):
-                    spectrum[c, i] += value * phase[i]
-            else:
-                for i in range(phase.shape[0]):
-                    spectrum[c, i] = keep * spectrum[c, i] + value * phase[i]
+            for i in range(phase.shape[0]):
+                spectrum[c, i] += value * phase[i]
     if is_open:
         for i in range(phase.shape[0]):
             phase[i] *= turn[i]
@@ -71,7 +65,7 @@ def step(
 
 def grid(low: float, high: float, step_hz: float) -> Array:
     """Frequencies low, low + step ... up to high, Hz, (frequencies,)."""
-    return low + step_hz * np.arange(int(math.floor((high - low) / step_hz + 1e-9)) + 1)
+    return low + step_hz * np.arange(math.floor((high - low) / step_hz + 1e-9) + 1)
 
 
 def central_difference_factor(frequencies_hz: Array, dt: float) -> Array:
@@ -83,14 +77,13 @@ def central_difference_factor(frequencies_hz: Array, dt: float) -> Array:
 class Transform:
     """The state of `step` for some channels: `spectrum` (channels, frequencies) and `samples` in it."""
 
-    def __init__(self, channels: int, frequencies_hz: Array, dt: float, forgetting_s: float = math.inf) -> None:
+    def __init__(self, channels: int, frequencies_hz: Array, dt: float) -> None:
         self._sos = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
         self._rest = np.asarray(sosfilt_zi(self._sos))
         self._z = np.zeros((channels, len(self._sos), 2))
         self._turn = np.exp(-2j * np.pi * frequencies_hz * dt)
         self._phase = np.ones(len(frequencies_hz), dtype=np.complex128)
         self._count = np.zeros(2)
-        self._keep = math.exp(-dt / forgetting_s)
         self.spectrum = np.zeros((channels, len(frequencies_hz)), dtype=np.complex128)
 
     @property
@@ -100,7 +93,7 @@ class Transform:
 
     @property
     def samples(self) -> float:
-        """Samples in the transform; with forgetting, those that still count."""
+        """Samples in the transform."""
         return float(self._count[1])
 
     def clear(self) -> None:
@@ -120,6 +113,5 @@ class Transform:
             self._phase,
             self._turn,
             self._count,
-            self._keep,
             is_open,
         )
