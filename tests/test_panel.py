@@ -257,10 +257,21 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 def test_screen_runs_in_a_terminal_until_q(monkeypatch: pytest.MonkeyPatch) -> None:
     operator = Operator()
-    out = io.StringIO()
+
+    class Eyes(io.StringIO):
+        """Presses the keys on seeing the screen: what was typed before it is thrown away."""
+
+        seen = False
+
+        def write(self, text: str) -> int:
+            if "corrected" in text and not self.seen:
+                self.seen = True
+                os.write(keyboard, b"pmflaps\rq")
+            return super().write(text)
+
+    out = Eyes()
     console = Console(file=out, force_terminal=True, width=100, height=30, legacy_windows=False, _environ={})
     with terminal(monkeypatch) as keyboard:
-        os.write(keyboard, b"pmflaps\rq")
         run_panel(board_with(ALPHA), operator.callbacks, threading.Event(), operator.clock, console)
     assert operator.done == ["point", "mark flaps", "quit"]
     assert "+4.21 ± 0.24" in out.getvalue()
