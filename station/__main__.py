@@ -23,7 +23,6 @@ from typer.exceptions import TyperException
 from station import postflight
 from station.bus import Bus
 from station.clock import Clock, SystemClock
-from station.conventions import TICK_HZ
 from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, say
 from station.profile import CanDevice, Profiles, Rig, load_aircraft, load_card
 from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationError, UsageError
@@ -185,7 +184,7 @@ def _emulators(card: str) -> Iterator[dict[str, str]]:
         start_new_session=True,  # Ctrl-C is for the station, which then ends the devices
     )
     try:
-        yield _endpoints(child, {d.name for d in load_card(card).rig.devices})
+        yield _endpoints(child, {d.name for d in _load(card).rig.devices})
     finally:
         child.terminate()
         try:
@@ -233,10 +232,14 @@ def _recorded_flight(profiles: Profiles) -> dict[str, NDArray[np.float64]] | Non
     if flight.source != "recording":
         return None
     flown = table(_recording(profiles))
-    held = np.arange(0.0, flight.lead_in, 1 / TICK_HZ)
-    flown_s = flown.t_s - flown.t_s[0] + flight.lead_in
-    signals = {n: np.concatenate([np.full(len(held), c[0]), c]) for n, c in flown.columns.items()}
-    return {"time": np.concatenate([held, flown_s]), **signals}
+    flown_s = flown.t_s - flown.t_s[0]
+    # To and fro over the first second, ending where the recording starts: its values go on living, without a step.
+    fore = int(np.searchsorted(flown_s, 1.0))
+    step_s = 1.0 / flown.rate_hz
+    back = np.arange(round(flight.lead_in / step_s), 0, -1)
+    place = np.abs((back + fore) % (2 * fore) - fore)
+    time = np.concatenate([flight.lead_in - back * step_s, flown_s + flight.lead_in])
+    return {"time": time, **{n: np.concatenate([c[place], c]) for n, c in flown.columns.items()}}
 
 
 def _recording(profiles: Profiles) -> Path:

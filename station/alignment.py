@@ -158,9 +158,7 @@ class Aligner:
             return
         if buffer.last_seq is not None:
             gap = row.seq - buffer.last_seq - 1
-            if gap < 0:
-                gap += 256 if buffer.last_seq < 256 else 65536
-            if 0 < gap < 256:
+            if gap > 0:
                 buffer.gaps += gap
                 self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
         buffer.last_seq = row.seq

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import msgspec
 import numpy as np
@@ -141,7 +141,7 @@ def export_(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="PATH", help="the file to make")],
 ) -> int:
     """Write the aligned table and the raw streams for other programs, units kept."""
-    from station.convert import export
+    from station.convert import Format, export
     from station.view import write_rrd
 
     _there(log)
@@ -150,7 +150,7 @@ def export_(
         write_rrd(read_rows(log), out, title=f"{about.source} of {about.aircraft.name}")
         say(str(out))
     else:
-        for made in export(log, to.value, out):
+        for made in export(log, cast(Format, to.value), out):
             say(str(made))
     return DONE
 

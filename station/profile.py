@@ -476,7 +476,7 @@ class Flight(_Frozen):
     recording: str | None = None
     """A station log, for source = "recording"; its aircraft is flown."""
     lead_in: Seconds = 0.0
-    """The recording's first values are held so long before it plays, for filters to settle."""
+    """The recording's first second is flown to and fro so long before it plays, for filters to settle."""
     speed: MetresPerSecond = 56.59
     altitude: Metres = 762.0
     gust_sigma: MetresPerSecond = 0.0

@@ -44,7 +44,7 @@ def sampled(name, rate, seconds, f=wave, n=1, device=None, journey=lambda t: 0.0
         t = j / rate
         values = (f(t) + rng.normal(0, noise),) * n
         t_device = None if device is None else round(device(t) * S)
-        rows.append(Sample(round((t + journey(t)) * S), name, t_device, j % 256, values))
+        rows.append(Sample(round((t + journey(t)) * S), name, t_device, j, values))
     return rows
 
 
