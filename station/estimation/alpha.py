@@ -1,15 +1,16 @@
 """From the vane to the angle of attack at the CG: zero, steady upwash, rate term, and the split correction.
 
-The vane reads, for a small incidence (physics.md 4.1),
+The vane reads, for a small incidence,
 
     alpha_v = H_v [(1 + k_f)(alpha_i - q x/V + g(t + x/V)) + k_w (F_m alpha_i + F_g g at the leading edge)] + zero
 
-with alpha_i the inertial angle of attack, g the gust's, k_f the body's upwash (no memory), k_w the wing's (memory F_m for
-motion, F_g for gusts) and H_v the vane's own dynamics. The split correction (S2, physics.md 6.2) predicts the part due to
-motion, takes what is left as the gust at the boom, and delays only that until it reaches the CG. Causal, no latency.
+with alpha_i the inertial angle of attack, g the gust's, k_f the body's upwash (no memory), k_w the wing's (memory F_m
+for motion, F_g for gusts) and H_v the vane's own dynamics. The split correction (S2) predicts the part
+due to motion, takes what is left as the gust at the boom, and delays only that until it reaches the CG. Causal, no
+latency.
 
-Corrections that need no inertial data are kept for methods II (steady), III (total alpha delayed by x/V) and V (that, and
-the scale 1/(1 + k_u(f)) in the transform): Martos 2013. SI, radians.
+Corrections that need no inertial data are kept for methods II (steady), III (total alpha delayed by x/V) and V (that,
+and the scale 1/(1 + k_u(f)) in the transform): Martos 2013. SI, radians.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def _delayed(ring: Array, newest: int, column: int, ticks: float) -> float:
     """The value `ticks` ago: 3rd-order Lagrange; linear within the last tick, where there is no sample ahead."""
     n = ring.shape[0]
     ticks = min(max(ticks, 0.0), n - 4.0)
-    whole = int(math.floor(ticks))
+    whole = math.floor(ticks)
     f = ticks - whole
     if f == 0.0:
         return float(ring[(newest - whole) % n, column])
@@ -108,7 +109,7 @@ def step(
     # Airspeed without its sensor's noise for the rate term and the gust, 0.2 s; and its running mean.
     s[_VF] += (1.0 - math.exp(-dt / 0.2)) * (speed - s[_VF])
     v = s[_VF]
-    window = min(int(round(MEAN_S / dt)), n - 1)
+    window = min(math.floor(MEAN_S / dt + 0.5), n - 1)
     s[_VSUM] += speed
     if count >= window:
         s[_VSUM] -= ring[(at - window) % n, 3]
@@ -199,7 +200,7 @@ def parameters(aircraft: Aircraft, dt: float) -> Array:
         par[_LE] = max(boom.vane_x - aircraft.geometry.chord / 4, 0.0)
     omega = 2.0 * math.pi * frequency
     par[_VANE_LAG] = 2.0 * damping / omega
-    # Second order, input linear between ticks: exponential of the system augmented with its input and the input's slope.
+    # Second order, input linear between ticks: exponential of the system with its input and the input's slope.
     system = np.zeros((4, 4))
     system[0, 1] = system[2, 3] = 1.0
     system[1] = (-(omega**2), -2.0 * damping * omega, omega**2, 0.0)

@@ -1,8 +1,8 @@
 """Which values of a frame an estimator may use, for how long a lost one is held, and what follows from the air data.
 
-A value counts if it is there, possible, not suspect, not too old and not frozen. Signals that the derivatives hang on must be
-measured at the frame's own time: 20 ms of skew of the vane moves CL_q by 16 % (physics.md 6.5). A lost one is held for
-0.2 s so that filters run on, then the tick is given up.
+A value counts if it is there, possible, not suspect, not too old and not frozen. Signals that the derivatives hang on
+must be measured at the frame's own time: 20 ms of skew of the vane moves CL_q by 16 %. A lost one is
+held for 0.2 s so that filters run on, then the tick is given up.
 """
 
 from __future__ import annotations
@@ -14,31 +14,34 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import SIGNAL_INDEX, SIGNALS
+from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_HZ
 from station.profile import Aircraft
 from station.rows import Frame
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 INPUTS: Final = (
-    *("alpha_vane", "q", "az", "ax", "elevator", "airspeed"),
+    *("alpha_vane", "q", "airspeed", "az", "ax", "elevator"),
     *("p", "r", "ay", "beta_vane", "dynamic_pressure", "static_pressure", "air_temperature", "altitude"),
     *("thrust", "mass", "phi", "theta", "psi", "v_north", "v_east", "v_down"),
 )
-"""Order of the vectors in here. The first six are needed at every tick, the first five at the frame's own time."""
+"""Order of the vectors in here. Without the first three there is no angle of attack, without the first six no
+derivative; of these all but the airspeed must be of the frame's own time."""
 
-VANE, Q, AZ, AX, ELEVATOR, AIRSPEED, P, R, AY, BETA, QBAR, STATIC, TEMPERATURE, ALTITUDE, THRUST, MASS = range(16)
+VANE, Q, AIRSPEED, AZ, AX, ELEVATOR, P, R, AY, BETA, QBAR, STATIC, TEMPERATURE, ALTITUDE, THRUST, MASS = range(16)
 ATTITUDE: Final = 16
 VELOCITY: Final = 19
-NEEDED: Final = 6
-STRICT: Final = 5
+HELD_SCALARS: Final = 16
+"""Inputs before the attitude; attitude and velocity are never held here, inertial.py knows their times."""
+
+FRESH, HELD, PARTLY, LOST, SLOW, FROZEN = 0, 1, 2, 100, 199, 200
+"""What `step` returns: all there; vane or q held; another one held or missing; LOST and FROZEN plus an input's
+index."""
 
 HOLD_TICKS: Final = 10
 FROZEN_TICKS: Final = 13
 MIN_SPEED: Final = 8.0
 """m/s: below it there are no flow angles."""
-
 FRESH_AGE_S: Final = 0.011
 _LIMIT_S: Final = {
     **dict.fromkeys(INPUTS, 0.2),
@@ -59,32 +62,29 @@ def step(
     limit: Array,
     low: Array,
     high: Array,
-    strict: int,
-    needed: int,
     held: Array,
     lost: Array,
     same: Array,
     watch: Array,
     u: Array,
 ) -> int:
-    """Fill `u` with usable values, lost ones held for a while, others NaN.
+    """Fill `u` with usable values, lost ones held for 0.2 s, others NaN; returns FRESH ... FROZEN + index.
 
-    Returns 0 if all needed signals are measured at the frame's own time, 1 if one is held, else 100 + its index if it is
-    lost, 200 + index if it is frozen while others move. Edits `held`, `lost` (ticks), `same` (ticks without a change).
+    `watch`: noise, above 0 if a signal that repeats itself for 0.26 s while others move is frozen. Edits `held`, `lost`
+    and `same` (ticks so far).
     """
-    n = raw.shape[0]
     moving = False
-    for i in range(strict):
-        if math.isfinite(raw[i]):
-            if raw[i] == held[i] and age[i] <= 0.011:
+    for i in range(ELEVATOR + 1):
+        if i != AIRSPEED and math.isfinite(raw[i]):
+            if raw[i] == held[i] and age[i] <= FRESH_AGE_S:
                 same[i] += 1.0
             else:
                 same[i] = 0.0
                 moving = True
-    state = 0
+    state = FRESH
     frozen = -1
     gone = -1
-    for i in range(n):
+    for i in range(raw.shape[0]):
         good = low[i] <= raw[i] <= high[i] and quality[i] < 2.0 and age[i] <= limit[i]
         if good:
             held[i] = raw[i]
@@ -92,18 +92,20 @@ def step(
             u[i] = raw[i]
         else:
             lost[i] += 1.0
-            u[i] = held[i] if i < 16 and lost[i] <= 10.0 else math.nan
-        if i < needed:
-            if not math.isfinite(u[i]) and gone < 0:
-                gone = i
-            if i < strict and (not good or age[i] > 0.011):
-                state = 1
-            if i < strict and watch[i] > 0.0 and same[i] >= 13.0 and moving and frozen < 0:
+            u[i] = held[i] if i < HELD_SCALARS and lost[i] <= HOLD_TICKS else math.nan
+        if i <= AIRSPEED and not math.isfinite(u[i]) and gone < 0:
+            gone = i
+        if i <= ELEVATOR and i != AIRSPEED:
+            if not good or age[i] > FRESH_AGE_S:
+                state = HELD if i < AIRSPEED or state == HELD else PARTLY
+            if watch[i] > 0.0 and same[i] >= FROZEN_TICKS and moving and frozen < 0:
                 frozen = i
     if gone >= 0:
-        return 100 + gone
+        return LOST + gone
+    if u[AIRSPEED] < MIN_SPEED:
+        return SLOW
     if frozen >= 0:
-        return 200 + frozen
+        return FROZEN + frozen
     return state
 
 
@@ -137,8 +139,6 @@ class Conditioner:
                 self._limit,
                 self._low,
                 self._high,
-                STRICT,
-                NEEDED,
                 self._held,
                 self._lost,
                 self._same,
@@ -169,12 +169,23 @@ class Conditioner:
         return given if given > 0.0 else self._mass
 
     def why(self, code: int) -> str:
-        """In words, why a tick is not used; "" if it is."""
-        if code >= 200:
-            return f"{INPUTS[code - 200]} frozen"
-        if code >= 100:
-            return f"{INPUTS[code - 100]} missing"
-        if code == 1:
-            late = [n for i, n in enumerate(INPUTS[:STRICT]) if not self.age[i] <= FRESH_AGE_S]
-            return f"{', '.join(late) or 'a signal'} held"
+        """In words, what a frame's code says against its angle of attack; "" if nothing."""
+        if code >= FROZEN:
+            return f"{INPUTS[code - FROZEN]} frozen" if code != FROZEN + ELEVATOR else ""
+        if code == SLOW:
+            return f"airspeed below {MIN_SPEED:g} m/s"
+        if code >= LOST:
+            return f"{INPUTS[code - LOST]} missing"
+        if code == HELD:
+            return (
+                " and ".join(n for n, age in zip(INPUTS[:AIRSPEED], self.age, strict=False) if not age <= FRESH_AGE_S)
+                + " held"
+            )
+        return ""
+
+    def lacking(self) -> str:
+        """What the derivatives wait for, if a signal has been away for a second."""
+        for i in range(ELEVATOR + 1):
+            if self._lost[i] > TICK_HZ:
+                return f"no {INPUTS[i]}"
         return ""

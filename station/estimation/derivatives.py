@@ -2,10 +2,10 @@
 
     CL = CL_alpha alpha + CL_q q c/2V + CL_de de (+ C_d d),   Cm alike
 
-Methods differ in their alpha only: II the calibrated vane with its rate term; III that, delayed by x/V; V the delay and
-the scale 1/(1 + k_u(f)), k_u(f) = k_u0 |S(k)|/|S(0)|; split the angle of attack at the CG of alpha.py; split+gust also the
-regressor d(t) = alpha_g(t) - alpha_g(t - l_t/V) for the tail, which meets the gust later, under a weak ridge that lets it
-vanish in calm air (physics.md 6.4). Per radian, rates normalised with q c/2V.
+Methods differ in their alpha only: II the calibrated vane with its rate term; III that, delayed by x/V; V the delay
+and the scale 1/(1 + k_u(f)), k_u(f) = k_u0 |S(k)|/|S(0)|; split the angle of attack at the CG of alpha.py; split+gust
+also the regressor d(t) = alpha_g(t) - alpha_g(t - l_t/V) for the tail, which meets the gust later, under a weak ridge
+that lets it vanish in calm air. Per radian, rates normalised with q c/2V.
 """
 
 from __future__ import annotations
@@ -74,6 +74,8 @@ class Derivatives:
         self._groups = (self._steady, self._split)
         self._samples = [0.0, 0.0]
         self._methods = methods
+        self.lacking = ""
+        """What has been missing for a while."""
         self._names = names
         self._out = np.zeros((len(KINDS), 2, 3, MAX_PARAMETERS + 1))
         self._past = np.zeros((len(KINDS), 2, PAST))
@@ -174,8 +176,8 @@ class Derivatives:
         samples = self._samples[i]
         if samples == 0:
             if i == 1 and self._samples[0] * self._dt > SLACK_S:
-                return Status.INVALID, "no attitude to split the angle of attack with"
-            return Status.UNESTIMATED, "warming up"
+                return Status.INVALID, "no inertial angle of attack: attitude or accelerations are missing"
+            return Status.UNESTIMATED, self.lacking or "warming up"
         if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
         energy = float(self._closed[i, 1]) + _energy(self._groups[i].spectrum[1])

@@ -2,13 +2,14 @@
 
     Z(f) = sum_j theta_j X_j(f) + e(f),   theta = M^-1 Re(X^H Z),   M = Re(X^H X) + ridge
 
-A long flight is cut into segments of T = 1/df, whose normal equations are added: on one grid over one ever longer transform
-repeated inputs cancel at most lines and accuracy stands still.
+A long flight is cut into segments of T = 1/df, whose normal equations are added: on one grid over one ever longer
+transform repeated inputs cancel at most lines and accuracy stands still.
 
-Source: Klein and Morelli 2006, sections 11.2-11.3. Standard errors are the larger of two: residuals independent from line
-to line, with the lines of a grid finer than 1/T counted once; and a sum of score products over neighbouring lines, for
-residuals coloured in frequency (Newey and West 1987, with the leverage of MacKinnon and White 1985). Both come from the
-residuals of one short record, hence the factor 1.15 (estimator.md 1: coverage 0.96 instead of 0.92). SI, radians.
+Source: Klein and Morelli 2006, sections 11.2-11.3. Standard errors are the larger of two: residuals independent from
+line to line, with the lines of a grid finer than 1/T counted once; and a sum of score products over neighbouring
+lines, for residuals coloured in frequency (Newey and West 1987, with the leverage of MacKinnon and White 1985). Both
+come from the residuals of one short record, hence the factor 1.15 (coverage 0.96 instead of 0.92 in Monte Carlo). SI,
+radians.
 """
 
 from __future__ import annotations
@@ -46,10 +47,10 @@ _S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _XA, _YA, _ZA = range(1
 def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array, out: Array) -> bool:
     """Left and right sides of both equations, one tick ago: the middle of three rows of history.
 
-    `row` (ROW,): p q r, ax ay az at the IMU, V, dynamic pressure, mass, thrust (NaN: unknown), elevator, angle of attack
-    at the CG, then signals that are passed on. `out`: q c/2V, elevator, CL (or CZ), Cm, then those signals. Angular
-    accelerations are central differences. `thrust` (2,): mean of what the drag polar leaves over, and its count.
-    Returns False while there are fewer than three rows; `history` (3, ROW) starts as NaN.
+    `row` (ROW,): p q r, ax ay az at the IMU, V, dynamic pressure, mass, thrust (NaN: unknown), elevator, angle of
+    attack at the CG, then signals that are passed on. `out`: q c/2V, elevator, CL (or CZ), Cm, then those signals.
+    Angular accelerations are central differences. `thrust` (2,): mean of what the drag polar leaves over, and its
+    count. Returns False while there are fewer than three rows; `history` (3, ROW) starts as NaN.
     """
     history[0] = history[1]
     history[1] = history[2]
@@ -73,7 +74,7 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
     if not math.isfinite(push):
         push = 0.0
         if constant[_POLAR] > 0.0:
-            # Unknown thrust: what ax shows beyond the drag polar, averaged. Left in, it would add T/(qbar S) to CL_alpha.
+            # Unknown thrust: what ax shows beyond the drag polar, averaged; left in, it adds T/(qbar S) to CL_alpha.
             cd = constant[_CD0] + constant[_CDI] * cz * cz
             surplus = h[_MASS] * ax + force * (cd * cos + cz * sin)
             thrust[1] += 1.0
@@ -121,10 +122,10 @@ def fit(
 ) -> bool:
     """Least squares of `z` (frequencies,) on `x` (parameters, frequencies), parameters <= 4, and on the `past`.
 
-    `ridge`: added to the diagonal of Re(X^H X), (parameters,). `independent`: T df of `x`, how many independent lines there
-    are to a line of the grid. `past` (PAST,): sums over the segments closed before; `close` adds this one. `out` (3,
-    parameters + 1): parameters; standard errors; variance inflation by collinearity; in the last column R2, residual
-    energy and signal energy. `inverse` (4, 4): of the normal matrix. False if there is no solution.
+    `ridge`: added to the diagonal of Re(X^H X), (parameters,). `independent`: T df of `x`, how many independent lines
+    there are to a line of the grid. `past` (PAST,): sums over the segments closed before; `close` adds this one. `out`
+    (3, parameters + 1): parameters; standard errors; variance inflation by collinearity; in the last column R2,
+    residual energy and signal energy. `inverse` (4, 4): of the normal matrix. False if there is no solution.
     """
     n, lines = x.shape
     m = np.zeros((n, n))
@@ -183,7 +184,7 @@ def fit(
         free = max(1.0 - pull, 0.2)
         for i in range(n):
             score[f, i] = (x[i, f].real * re + x[i, f].imag * im) / free
-    lags = min(max(int(math.ceil(1.5 / share)), 2), 12)
+    lags = min(max(math.ceil(1.5 / share), 2), 12)
     cloud = np.zeros((n, n))
     for lag in range(lags + 1):
         weight = 1.0 if lag == 0 else 2.0 * (1.0 - lag / (lags + 1.0))
@@ -232,14 +233,15 @@ def fit_methods(
 ) -> None:
     """Both equations of II, III, V, split and split+gust, in that order.
 
-    `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for its
-    central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `ridge`: of the gust
+    `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for
+    its central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `ridge`: of the gust
     regressor. `independent` and `close`, (2,): of either group, as in `fit`. Edits `past` (5, 2, PAST); fills `out`
     (5, 2, 3, MAX_PARAMETERS + 1), as `fit` does, `model` (5, 2, 3) and `solved` (5, 2).
 
     `model` is what the structure leaves, in each parameter. The gust meets wing and tail late, and d carries the first
-    order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V and a coefficient
-    NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters, coverage 0.9 at 5 ft/s). Any other method may be wrong by as much as it lies off split+gust besides.
+    order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V and a
+    coefficient NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters, coverage 0.9 at 5 ft/s). Any other
+    method may be wrong by as much as it lies off split+gust besides.
     """
     lines = steady.shape[1]
     z = np.empty(lines, dtype=np.complex128)

@@ -1,7 +1,7 @@
 """Inertial flow angles at the CG and the mean wind, from attitude, body rates, specific force and a velocity stream.
 
 The velocity of the CG is integrated from the IMU at every tick and drawn to the velocity stream below 0.05 Hz
-(physics.md 6.5: a held 1 Hz velocity alone is worse than none). A measurement is known by its own time, the frame's
+(a held 1 Hz velocity alone is worse than none). A measurement is known by its own time, the frame's
 less its age, and is compared with what was believed at that time, so a slow or late stream delays nothing. Roll, pitch
 and yaw are integrated from the rates in the same way. SI, radians; body axes x forward, z down; earth NED.
 
@@ -97,9 +97,9 @@ def step(
 ) -> None:
     """One tick.
 
-    `motion`: p q r ax ay az at the IMU, (6,), all finite. `attitude`: phi theta psi (3,), `velocity`: NED (3,), NaN where
-    missing, with their ages in s. `air`: true airspeed, angle of attack and sideslip at the CG from the vanes. `arm`:
-    IMU from the CG (3,). Edits `s` (STATE,), `ring` (RING, 7) and `out` (OUT,).
+    `motion`: p q r ax ay az at the IMU, (6,), all finite. `attitude`: phi theta psi (3,), `velocity`: NED (3,), NaN
+    where missing, with their ages in s. `air`: true airspeed, angle of attack and sideslip at the CG from the vanes.
+    `arm`: IMU from the CG (3,). Edits `s` (STATE,), `ring` (RING, 7) and `out` (OUT,).
     """
     p, q, r = motion[0], motion[1], motion[2]
     count = int(s[_COUNT])

@@ -63,6 +63,8 @@ NOISE: Final = {
 
 GAP_TICKS: Final = 5
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
+HELD_TICKS: Final = 3
+"""An angle of attack from a vane or pitch rate held longer is not valid."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -70,10 +72,10 @@ SETTLE_TICKS: Final = 25
 class Estimator:
     """Angle of attack and derivatives, one 50 Hz frame at a time.
 
-    II, III and V use the calibrated vane; split and split+gust also attitude and velocity. `force` applies III and V in
-    calm air too. `axes`: CL (wind) or CZ (body). `forgetting_s`: time constant with which the past fades from the
-    transforms; by default it does not, and `start_point` begins anew. `step` never raises; the same frames give the same
-    bits.
+    II, III and V use the calibrated vane; split and split+gust also attitude and velocity. `force` applies III and V
+    in calm air too. `axes`: CL (wind) or CZ (body). `forgetting_s`: time constant with which the past fades from the
+    transforms; by default it does not, and `start_point` begins anew. `step` never raises; the same frames give the
+    same bits.
     """
 
     def __init__(
@@ -120,7 +122,7 @@ class Estimator:
         self._copy = (aircraft, card, imu_position, dict(noise or {}), methods, axes, force, forgetting_s)
 
     def warm_up(self) -> None:
-        """Compile every kernel, so that no tick of a flight has to: a made-up flight through an estimator like this one."""
+        """Compile every kernel, so that no tick of a flight has to: a made-up flight through a twin of this one."""
         aircraft, card, position, noise, methods, axes, force, forgetting = self._copy
         twin = Estimator(
             aircraft,
@@ -154,21 +156,18 @@ class Estimator:
         code = self._conditioner.step(frame)
         u = self._conditioner.u
         why = self._conditioner.why(code)
-        if code < 100 or code >= 200:
-            speed = float(u[cond.AIRSPEED])
-            if speed < cond.MIN_SPEED:
-                code, why = 100, f"airspeed below {cond.MIN_SPEED:g} m/s"
-        usable = not 100 <= code < 200
+        usable = not cond.LOST <= code < cond.FROZEN
         ticks = round((frame.t_ns - self._last_ns) / TICK_NS)
         if self._running and -TICK_HZ < ticks <= 0:
             usable, why = False, "time did not advance"
         elif usable:
-            self._advance_to(frame.t_ns, ticks, u, code == 0)
+            self._advance_to(frame.t_ns, ticks, u, code == cond.FRESH)
         else:
             self._running = False
-        self._held_run = 0 if code == 0 else self._held_run + 1
-        if code == 1 and self._held_run <= 3:
+        self._held_run = self._held_run + 1 if code == cond.HELD else 0
+        if 0 < self._held_run <= HELD_TICKS:
             why = ""
+        self._derivatives.lacking = self._conditioner.lacking()
         alpha = self._alpha(frame.t_ns, u, usable, why)
         return alpha, self._derivatives.estimate(frame.t_ns, self._mean_speed(), self._not_applicable())
 
@@ -195,12 +194,18 @@ class Estimator:
         start_ns = self._start_ns if self._start_ns is not None else t_ns
         t = (t_ns - start_ns) * 1e-9
         speed, vane, q = float(u[cond.AIRSPEED]), float(u[cond.VANE]), float(u[cond.Q])
-        p, r, ay, beta = (0.0 if math.isnan(x) else x for x in u[[cond.P, cond.R, cond.AY, cond.BETA]].tolist())
+        p, r, ay = (0.0 if math.isnan(x) else x for x in u[cond.P : cond.AY + 1].tolist())
+        beta = float(u[cond.BETA]) - self._arm * r / speed
+        if math.isnan(beta):
+            beta = 0.0
         self._motion[:] = p, q, r, u[cond.AX], ay, u[cond.AZ]
-        self._air[:] = speed, self._scale * (vane - self._zero) + self._arm * q / speed, beta - self._arm * r / speed
+        self._air[:] = speed, self._scale * (vane - self._zero) + self._arm * q / speed, beta
         age = self._conditioner.age
         a, v = cond.ATTITUDE, cond.VELOCITY
-        self._inertial.step(t, self._motion, (u[a:v], age[a:v], u[v:], age[v:]), self._air)
+        if np.isfinite(self._motion).all():
+            self._inertial.step(t, self._motion, (u[a:v], age[a:v], u[v:], age[v:]), self._air)
+        else:
+            self._inertial.restart()
         ready = self._inertial.out[8] > 0.0
         self._vane.step(vane, p, q, speed, float(self._inertial.out[0]) if ready else math.nan)
         out = self._vane.out

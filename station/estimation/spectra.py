@@ -2,7 +2,7 @@
 
 X(f) <- X(f) + x exp(-j 2 pi f t) at every sample (Morelli 2000, Real-time parameter estimation in the frequency domain;
 Klein and Morelli 2006, section 11.3). The 4th-order 0.02 Hz high-pass runs from the first sample on, so its start has
-died away when the transform opens (physics.md section 0, item 5). Any two channels related sample by sample stay so: a
+died away when the transform opens. Any two channels related sample by sample stay so: a
 missing sample is left out of all of them and costs nothing but itself.
 """
 
@@ -37,8 +37,8 @@ def step(
 ) -> None:
     """One sample of each channel, `x` (channels,), all finite.
 
-    Edits the filters `z` (channels, sections, 2), `spectrum` (channels, frequencies), `phase` (frequencies,) and `count`
-    (samples filtered, samples transformed). `rest`: filter state of a constant 1, (sections, 2).
+    Edits the filters `z` (channels, sections, 2), `spectrum` (channels, frequencies), `phase` (frequencies,) and
+    `count` (samples filtered, samples transformed). `rest`: filter state of a constant 1, (sections, 2).
     """
     first = count[0] == 0.0
     count[0] += 1.0

@@ -1,8 +1,8 @@
 """Turbulence level: standard deviation of the vertical gust at the vane between 2 and 7 Hz, and its class.
 
 The gust is what the vane shows beyond the motion (alpha.py), times the airspeed, so an elevator input does not read as
-turbulence. Classes after physics.md section 3 (MIL-F-8785C Dryden gusts, L = 1750 ft, through a 9 Hz vane with 0.05 deg
-of noise): calm below 0.15 ft/s, light below 0.75, moderate below 1.5, severe above.
+turbulence. Classes for MIL-F-8785C Dryden gusts of L = 1750 ft seen through a 9 Hz vane with 0.05 deg
+of noise: calm below 0.15 ft/s, light below 0.75, moderate below 1.5, severe above.
 """
 
 from __future__ import annotations
