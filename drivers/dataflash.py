@@ -78,6 +78,10 @@ def read_dataflash(path: Path) -> list[Columns]:
     """
     found: dict[str, tuple[list[int], dict[str, list[float]]]] = {}
     log = None
+    # Looked at here because DFReader leaves the file open where it is none.
+    with path.open("rb") as file:
+        if file.read(2) != b"\xa3\x95":
+            raise LogError(f"{path}: not a DataFlash log: it does not begin with a message's head")
     try:
         log = DFReader.DFReader_binary(str(path), zero_time_base=True)
         while (m := log.recv_match(type=list(_MESSAGES))) is not None:
@@ -101,7 +105,7 @@ def read_dataflash(path: Path) -> list[Columns]:
 def _add(found: dict[str, tuple[list[int], dict[str, list[float]]]], m: Any) -> None:
     kind = m.get_type()
     fields = m.get_fieldnames()
-    if any(m[instance] for instance in ("I", "C") if instance in fields):
+    if any(getattr(m, instance) for instance in ("I", "C") if instance in fields):
         return
     if kind == "GPS" and m.Status < 3:
         return

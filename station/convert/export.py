@@ -49,6 +49,9 @@ def export(path: Path, form: Format, out: Path) -> tuple[Path, ...]:
     }
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"{out.parent}: cannot be written to: {error.strerror}") from error
+    try:
         return tuple(write[form]())
     except FileExistsError as error:
         raise LogError(f"{error.filename}: exists already and is not overwritten") from None

@@ -64,7 +64,8 @@ def read_ulog(path: Path, aircraft: Aircraft) -> Record:
     from pyulog import ULog  # slow to import, and wanted here only
 
     try:
-        log = ULog(str(path), message_name_filter_list=[name for name, _ in _TOPICS])
+        with path.open("rb") as file:
+            log = ULog(file, message_name_filter_list=[name for name, _ in _TOPICS])
         topics = {d.name: d.data for d in reversed(log.data_list) if len(d.data["timestamp"])}
     except Exception as error:  # pyulog raises whatever a broken file makes of it
         raise LogError(f"{path}: not a PX4 log that can be read: {type(error).__name__}: {error}") from error
