@@ -102,13 +102,10 @@ def gauss_newton(
     sensitivity = _sensitivities(simulate, p, relative_step, used)
     covariance = _invert(_information(sensitivity, noise))
     se_white = np.sqrt(np.diag(covariance))
-    middle = _coloured_scores(sensitivity, e, noise, symmetric_correlation)
-    variance = np.diag(covariance @ middle @ covariance)
     return OutputFit(
         estimate=p,
         se_white=se_white,
-        # The unbiased autocorrelation may give a negative variance: then the white one is all there is.
-        se_coloured=np.where(variance > 0, np.sqrt(np.maximum(variance, 0.0)), se_white),
+        se_coloured=_coloured_errors(sensitivity, e, noise, covariance, symmetric_correlation),
         covariance=covariance,
         noise=noise,
         model=simulate(p),
@@ -186,6 +183,14 @@ def _invert(information: Array) -> Array:
         raise NotIdentifiable("parameters that the record cannot tell apart")
     inverse: Array = np.linalg.inv(scaled) / np.outer(scale, scale)
     return inverse
+
+
+def _coloured_errors(sensitivity: Array, e: Array, noise: Array, covariance: Array, symmetric: bool) -> Array:
+    """Standard errors (m,) with the residuals' own correlation."""
+    variance = np.diag(covariance @ _coloured_scores(sensitivity, e, noise, symmetric) @ covariance)
+    # The unbiased autocorrelation may give a negative variance: then the white one is all there is.
+    white: Array = np.diag(covariance)
+    return np.sqrt(np.where(variance > 0, variance, white))
 
 
 def _coloured_scores(sensitivity: Array, e: Array, noise: Array, symmetric: bool) -> Array:
@@ -330,8 +335,7 @@ def _filter_error(
     return OutputFit(
         estimate=p,
         se_white=se,
-        # The filter leaves white residuals.
-        se_coloured=se,
+        se_coloured=_coloured_errors(sensitivity, z - model, noise, covariance, False),
         covariance=covariance,
         noise=noise,
         model=model,
