@@ -250,7 +250,7 @@ def _recording(profiles: Profiles) -> Path:
 
 
 def _load(card: str) -> Profiles:
-    """A card's profiles. A recording that is flown brings its own aircraft, and the place of its IMU."""
+    """A card's profiles. A recording that is flown brings its own aircraft, the place of its IMU and its own noise."""
     from station.log import metadata
 
     profiles = load_card(card)
@@ -258,7 +258,7 @@ def _load(card: str) -> Profiles:
         return profiles
     about = metadata(_recording(profiles)).about
     place = about.rig.imu_position if about.rig else (0.0, 0.0, 0.0)
-    rig = profiles.rig.model_copy(update={"imu_position": place})
+    rig = profiles.rig.model_copy(update={"imu_position": place}).without_noise()
     return profiles.model_copy(update={"aircraft": about.aircraft, "rig": rig})
 
 

@@ -406,6 +406,17 @@ class Rig(_Frozen):
                     latency_s=s.latency,
                 )
 
+    def without_noise(self) -> Rig:
+        """The same rig with every signal's noise unstated."""
+        devices = []
+        for device in self.devices:
+            streams = []
+            for s in device.streams:
+                silent = {n: c.model_copy(update={"noise": 0.0}) for n, c in s.signals.items()}
+                streams.append(s.model_copy(update={"signals": silent}))
+            devices.append(device.model_copy(update={"streams": tuple(streams)}))
+        return self.model_copy(update={"devices": tuple(devices)})
+
     def noise_si(self) -> dict[str, float]:
         """Standard deviation of each signal's noise, SI."""
         return {n: c.noise_si() for d in self.devices for s in d.streams for n, c in s.signals.items()}
