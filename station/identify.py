@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 SCHEMA: Final = "station.identify/1"
 AVAILABLE: Final = tuple(n for n in METHODS if n in LIVE or n in postflight.POSTFLIGHT)
-PREFERRED: Final = ("split", "II", "I", "oe", "sidpac")
+PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Without gust energy, the first of these that applies is recommended."""
 LEAD_S: Final = 30.0
 """Flight before the interval that the filters run on."""

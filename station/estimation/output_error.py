@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -300,6 +301,7 @@ def _filter_error(
     used = np.ones(z.shape, dtype=bool)
     count = used.sum(axis=0)
     iterations, converged = 0, False
+    _tame(predict, share, p, noise, m)
     while iterations < 2 * convergence.searches and not converged:
         iterations += 1
 
@@ -330,6 +332,7 @@ def _filter_error(
         p[m:] = np.abs(p[m:]) * (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
         converged = small and float(np.max(np.abs(latest / noise - 1))) < convergence.noise
         noise = latest
+        _tame(predict, share, p, noise, m)
     model = predict(p, noise)
     se = np.sqrt(np.diag(covariance))
     return OutputFit(
@@ -343,6 +346,19 @@ def _filter_error(
         iterations=iterations,
         converged=converged,
     )
+
+
+def _tame(predict: Filtered, share: Filtered, p: Array, noise: Array, m: int) -> None:
+    """Reduce the amplitudes p[m:] in place while the filter overcorrects so much that it may diverge."""
+    for _ in range(60):
+        if np.max(share(p, noise)) < STABLE_SHARE and np.isfinite(predict(p, noise)).all():
+            return
+        p[m:] *= 0.7
+    raise NotIdentifiable("no process noise keeps the filter stable")
+
+
+STABLE_SHARE: Final = 1.5
+"""Of K C; a state corrected by twice its error stays as wrong as it was."""
 
 
 def _within(share: Simulate, p: Array, step: Array, covariance: Array) -> tuple[Array, bool]:
