@@ -154,7 +154,7 @@ def serve_device(
 def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, truth: Connection) -> None:
     clock = SystemClock()
     port = wire.port
-    waiting: list[tuple[int, int, bytes]] = []
+    waiting: list[tuple[int, int, Outgoing]] = []
     changes = sorted({round(t * 1e9) + start_ns for span in script.unplugged for t in span})
     columns = len(script.signals)
     made = 0
@@ -169,7 +169,8 @@ def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, 
                 port.plug()
         due = []
         while waiting and waiting[0][0] <= now_ns:
-            due.append(heapq.heappop(waiting)[2])
+            if data := script.encode(heapq.heappop(waiting)[2]):
+                due.append(data)
         if due:
             port.send(due)
         upcoming = [entry for entry in (waiting[0][0] if waiting else None, changes[0] if changes else None) if entry]
@@ -185,8 +186,8 @@ def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, 
                 except EOFError:
                     flying = False
                     continue
-                for due_ns, data in script.extend(rows):
-                    heapq.heappush(waiting, (due_ns, made, data))
+                for message in script.extend(rows):
+                    heapq.heappush(waiting, (message.due_ns, made, message))
                     made += 1
             else:
                 request = port.receive(one)

@@ -182,7 +182,7 @@ Encode = Callable[[Outgoing], bytes]
 
 
 class DeviceScript:
-    """All that a device will send: encoded bytes with the station time at which they leave."""
+    """All that a device will send, and when. Encoding is left to the moment of sending, to spread its cost."""
 
     def __init__(
         self,
@@ -223,15 +223,16 @@ class DeviceScript:
             )
         self._scramble = np.random.default_rng((*seed, len(rates), 2))
 
-    def extend(self, values: Floats) -> list[tuple[int, bytes]]:
-        """Take the next rows of truth (n, signals) at TRUTH_HZ; return (due_ns, bytes) in order of sending."""
+    def extend(self, values: Floats) -> list[Outgoing]:
+        """Take the next rows of truth (n, signals) at TRUTH_HZ; return the messages they make, in order of sending."""
         self._truth.append(values)
         until = self._truth.until_s
         made = [m for source in self._sources for m in source.block(until, self.clock)]
         made.sort(key=lambda m: m.due_ns)
-        return [(m.due_ns, data) for m in made if (data := self._bytes(m))]
+        return made
 
-    def _bytes(self, m: Outgoing) -> bytes:
+    def encode(self, m: Outgoing) -> bytes:
+        """What goes onto the wire, empty if it is lost. To be called once for each message, in order of sending."""
         # A lost message is encoded all the same: it uses up a number where the encoder counts by itself.
         data = self._encode(m)
         if m.garbage:

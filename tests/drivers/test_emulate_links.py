@@ -91,7 +91,8 @@ def flown(rig: Rig, index: int, folder: Path, seconds: float = SECONDS) -> tuple
     try:
         script = DeviceScript(index, device, card(rig.name), START_NS, wire.encode, wire.also)
         t = np.arange(round(seconds * TRUTH_HZ) + 1) / TRUTH_HZ
-        return script, script.extend(np.column_stack([truth(name, t) for name in script.signals]))
+        messages = script.extend(np.column_stack([truth(name, t) for name in script.signals]))
+        return script, [(m.due_ns, script.encode(m)) for m in messages]
     finally:
         wire.port.close()
 

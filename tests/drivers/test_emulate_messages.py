@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.codec import Reading
 from drivers.emulated_device import serial_encoder
-from drivers.emulated_messages import TRUTH_HZ, DeviceScript, Truth
+from drivers.emulated_messages import TRUTH_HZ, DeviceScript, Outgoing, Truth
 from drivers.serial_boombox import BoomboxCodec
 from station.profile import Card, Rig, SerialDevice
 
@@ -78,17 +78,23 @@ def sent(
     """(flight s when due, bytes) of the whole flight, handed over `rows` at a time."""
     script = DeviceScript(index, device, flown, START_NS, serial_encoder(device))
     truth = truth_of(script.signals, seconds)
-    out = []
+    out: list[Outgoing] = []
     for first in range(0, len(truth), rows):
-        out += [((due - START_NS) * 1e-9, data) for due, data in script.extend(truth[first : first + rows])]
-    return out
+        out += script.extend(truth[first : first + rows])
+    return wire_of(script, out)
+
+
+def wire_of(script: DeviceScript, messages: list[Outgoing]) -> list[tuple[float, bytes]]:
+    """(flight s when due, bytes) of what is not lost, as the device's process sends it."""
+    in_order = sorted(messages, key=lambda m: m.due_ns)
+    return [((m.due_ns - START_NS) * 1e-9, data) for m in in_order if (data := script.encode(m))]
 
 
 def heard(messages: list[tuple[float, bytes]], message: int = 1) -> list[tuple[float, Reading]]:
     """What the production codec reads, with the time it was sent; in order of arrival."""
     codec = BoomboxCodec()
     out = []
-    for due, data in sorted(messages, key=lambda m: m[0]):
+    for due, data in messages:
         out += [(due, r) for r in codec.feed(data) if isinstance(r, Reading) and r.message == message]
     return out
 
@@ -166,7 +172,7 @@ def test_signals_the_flight_lacks_are_sent_as_no_reading_or_not_at_all() -> None
     assert script.signals == ("alpha_vane", "beta_vane", "elevator")
     truth = truth_of(script.signals, 0.2)
     truth[:, 1] = math.nan
-    messages = [(due * 1e-9, data) for due, data in script.extend(truth)]
+    messages = wire_of(script, script.extend(truth))
     assert heard(messages, message=2) == []
     assert all(math.isnan(r.fields["v1"]) and not math.isnan(r.fields["v2"]) for _, r in heard(messages))
 
