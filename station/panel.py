@@ -234,9 +234,9 @@ def _air_line(a: AlphaEstimate) -> Text:
     settled = a.turbulence != "unknown"
     line.append(f" {a.turbulence_level:5.3f} m/s" if settled else "    –    ", "" if settled else "dim")
     return (
-        line.append("   w gust ", "dim")
+        line.append("  w gust ", "dim")
         .append(_fixed(a.gust_vertical, "+6.2f"), "" if a.valid else "dim")
-        .append("   wind N E D ", "dim")
+        .append("  wind N E D ", "dim")
         .append(" ".join(_fixed(w, "+5.1f") for w in (a.wind_north, a.wind_east, a.wind_down)))
         .append(" m/s", "dim")
     )

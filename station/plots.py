@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_NS, from_si
-from station.rows import AlphaEstimate, Code, Event, Frame, Health, Level, MethodEstimate, Row, Status, Truth
+from station.rows import AlphaEstimate, Code, Event, Frame, Health, Level, MethodEstimate, Row, Status, Tick, Truth
 
 SLOW_NS: Final = 500_000_000
 """Derivatives, wind and turbulence level change over seconds: two points a second draw them."""
@@ -127,6 +127,7 @@ STATES: Final[Mapping[str, Mapping[str, int]]] = {
         "moderate": 0xB07A00FF,
         "severe": 0xB03030FF,
     },
+    "derivatives": {"none estimated": 0x606060FF, "some estimated": 0x2F6F9FFF, "all estimated": 0x1E8A68FF},
     "test_point": {},
 }
 
@@ -136,7 +137,7 @@ def derivative_plot(name: str, setup: Setup) -> Plot:
     lines = [Line("profile", _GREY, 1.0)]
     for m in setup.methods:
         # The legend hides lines of one name together.
-        bounds = _band(METHOD_COLOURS[m], BAND if m == setup.recommended else f"{BAND} of the others")
+        bounds = _band(METHOD_COLOURS[m], BAND if m == setup.recommended else f"other {BAND}")
         lines += [*bounds, Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
@@ -208,6 +209,16 @@ def batch(rows: Iterable[Row], start_ns: int) -> Batch:
         events=tuple(kinds[Event]),  # type: ignore[arg-type]
         truths=tuple(kinds[Truth]),  # type: ignore[arg-type]
     )
+
+
+def start_of(rows: Iterable[Row]) -> int | None:
+    """Zero of the page's time, from the first rows of a flight: the first tick, else the first row."""
+    first: int | None = None
+    for row in rows:
+        if type(row) is Tick:
+            return row.t_ns
+        first = row.t_ns if first is None else first
+    return first
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +325,7 @@ def _links(rows: Batch, setup: Setup) -> Iterator[Points]:
         yield Points(plot.path, t, table)
 
 
-def states(rows: Batch) -> Iterator[tuple[str, int, str]]:
+def states(rows: Batch, setup: Setup) -> Iterator[tuple[str, int, str]]:
     """What holds from when on: (which of STATES, ns since the start, state)."""
     for event in rows.events:
         if event.code in (Code.POINT_START, Code.POINT_END):
@@ -323,6 +334,10 @@ def states(rows: Batch) -> Iterator[tuple[str, int, str]]:
     for a in rows.alphas[-1:]:
         yield "alpha", a.t_ns - rows.start_ns, "valid" if a.valid else "not valid"
         yield "turbulence", a.t_ns - rows.start_ns, a.turbulence
+    for row in [row for row in rows.methods if row.method == setup.recommended][-1:]:
+        known = sum(not math.isnan(_estimated(row, name)[0]) for name in setup.derivatives)
+        share = "none" if known == 0 else "all" if known == len(setup.derivatives) else "some"
+        yield "derivatives", row.t_ns - rows.start_ns, f"{share} estimated"
 
 
 LEVEL_NAMES: Final[Mapping[Level, str]] = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ALARM: "ERROR"}

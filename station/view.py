@@ -9,6 +9,7 @@ Rerun takes a second and 100 MB to import, so only the child and `write_rrd` do.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import selectors
 import signal
@@ -117,11 +118,12 @@ class View:
         """Hand over the rows of a tick; the oldest are dropped when the child lags."""
         if self._thread is None:
             return
-        kept: list[Row] = [row for row in rows if type(row) in plots.SHOWN]
+        if self._start_ns is None:
+            self._start_ns = plots.start_of(rows)
+        shown = plots.SHOWN
+        kept: list[Row] = [row for row in rows if type(row) in shown]
         if not kept:
             return
-        if self._start_ns is None:
-            self._start_ns = kept[0].t_ns
         if len(self._queue) >= QUEUE_TICKS:
             with contextlib.suppress(IndexError):  # the sender may have emptied it meanwhile
                 self._queue.popleft()
@@ -354,11 +356,12 @@ class Page:
             if sum(len(p.t_ns) for p in held) >= BATCH_TICKS // 2 or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
                 self._send(points.path)
         for event in rows.events:
-            self._recording.set_time(TIMELINE, duration=np.timedelta64(event.t_ns - rows.start_ns, "ns"))
+            t_ms = (event.t_ns - rows.start_ns) // 1_000_000  # more digits do not fit in the log's column
+            self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ms, "ms"))
             level = plots.LEVEL_NAMES[event.level]
             colour = plots.LEVEL_COLOURS[event.level]
             self._recording.log(plots.EVENTS, rr.TextLog(plots.event_text(event), level=level, color=colour))
-        for what, t_ns, state in plots.states(rows):
+        for what, t_ns, state in plots.states(rows, self._setup):
             if self._states.get(what) != state:
                 self._states[what] = state
                 self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
@@ -476,19 +479,12 @@ def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None 
         recording.save(path, default_blueprint=page.blueprint())
     except (OSError, RuntimeError) as error:
         raise LogError(f"{path}: cannot be written: {error}") from error
-    taken: list[Rows] = []
     start_ns: int | None = None
-    for row in rows:
-        if type(row) not in plots.SHOWN:
-            continue
+    left = iter(rows)
+    while taken := list(itertools.islice(left, 65536)):
         if start_ns is None:
-            start_ns = row.t_ns
-        taken.append(row)
-        if len(taken) >= 8192:
-            page.show(plots.batch(taken, start_ns))
-            taken.clear()
-    if start_ns is not None:
-        page.show(plots.batch(taken, start_ns))
+            start_ns = plots.start_of(taken)
+        page.show(plots.batch(taken, start_ns or 0))
     page.flush()
     recording.flush()
     recording.disconnect()
@@ -504,7 +500,7 @@ def _server(setup: Setup) -> subprocess.Popen[bytes]:
         where += ["--serve-web", "--web-viewer-port", str(setup.web_port)]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(
-        [str(program), *where, "--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB"],
+        [str(program), *where, "--newest-first", "--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB"],
         stdin=quiet,
         stdout=quiet,
         stderr=quiet,
