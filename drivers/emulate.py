@@ -96,6 +96,7 @@ def _fly(
     """The flight process: truth to each device's pipe, the signals that it asked for, AHEAD_S early."""
     heed_signals()
     clock = SystemClock()
+    listening = [(pipe, signals) for pipe, signals in devices if signals]
     try:
         source = _source(profiles, recording)
         rows = source.advance(CHUNK)
@@ -103,10 +104,11 @@ def _fly(
         start_ns = control.recv()
         k = 0
         while n := _length(rows):
-            for pipe, signals in devices:
-                if not signals:
-                    continue
-                pipe.send_bytes(np.column_stack([_column(rows, s, n) for s in signals]).tobytes())
+            for pipe, signals in list(listening):
+                try:
+                    pipe.send_bytes(np.column_stack([_column(rows, s, n) for s in signals]).tobytes())
+                except OSError:  # that device is gone; the others fly on
+                    listening.remove((pipe, signals))
             k += n
             rows = source.advance(CHUNK)
             wait_s = (start_ns - clock.now_ns()) * 1e-9 + k / TRUTH_HZ - AHEAD_S
