@@ -35,7 +35,9 @@ def test_frames_are_the_table(tmp_path: Path) -> None:
     assert found.columns["q"].tolist() == [0.1 * k for k in range(5)]
     assert np.isnan(found.columns["alpha_vane"]).tolist() == [False, False, True, False, False]
     assert found.quality["q"].tolist() == [0] * 5
-    assert (found.t0_ns, found.rate_hz, found.record_ns) == (10**9, pytest.approx(50.0), None)
+    assert found.t0_ns == 10**9
+    assert found.rate_hz == pytest.approx(50.0)
+    assert found.record_ns is None
     assert found.aircraft == AIRCRAFT
     part = found.between(0.02, 0.06)
     assert part.t_s.tolist() == [0.02, 0.04, 0.06]
@@ -48,8 +50,7 @@ def test_streams_on_different_times_are_interpolated_with_their_latency(tmp_path
     for i in range(400):
         t = 10**9 + i * 5_000_000
         # True 10 ms before it arrives.
-        true_s = i * 0.005 - 0.010
-        rows.append(Sample(t, "can.gyro", None, i, (3.0 * true_s, math.nan)))
+        rows.append(Sample(t, "can.gyro", None, i, (3.0 * (i * 0.005 - 0.010), math.nan)))
     for i in range(20):
         t_s = i * 0.1
         heading = math.remainder(3.0 + 0.5 * t_s, 2 * math.pi)

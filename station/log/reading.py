@@ -28,7 +28,7 @@ def _escaped(text: str) -> str:
 
 
 def metadata(path: Path) -> LogInfo:
-    """What a recording says of itself, from its first readable file. Raises LogError if that is nothing."""
+    """What a recording says of itself, from its first file. Raises LogError if that is nothing."""
     if not path.is_file():
         raise LogError(f"{path}: no such recording")
     reader = PartReader(path)

@@ -77,12 +77,12 @@ def table(path: Path) -> Table:
     frames: list[Frame] = []
     samples: dict[str, list[Sample]] = {}
     named: dict[type, list[Truth | Extra]] = {Truth: [], Extra: []}
-    for row in read_rows(path, (Frame, Sample, Truth, Extra)):
+    for row in read_rows(path, (_on_grid(path), Truth, Extra)):
         if isinstance(row, Frame):
             frames.append(row)
         elif isinstance(row, Truth | Extra):
             named[type(row)].append(row)
-        elif isinstance(row, Sample) and not frames:
+        elif isinstance(row, Sample):
             samples.setdefault(row.stream, []).append(row)
     record_ns = None
     quality: dict[str, NDArray[np.uint8]] = {}
@@ -98,6 +98,11 @@ def table(path: Path) -> Table:
     truth = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Truth]).items()}
     extra = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Extra]).items()}
     return Table((t_ns - t_ns[0]) / 1e9, columns, info.aircraft, int(t_ns[0]), quality, truth, extra, record_ns)
+
+
+def _on_grid(path: Path) -> type[Frame] | type[Sample]:
+    """The rows that the table's times come from."""
+    return Sample if next(read_rows(path, (Frame,)), None) is None else Frame
 
 
 def _from_frames(frames: list[Frame]) -> tuple[NDArray[np.int64], dict[str, Column], dict[str, NDArray[np.uint8]]]:
@@ -176,9 +181,7 @@ def points(path: Path) -> list[Point]:
     last = 0
     open_points: dict[int, Event] = {}
     closed: list[tuple[Event, int]] = []
-    has_frames = next(iter(read_rows(path, (Frame,))), None) is not None
-    clock_kind = Frame if has_frames else Sample
-    for row in read_rows(path, (clock_kind, Event)):
+    for row in read_rows(path, (_on_grid(path), Event)):
         if isinstance(row, Event):
             if row.code is Code.POINT_START:
                 open_points[row.count] = row
