@@ -233,13 +233,9 @@ def _recorded_flight(profiles: Profiles) -> dict[str, NDArray[np.float64]] | Non
         return None
     flown = table(_recording(profiles))
     flown_s = flown.t_s - flown.t_s[0]
-    # To and fro over the first second, ending where the recording starts: its values go on living, without a step.
-    fore = int(np.searchsorted(flown_s, 1.0))
-    step_s = 1.0 / flown.rate_hz
-    back = np.arange(round(flight.lead_in / step_s), 0, -1)
-    place = np.abs((back + fore) % (2 * fore) - fore)
-    time = np.concatenate([flight.lead_in - back * step_s, flown_s + flight.lead_in])
-    return {"time": time, **{n: np.concatenate([c[place], c]) for n, c in flown.columns.items()}}
+    held_s = np.arange(0.0, flight.lead_in, 1.0 / flown.rate_hz)
+    time = np.concatenate([held_s, flown_s + flight.lead_in])
+    return {"time": time, **{n: np.concatenate([np.full(len(held_s), c[0]), c]) for n, c in flown.columns.items()}}
 
 
 def _recording(profiles: Profiles) -> Path:
@@ -322,9 +318,9 @@ def import_(
 ) -> int:
     """Make a station recording of a record from elsewhere."""
     from drivers.dataflash import read_dataflash
-    from station.convert import import_file
+    from station.convert import import_file, reader_of
 
-    count = import_file(file, out, load_aircraft(aircraft), {".bin": read_dataflash})
+    count = import_file(file, out, load_aircraft(aircraft), {".bin": reader_of("dataflash", read_dataflash)})
     say(f"{out}: {count} rows")
     return DONE
 
