@@ -27,7 +27,7 @@ from station.board import Board
 from station.clock import Clock
 from station.conventions import from_si
 from station.plots import event_text
-from station.rows import AlphaEstimate, Level, ParamEstimate, Status, StreamHealth
+from station.rows import LEVELS, AlphaEstimate, Level, ParamEstimate, Status, StreamHealth
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
 
@@ -163,9 +163,14 @@ def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None)
     return lines
 
 
+def _styled(text: str, style: str) -> Text:
+    """Text whose style does not reach what is appended."""
+    return Text().append(text, style)
+
+
 def _side_by_side(left: list[Text], right: list[Text]) -> Iterator[Text]:
     for i in range(max(len(left), len(right))):
-        line = left[i].copy() if i < len(left) else Text()
+        line = Text().append_text(left[i]) if i < len(left) else Text()
         line.truncate(LEFT, pad=True)
         yield line.append_text(right[i]) if i < len(right) else line
 
@@ -180,7 +185,7 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
     if health is not None and (health.overruns or health.dropped):
         line.append(f"   {health.overruns} ticks missed, {health.dropped} rows dropped", "yellow")
     yield line
-    yield Text(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
+    yield _styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
     if board.address:
         line = Text(f" {board.address}")
         if board.view_dropped:
@@ -198,10 +203,10 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
 
 def _alpha_lines(board: Board) -> Iterator[Text]:
     a = board.alpha
-    title = Text(" ANGLE OF ATTACK [deg]", _TITLE)
+    title = _styled(" ANGLE OF ATTACK [deg]", _TITLE)
     if a is None:
         yield title
-        yield Text("   no estimate yet", "dim")
+        yield _styled("   no estimate yet", "dim")
         return
     if not a.valid:
         title.append(f"   INVALID: {a.why}", "bold red")
@@ -217,7 +222,7 @@ def _alpha_lines(board: Board) -> Iterator[Text]:
         .append("   gust part ", "dim")
         .append(_deg(a.alpha_gust), "" if a.valid else "dim")
     )
-    line = Text("   corrections", "dim")
+    line = _styled("   corrections", "dim")
     for name in ("zero", "upwash", "rate", "lag", "gust"):
         line.append(f"  {name} ", "dim").append(_deg(getattr(a, name)), "" if a.valid else "dim")
     yield line
@@ -230,7 +235,7 @@ def _believed(text: str, valid: bool) -> str:
 
 def _air_line(a: AlphaEstimate) -> Text:
     styles = {"calm": "green", "light": "green", "moderate": "yellow", "severe": "bold red"}
-    line = Text("   turbulence ", "dim").append(f"{a.turbulence:<8}", styles.get(a.turbulence, "dim"))
+    line = _styled("   turbulence ", "dim").append(f"{a.turbulence:<8}", styles.get(a.turbulence, "dim"))
     settled = a.turbulence != "unknown"
     line.append(f" {a.turbulence_level:5.3f} m/s" if settled else "    –    ", "" if settled else "dim")
     return (
@@ -244,7 +249,7 @@ def _air_line(a: AlphaEstimate) -> Text:
 
 def _derivative_lines(board: Board) -> Iterator[Text]:
     others = [m for m in list(board.methods) if m != board.recommended]
-    title = Text(f"{' DERIVATIVES':<{_NAME}}", _TITLE)
+    title = _styled(f"{' DERIVATIVES':<{_NAME}}", _TITLE)
     title.append(f"{board.recommended:>{_VALUE}}{'   2σ':<{_BOUND}}", "bold").append(f"{'[1/rad]':<{_STATUS}}", "dim")
     yield title.append("".join(f"{m:>{_column(m)}}" for m in others), "bold dim")
     whys: dict[str, list[str]] = {}
@@ -259,7 +264,7 @@ def _derivative_lines(board: Board) -> Iterator[Text]:
             whys.setdefault(p.why or p.status, []).append(name)
         yield line
     for why, names in whys.items():
-        yield Text(f"   {'all' if len(names) == len(board.derivatives) else ', '.join(names)}: {why}", "yellow")
+        yield _styled(f"   {'all' if len(names) == len(board.derivatives) else ', '.join(names)}: {why}", "yellow")
 
 
 def _column(method: str) -> int:
@@ -269,11 +274,11 @@ def _column(method: str) -> int:
 def _estimate(board: Board, p: ParamEstimate | None) -> Text:
     """Value, 2 sd and status of the recommended method, in fixed columns."""
     if p is None or p.status is Status.UNESTIMATED:
-        return Text(f"{'–':>{_VALUE}}{'':{_BOUND}}{'unestimated':<{_STATUS}}", "dim")
+        return _styled(f"{'–':>{_VALUE}}{'':{_BOUND}}{'unestimated':<{_STATUS}}", "dim")
     if p.status is Status.INVALID:
-        return Text(f"{_value(p):>{_VALUE}}{'':{_BOUND}}{'INVALID':<{_STATUS}}", "dim")
+        return _styled(f"{_value(p):>{_VALUE}}{'':{_BOUND}}{'INVALID':<{_STATUS}}", "dim")
     enough = board.is_enough(p)
-    text = Text(f"{_value(p):>{_VALUE}}", "bold green")
+    text = _styled(f"{_value(p):>{_VALUE}}", "bold green")
     text.append(f"{' ± ' + _significant(2 * p.sd, p.value):<{_BOUND}}")
     return text.append(f"{'enough' if enough else 'estimated':<{_STATUS}}", "green" if enough else "")
 
@@ -290,46 +295,47 @@ def _link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterato
     title = f"{' LINKS':<{_STREAM}}{'rate':>6}{'age':>8}  {'clock':<10}{'offset s':>10}{'ppm':>5}{'gaps/bad':>9}"
     health = board.health
     if health is None:
-        yield Text(" LINKS", _TITLE).append("   nothing heard yet", "dim")
+        yield _styled(" LINKS", _TITLE).append("   nothing heard yet", "dim")
         return
     if only_bad:
         title = f" LINKS  {sum(s.alive for s in health.streams)} of {len(health.streams)} alive"
-    yield Text(title, _TITLE)
+    yield _styled(title, _TITLE)
     for s in health.streams:
         flags = board.flags(s.stream, s.device, now_ns)
-        if flags or not s.alive or not only_bad:
-            yield _link_line(s, " ".join(flags))
+        alive = s.alive and not any(LEVELS[flag] is Level.ALARM for flag in flags)
+        if flags or not alive or not only_bad:
+            yield _link_line(s, alive, " ".join(flags))
 
 
-def _link_line(s: StreamHealth, flags: str) -> Text:
-    if not s.alive:
-        line = Text(f"{' ✗ ' + s.stream:<{_STREAM}}{_fixed(s.rate_hz, '.0f'):>3} Hz", "bold red")
-    else:
-        line = Text(f"{' ● ' + s.stream:<{_STREAM}}", "yellow" if flags else "green").append(f"{s.rate_hz:>3.0f} Hz")
+def _link_line(s: StreamHealth, alive: bool, flags: str) -> Text:
+    style = "bold red" if not alive else "yellow" if flags else "green"
+    line = _styled(f" {'●' if alive else '✗'} {s.stream:<{_STREAM - 3}}", style)
     age = f"{1000 * s.age_s:.0f} ms" if s.age_s < 1 else f"{s.age_s:.1f} s" if math.isfinite(s.age_s) else "–"
-    line.append(f"{age:>8}", "" if s.alive else "bold red")
+    line.append(f"{_fixed(s.rate_hz, '.0f'):>3} Hz{age:>8}", "" if alive else "bold red")
     line.append(f"  {s.clock:<10}", _CLOCK_STYLES.get(s.clock, "bold red"))
     known = s.clock not in ("none", "unsynced")
     line.append(f"{_fixed(s.offset_s, '+.2f') if known else '–':>10}{_fixed(s.drift_ppm, '+.0f') if known else '–':>5}")
     line.append(f"{f'{s.gaps}/{s.bad}':>9}", "yellow" if s.gaps or s.bad else "")
-    return line.append(f"  {flags}", "bold yellow" if s.alive else "bold red")
+    return line.append(f"  {flags}", "bold red" if not alive else "bold yellow")
 
 
 def _event_lines(board: Board, count: int) -> list[Text]:
     """The title and the last events, `count` of them; nothing if there is room for none."""
     if count < 1:
         return []
-    lines = [Text(" EVENTS", _TITLE)]
+    lines = [_styled(" EVENTS", _TITLE)]
     for _, event in board.events_after(0)[-count:]:
         style = _LEVEL_STYLES[event.level]
-        lines.append(Text(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
+        lines.append(_styled(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
     return lines
 
 
 def _footer(note: str | None) -> Text:
     if note is not None:
         return (
-            Text(" note: ", "bold black on yellow").append(f" {note}█").append("   Enter records  Esc drops it", "dim")
+            _styled(" note: ", "bold black on yellow")
+            .append(f" {note}█")
+            .append("   Enter records  Esc drops it", "dim")
         )
     line = Text()
     for key, what in (("m", "mark an event"), ("p", "start/end test point"), ("q", "quit")):
