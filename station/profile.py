@@ -171,7 +171,7 @@ class Actuator(_Frozen):
 
 
 COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
-ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr")
+ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr", "gust")
 DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
 
 
@@ -487,7 +487,7 @@ class Flight(_Frozen):
     recording: str | None = None
     """A station log, for source = "recording"; its aircraft is flown."""
     lead_in: Seconds = 0.0
-    """The recording's first second is flown to and fro so long before it plays, for filters to settle."""
+    """The recording's first values are held so long before it plays, for filters to settle."""
     speed: MetresPerSecond = 56.59
     altitude: Metres = 762.0
     gust_sigma: MetresPerSecond = 0.0
