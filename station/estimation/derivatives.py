@@ -35,7 +35,7 @@ EXCITED: Final = 10.0
 """Elevator energy in the band over that of its noise."""
 COLLINEAR: Final = 100.0
 """Variance inflation above which regressors cannot be told apart."""
-MIN_R2: Final = 0.3
+MIN_R2: Final = 0.6
 SLACK_S: Final = 3.0
 """A group of signals that comes this much after the first still opens with it."""
 
