@@ -178,7 +178,8 @@ def _stop_on_signals() -> threading.Event:
 def _emulators(card: str) -> Iterator[dict[str, str]]:
     """Run `station emulate CARD` beside the station; the endpoint of each device. Raises DeviceError."""
     child = subprocess.Popen(
-        [sys.executable, "-m", "station", "emulate", card],
+        [sys.executable, "-m", "station", "emulate", card, "--attached"],
+        stdin=subprocess.PIPE,  # closes when this process ends, however it ends
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,  # Ctrl-C is for the station, which then ends the devices
@@ -192,8 +193,9 @@ def _emulators(card: str) -> Iterator[dict[str, str]]:
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)
             child.wait()
-        if child.stdout is not None:
-            child.stdout.close()
+        for pipe in (child.stdin, child.stdout):
+            if pipe is not None:
+                pipe.close()
 
 
 def _endpoints(child: subprocess.Popen[str], wanted: set[str]) -> dict[str, str]:
@@ -214,12 +216,17 @@ def _endpoints(child: subprocess.Popen[str], wanted: set[str]) -> dict[str, str]
 
 
 @app.command()
-def emulate(card: CardName = "bench") -> int:
+def emulate(
+    card: CardName = "bench",
+    attached: Annotated[bool, typer.Option("--attached", hidden=True, help="end when standard input closes")] = False,
+) -> int:
     """Serve the card's emulated devices alone; one JSON line per endpoint."""
     from drivers.emulate import serve
 
     profiles = _load(card)
     stop = _stop_on_signals()
+    if attached:
+        threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
     serve(profiles, lambda told: _write_line(json.dumps(told)), stop, SystemClock(), _recorded_flight(profiles))
     return DONE
 

@@ -41,7 +41,9 @@ class _Buffer:
         self.max_rate = tuple(SIGNALS[name].max_rate for name in stream.signals)
         self.jitter = tuple(NOISE_JUMP * noise.get(name, 0.0) for name in stream.signals)
         self.period_ns = round(1e9 / stream.rate_hz)
-        self.latency_ns = round(stream.latency_s * 1e9)
+        # A stamp counted in steps is half a step early against the floor of arrivals, whether it is cut or rounded:
+        # the floor is where cutting took nothing, or where rounding added half a step.
+        self.latency_ns = round((stream.latency_s - 0.5 * stream.stamp_resolution_s) * 1e9)
         self.stale_ns = round(stream.stale_after_s * 1e9)
         self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
         """Longest gap between samples that may be interpolated over."""

@@ -85,6 +85,7 @@ class Stream:
     """Signals that one message of a device carries together.
 
     `latency_s` is how much earlier the values were true than the message's device time (or arrival, without one).
+    `stamp_resolution_s` is the step that the device's time is counted in.
     """
 
     name: str
@@ -93,6 +94,7 @@ class Stream:
     stale_after_s: float
     device: str = ""
     latency_s: float = 0.0
+    stamp_resolution_s: float = 0.0
 
 
 def _streams(*rows: tuple[str, str, float]) -> Mapping[str, Stream]:

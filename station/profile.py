@@ -288,6 +288,8 @@ class StreamProfile(_Frozen):
     rate: Annotated[Hertz, Positive]
     latency: Seconds = 0.0
     """How old the values are when the message is stamped by the device (or arrives, if it carries no time)."""
+    stamp_resolution: Seconds = 0.0
+    """The step in which the device counts its time."""
     signals: dict[str, Channel]
 
     @model_validator(mode="after")
@@ -404,6 +406,7 @@ class Rig(_Frozen):
                     stale_after_s=min(max(0.1, 2.2 / s.rate), 3.0),
                     device=device.name,
                     latency_s=s.latency,
+                    stamp_resolution_s=s.stamp_resolution,
                 )
 
     def without_noise(self) -> Rig:

@@ -84,6 +84,17 @@ def test_latency_of_the_rig_is_taken_out():
     assert frames[-1].values[ALPHA] == pytest.approx(1e-3 * frames[-1].t_ns / S, abs=1e-9)
 
 
+@pytest.mark.parametrize("stamped", [math.floor, round])
+def test_a_coarse_stamp_costs_no_skew(stamped):
+    """Stamps in whole milliseconds, cut or rounded, at times that are no whole milliseconds."""
+    coarse = Stream("can.gyro", ("q",), 190.0, 0.1, device="can", stamp_resolution_s=1e-3)
+    ramp = lambda t: 1e-3 * t  # noqa: E731
+    device = lambda t: 500.0 + stamped(t * 1e3) * 1e-3  # noqa: E731
+    frames, _ = fly(Aligner([coarse], {}), sampled("can.gyro", 190.0, 20, ramp, device=device), 20)
+    errors_ms = [f.values[Q] / 1e-6 - f.t_ns / 1e6 for f in frames[500:]]
+    assert abs(np.mean(errors_ms)) < 0.1  # half a step is 0.5 ms
+
+
 def test_slow_stream_is_held_with_its_age_not_passed_off_as_fresh():
     aligner = Aligner([stream("gnss.velocity", ("v_down",), 5.0, stale=0.44)], {})
     frames, _ = fly(aligner, sampled("gnss.velocity", 5, 5), 5)

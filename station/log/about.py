@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
 from station.conventions import Stream
@@ -55,17 +55,6 @@ def preamble(
     about: About, flight: str, part: int, station_ns: int, utc_ns: int
 ) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
     """Metadata and attachments for the start of a file; `info_of` reads them back."""
-    streams = [
-        {
-            "name": s.name,
-            "signals": s.signals,
-            "rate_hz": s.rate_hz,
-            "stale_after_s": s.stale_after_s,
-            "device": s.device,
-            "latency_s": s.latency_s,
-        }
-        for s in about.streams
-    ]
     metadata = {
         "station": {
             "software": version("flight-test-station"),
@@ -73,7 +62,7 @@ def preamble(
             "part": str(part),
             "source": about.source,
             "imported": "yes" if about.imported else "no",
-            "streams": json.dumps(streams),
+            "streams": json.dumps([asdict(s) for s in about.streams]),
         },
         "clock": {"station_ns": str(station_ns), "utc_ns": str(utc_ns)},
         "notes": dict(about.notes),
