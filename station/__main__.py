@@ -206,13 +206,19 @@ def _endpoints(child: subprocess.Popen[str], wanted: set[str]) -> dict[str, str]
         assert child.stdout is not None
         for line in child.stdout:
             told = json.loads(line)
-            endpoints[told["device"]] = told["endpoint"]
+            if "device" in told:
+                endpoints[told["device"]] = told["endpoint"]
             if wanted <= endpoints.keys():
                 return endpoints
     finally:
         watchdog.cancel()
     missing = ", ".join(sorted(wanted - endpoints.keys()))
     raise DeviceError(f"the emulated devices did not start: no endpoint for {missing}\nsee: station emulate")
+
+
+def _stop_at_end_of_input(stop: threading.Event) -> None:
+    sys.stdin.read()
+    stop.set()
 
 
 @app.command()
@@ -226,7 +232,7 @@ def emulate(
     profiles = _load(card)
     stop = _stop_on_signals()
     if attached:
-        threading.Thread(target=lambda: (sys.stdin.read(), stop.set()), daemon=True).start()
+        threading.Thread(target=_stop_at_end_of_input, args=(stop,), daemon=True).start()
     serve(profiles, lambda told: _write_line(json.dumps(told)), stop, SystemClock(), _recorded_flight(profiles))
     return DONE
 
