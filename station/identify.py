@@ -338,21 +338,22 @@ def _consistency(results: Mapping[str, MethodResult], axes: Axes) -> dict[str, A
         if name == base:
             continue
         here = {p.name: p for p in result.parameters}
-        row: dict[str, Any] = {"from": base, "to": name}
-        spread = []
+        rows, errors = {}, {}
         for of in (force, "Cm"):
             slope = reference[f"{of}_alpha"].value
             if slope == 0:
                 break
-            row[of] = {
-                "t_alpha": here[f"{of}_alpha"].value / slope,
-                "t_q": (here[f"{of}_q"].value - reference[f"{of}_q"].value) / slope,
-                "t_de": (here[f"{of}_de"].value - reference[f"{of}_de"].value) / slope,
-            }
-            spread.append(math.hypot(here[f"{of}_q"].sd, reference[f"{of}_q"].sd) / abs(slope))
-        if len(spread) == 2:
-            apart = abs(row[force]["t_q"] - row["Cm"]["t_q"])
-            size = max(abs(row[force]["t_q"]), abs(row["Cm"]["t_q"]))
-            row["agree"] = bool(apart <= max(0.1 * size, 2 * math.hypot(*spread)))
-            pairs.append(row)
+            old, new = [[p[f"{of}_{d}"] for d in postflight.DOF] for p in (reference, here)]
+            change = [(n.value - o.value) / slope for n, o in zip(new, old, strict=True)]
+            rows[of] = {"t_alpha": 1 + change[0], "t_q": change[1], "t_de": change[2]}
+            # Both estimates come from one record: the smaller error is nearer to that of their difference.
+            errors[of] = [min(n.sd, o.sd) / abs(slope) for n, o in zip(new, old, strict=True)]
+        if len(rows) < 2:
+            continue
+        agree = True
+        for t, one, other in zip(rows[force], errors[force], errors["Cm"], strict=True):
+            a, b = rows[force][t], rows["Cm"][t]
+            size = 0.5 if t == "t_alpha" else max(abs(a), abs(b))
+            agree = agree and abs(a - b) <= max(0.1 * size, 2 * math.hypot(one, other))
+        pairs.append({"from": base, "to": name, **rows, "agree": agree})
     return {"base": base, "pairs": pairs}

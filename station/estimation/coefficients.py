@@ -101,7 +101,7 @@ def coefficients(motion: Mapping[str, Array], airframe: Airframe, alpha: Array, 
         cy = a.mass * signal("ay") * force
         cz = a.mass * motion["az"] * force
         cl = (a.ixx * pdot - a.ixz * (p * q + rdot) + (a.izz - a.iyy) * q * r) * force / a.span
-        cm = (a.iyy * qdot + a.ixz * (p * p - r * r) + _gyroscopic(a) * p * r) * force / a.chord
+        cm = (a.iyy * qdot + a.ixz * (p * p - r * r) + gyroscopic(a) * p * r) * force / a.chord
         cn = (a.izz * rdot - a.ixz * (pdot - q * r) + (a.iyy - a.ixx) * p * q) * force / a.span
         half = 0.5 / v
     sin, cos = np.sin(alpha), np.cos(alpha)
@@ -120,7 +120,7 @@ def coefficients(motion: Mapping[str, Array], airframe: Airframe, alpha: Array, 
     )
 
 
-def _gyroscopic(airframe: Airframe) -> float | Array:
+def gyroscopic(airframe: Airframe) -> float | Array:
     """Ixx - Izz; 0 if either is unknown: with wings level the term is far below the noise."""
     difference = airframe.ixx - airframe.izz
     return difference if np.all(np.isfinite(difference)) else 0.0

@@ -16,7 +16,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import matmul_toeplitz, solve_continuous_are
+from scipy.linalg import matmul_toeplitz
+from scipy.signal import correlate
 
 from station.estimation.kalman import parameter_vector
 from station.estimation.longitudinal import NX, NY, PARAMETERS, Body, advance, outputs, rates
@@ -201,7 +202,7 @@ def _coloured_scores(sensitivity: Array, e: Array, noise: Array, symmetric: bool
     overlap = n - np.arange(n)
     for a in range(k):
         for b in range(k):
-            both = np.correlate(e[:, b], e[:, a], "full")
+            both = correlate(e[:, b], e[:, a])
             behind = both[n - 1 :: -1] / overlap
             ahead = behind if symmetric else both[n - 1 :] / overlap
             left, right = sensitivity[:, :, a] / noise[a], sensitivity[:, :, b].T / noise[b]
@@ -301,8 +302,9 @@ def _filter_error(
     used = np.ones(z.shape, dtype=bool)
     count = used.sum(axis=0)
     iterations, converged = 0, False
+    floor = 0.01 * np.abs(p[m:])
     _tame(predict, share, p, noise, m)
-    while iterations < 2 * convergence.searches and not converged:
+    while iterations < convergence.searches and not converged:
         iterations += 1
 
         def simulate(values: Array, held: Array = noise) -> Array:
@@ -318,7 +320,7 @@ def _filter_error(
         covariance = _invert(_information(sensitivity, latest))
         step = covariance @ np.einsum("aij,ij,j->a", sensitivity, e, 1 / latest)
         step, bound = _within(shared, p, step, covariance)
-        small = bool(np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < 0.01)
+        small = bool(np.max((np.abs(step) / np.sqrt(np.diag(covariance)))[:m]) < convergence.step)
         for _halving in range(12):
             trial = z - simulate(p + step)
             if np.isfinite(trial).all() and (bound or _log_variances(trial) <= cost + 1e-9):
@@ -329,7 +331,11 @@ def _filter_error(
         p = p + step
         latest = _variances(trial, count)
         weight = influence**2 / noise[:, None]
-        p[m:] = np.abs(p[m:]) * (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
+        p[m:] = (
+            np.maximum(np.abs(p[m:]), floor)
+            * (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0)
+            / weight.sum(axis=0)
+        )
         converged = small and float(np.max(np.abs(latest / noise - 1))) < convergence.noise
         noise = latest
         _tame(predict, share, p, noise, m)
@@ -385,13 +391,18 @@ def _log_variances(e: Array) -> float:
 
 
 def _steady_gain(c: Array, p: Array, x: Array, u: Array, amplitudes: Array, noise: Array, dt: float) -> Array:
+    """K (4, 7) from the stable invariant subspace of the Riccati equation's Hamiltonian matrix."""
     a, h = _linearise(c, p, x, u)
+    hamiltonian = np.block([[a.T, -(h.T / noise) @ h / dt], [-np.diag(amplitudes**2), -a]])
+    if not np.isfinite(hamiltonian).all():
+        raise NotIdentifiable("no steady filter gain")
+    values, vectors = np.linalg.eig(hamiltonian)
+    stable = vectors[:, np.argsort(values.real)[:NX]]
     try:
-        steady = solve_continuous_are(a.T, h.T, np.diag(amplitudes**2), np.diag(noise * dt))
-    except (np.linalg.LinAlgError, ValueError) as error:
+        steady = np.linalg.solve(stable[:NX].T, stable[NX:].T).T.real
+    except np.linalg.LinAlgError as error:
         raise NotIdentifiable("no steady filter gain") from error
-    gain: Array = steady @ h.T / noise
-    return np.ascontiguousarray(gain)
+    return np.ascontiguousarray(steady @ h.T / noise)
 
 
 @njit(cache=True)

@@ -13,12 +13,13 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import correlate
 
 from station.conventions import LATERAL, LONGITUDINAL, LONGITUDINAL_BODY, to_si
 from station.estimation import sidpac as published
 from station.estimation.kalman import Tuning, extended_kalman
 from station.estimation.longitudinal import NX, NY, PARAMETERS, Body
-from station.estimation.output_error import CONVERGED, Longitudinal, OutputFit
+from station.estimation.output_error import CONVERGED, Convergence, Longitudinal, OutputFit
 from station.estimation.record import FlightRecord
 from station.estimation.regression import Fit, NotIdentifiable, least_squares, smoothed_start
 from station.estimation.short_period import ShortPeriod
@@ -32,6 +33,8 @@ EXCITED: Final = 10.0
 COLLINEAR: Final = 100.0
 """Variance inflation above which regressors cannot be told apart."""
 MIN_R2: Final = 0.3
+MIN_LENGTH_S: Final = 2.0
+"""Of a record that is integrated."""
 DOF: Final = ("alpha", "q", "de")
 LATERAL_DOF: Final = ("beta", "p", "r", "da", "dr")
 
@@ -247,7 +250,7 @@ def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
 
 def method_oe(record: FlightRecord, axes: Axes) -> MethodResult:
     """oe: output error; the short period, or with speed derivatives in the profile the longitudinal motion."""
-    record.require_complete()
+    _require_length(record)
     if _has_speed_terms(record):
         return _longitudinal(record, axes, "oe")
     if not record.has("theta"):
@@ -286,7 +289,7 @@ def method_oe(record: FlightRecord, axes: Axes) -> MethodResult:
 
 def method_fe(record: FlightRecord, axes: Axes) -> MethodResult:
     """fe: filter error of the longitudinal motion, process-noise amplitudes estimated."""
-    record.require_complete()
+    _require_length(record)
     return _longitudinal(record, axes, "fe")
 
 
@@ -310,6 +313,12 @@ def _output_fits(outputs: Sequence[str], measured: Array, fit: OutputFit) -> dic
 def _require_input(record: FlightRecord) -> None:
     if not excited(record, ("elevator",)):
         raise NotIdentifiable("no elevator input")
+
+
+def _require_length(record: FlightRecord) -> None:
+    record.require_complete()
+    if len(record.t_s) * record.dt < MIN_LENGTH_S:
+        raise NotIdentifiable(f"{len(record.t_s) * record.dt:.2g} s of data: needs {MIN_LENGTH_S:g} s or more")
 
 
 def _has_speed_terms(record: FlightRecord) -> bool:
@@ -431,7 +440,7 @@ def _longitudinal(record: FlightRecord, axes: Axes, kind: Literal["oe", "fe"]) -
         rate = math.sqrt(2 * setup.body.reference_speed / GUST_LENGTH)
         speed = setup.body.reference_speed
         amplitudes = (level * rate, level / speed * rate, 0.1 * level / speed * rate, 0.1 * level / speed * rate)
-        fit = model.filter_error(setup.measured, initial, amplitudes, CONVERGED)
+        fit = model.filter_error(setup.measured, initial, amplitudes, SETTLED)
     m = len(setup.free)
     errors = np.maximum(fit.se_white, fit.se_coloured)[:m]
     parameters = _derivatives(record, axes, setup.free, fit.estimate[:m], errors, *_verdict(fit))
@@ -450,6 +459,8 @@ def _all_parameters(free: Sequence[str], values: Array, errors: Array) -> dict[s
     return {n: [float(values[i]), float(errors[i])] for i, n in enumerate(free)}
 
 
+SETTLED: Final = Convergence(step=0.05, noise=0.02, searches=30)
+"""For filter error: its steps swing about the bound on the gain."""
 OUTPUT_NAMES: Final = ("airspeed", "alpha", "theta", "q", "qdot", "ax", "az")
 GUST_LENGTH: Final = to_si(1750, "ft")
 
@@ -457,7 +468,7 @@ GUST_LENGTH: Final = to_si(1750, "ft")
 def method_vi(record: FlightRecord, axes: Axes) -> MethodResult:
     """VI: extended Kalman filter, derivatives as states. Process noise of V and alpha from the turbulence level: first-
     order gusts of MIL-F-8785C's length; errors widened by the innovations' own correlation."""
-    record.require_complete()
+    _require_length(record)
     setup = _setup(record)
     level = record.turbulence()[1]
     sigma = max(level, 0.01) / 0.0759 if math.isfinite(level) else to_si(5, "ft/s")
@@ -500,7 +511,7 @@ def _correlation_time(innovation: Array) -> float:
     worst = 1.0
     for e in innovation[:, (1, 3, 4, 6)].T:
         e = e - e.mean()
-        r = np.correlate(e, e, "full")[len(e) - 1 :] / float(e @ e)
+        r = correlate(e, e)[len(e) - 1 :] / float(e @ e)
         below = np.flatnonzero(r <= 0)
         worst = max(worst, 1 + 2 * float(r[1 : below[0] if len(below) else len(r)].sum()))
     return worst

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.estimation.coefficients import Airframe, Coefficients
+from station.estimation.coefficients import Airframe, Coefficients, gyroscopic
 from station.estimation.output_error import CONVERGED, Convergence, OutputFit, gauss_newton
 from station.estimation.regression import NotIdentifiable, smoothed_start
 
@@ -64,6 +64,8 @@ class ShortPeriod:
     ) -> ShortPeriod:
         """From signals (at the CG) and coefficients of the same record. Raises NotIdentifiable for missing samples."""
         n = len(alpha)
+        if not np.all(np.isfinite(airframe.iyy)):
+            raise NotIdentifiable("the aircraft profile gives no iyy")
 
         def signal(name: str) -> Array:
             column = motion.get(name)
@@ -84,7 +86,7 @@ class ShortPeriod:
                 c.CX,
                 signal("thrust") / a.mass,
                 qbar * a.area * a.chord / a.iyy,
-                ((a.izz - a.ixx) * p * r - a.ixz * (p * p - r * r)) / a.iyy,
+                -(gyroscopic(a) * p * r + a.ixz * (p * p - r * r)) / a.iyy,
                 c.qhat,
                 a.chord / (2 * v),
             ]

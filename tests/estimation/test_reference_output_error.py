@@ -149,7 +149,7 @@ def test_dissertation_tables_to_every_printed_digit(table: int) -> None:
 def hfb320_fit(kind: str) -> OutputFit:
     inputs, measured = hfb320()
     model = Longitudinal(BODY, START, {}, FREE, inputs, DT)
-    convergence = Convergence()
+    convergence = Convergence(step=0.01)
     if kind == "output_error":
         return model.output_error(measured, INITIAL, convergence)
     return model.filter_error(measured, INITIAL, (0.02, 0.002, 0.02, 0.02), convergence)

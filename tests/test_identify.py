@@ -1,0 +1,232 @@
+"""identify on made-up records: what it refuses, what it says, and that refusals never look like numbers."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from station.identify import identify
+from station.log import Table
+from station.profile import Aircraft, Geometry, Inertia
+from station.rows import UsageError
+
+TRUTH = {"CL_alpha": 5.5, "CL_q": 12.0, "CL_de": 0.5, "Cm_alpha": -1.3, "Cm_q": -30.0, "Cm_de": -1.7}
+AIRCRAFT = Aircraft(
+    name="glider",
+    geometry=Geometry.model_validate({"wing_area": "39 m2", "span": "19.8 m", "chord": "2 m"}),
+    inertia=Inertia.model_validate({"mass": "4950 kg", "iyy": "33000 kg m2"}),
+)
+V, RHO, G, DT = 60.0, 1.1, 9.80665, 0.02
+
+
+def flight(seconds: float = 24.0, amplitude: float = 0.04, seed: int = 1) -> dict[str, np.ndarray]:
+    """Short-period motion at constant speed, elevator doublets at 4 s and 13 s, sensor noise; thrust is drag."""
+    n = round(seconds / DT)
+    t = np.arange(n) * DT
+    asked = np.zeros(n)
+    for start, width in ((4.0, 0.5), (13.0, 1.0)):
+        asked += amplitude * ((t >= start) & (t < start + width)) - amplitude * (
+            (t >= start + width) & (t < start + 2 * width)
+        )
+    qbar = 0.5 * RHO * V**2
+    m, s, c, iyy = 4950.0, 39.0, 2.0, 33000.0
+    cl0 = m * G / (qbar * s)
+    alpha, q, theta, de = 0.0, 0.0, 0.0, 0.0
+    rows = []
+    fine = 10
+    for k in range(n):
+        for step in range(fine):
+            cl = cl0 + TRUTH["CL_alpha"] * alpha + TRUTH["CL_q"] * q * c / (2 * V) + TRUTH["CL_de"] * de
+            cm = TRUTH["Cm_alpha"] * alpha + TRUTH["Cm_q"] * q * c / (2 * V) + TRUTH["Cm_de"] * de
+            qdot = qbar * s * c * cm / iyy
+            alphadot = q + (G * math.cos(theta - alpha) - qbar * s * cl / m) / V
+            if step == 0:
+                rows.append((alpha, q, theta, cl, qdot, de))
+            alpha += alphadot * DT / fine
+            theta += q * DT / fine
+            q += qdot * DT / fine
+            de += (asked[k] - de) / 0.08 * DT / fine
+    a, q_, theta_, cl_, qdot_, elevator = np.array(rows).T
+    rng = np.random.default_rng(seed)
+
+    def noisy(x: np.ndarray, sd: float) -> np.ndarray:
+        return x + rng.normal(scale=sd, size=n)
+
+    lift = qbar * s * cl_ / m
+    return {
+        "alpha_vane": noisy(a, 5e-4),
+        "airspeed": noisy(np.full(n, V), 0.05),
+        "dynamic_pressure": noisy(np.full(n, qbar), 1.0),
+        "q": noisy(q_, 3e-4),
+        "qdot": noisy(qdot_, 3e-3),
+        "ax": noisy(lift * np.sin(a), 0.01),
+        "az": noisy(-lift * np.cos(a), 0.02),
+        "theta": noisy(theta_, 3e-4),
+        "elevator": noisy(elevator, 1e-4),
+    }
+
+
+def record(columns: dict[str, np.ndarray], aircraft: Aircraft = AIRCRAFT) -> Table:
+    return Table(np.arange(len(columns["q"])) * DT, columns, aircraft, 0)
+
+
+def parameters(found: dict[str, Any], method: str) -> dict[str, Any]:
+    inner: dict[str, Any] = found["methods"][method]["parameters"]
+    return inner
+
+
+def sound(found: dict[str, Any]) -> None:
+    """No number without a status, no NaN, a reason for everything that is not estimated."""
+    json.dumps(found, allow_nan=False)
+    for name, method in found["methods"].items():
+        assert method["status"] in ("ok", "not_applicable")
+        assert (method["status"] == "ok") == (not method["why"]), name
+        for p in method["parameters"].values():
+            assert p["status"] in ("estimated", "unestimated", "invalid")
+            assert (p["status"] == "estimated") == (not p["why"]), (name, p)
+            if p["status"] == "estimated":
+                assert p["estimate"] is not None
+                assert p["ci95"][0] < p["estimate"] < p["ci95"][1]
+    assert found["recommended"] is None or found["methods"][found["recommended"]]["status"] == "ok"
+
+
+@pytest.mark.parametrize("method", ["I", "II", "VI", "oe", "fe", "sidpac"])
+def test_methods_find_the_derivatives(method: str) -> None:
+    found = identify(record(flight()), AIRCRAFT, [method])
+    sound(found)
+    for name, value in TRUTH.items():
+        p = parameters(found, method)[name]
+        if name in ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"):
+            assert p["estimate"] == pytest.approx(value, rel=0.06), name
+            assert p["status"] == "estimated"
+
+
+def test_body_axes_negate_the_lift_derivatives() -> None:
+    found = identify(record(flight()), AIRCRAFT, ["I", "VI"], axes="body")
+    sound(found)
+    for method in ("I", "VI"):
+        p = parameters(found, method)
+        assert set(p) == {"CZ_alpha", "CZ_q", "CZ_de", "Cm_alpha", "Cm_q", "Cm_de"}
+        assert p["CZ_alpha"]["estimate"] == pytest.approx(-TRUTH["CL_alpha"], rel=0.06)
+
+
+def test_a_delayed_vane_shows_as_one_transformation_of_both_equations() -> None:
+    columns = flight()
+    late = columns | {"alpha_vane": np.roll(columns["alpha_vane"], 4)}
+    found = identify(record(columns), AIRCRAFT, ["I", "II"])
+    assert all(pair["agree"] for pair in found["consistency"]["pairs"])
+    one = parameters(identify(record(columns), AIRCRAFT, ["I"]), "I")
+    two = parameters(identify(record(late), AIRCRAFT, ["I"]), "I")
+    by_lift = (two["CL_q"]["estimate"] - one["CL_q"]["estimate"]) / one["CL_alpha"]["estimate"]
+    by_moment = (two["Cm_q"]["estimate"] - one["Cm_q"]["estimate"]) / one["Cm_alpha"]["estimate"]
+    assert by_lift == pytest.approx(by_moment, rel=0.1)
+    assert by_lift > 2
+
+
+def test_no_excitation_is_unestimated_not_a_number_to_trust() -> None:
+    found = identify(record(flight(amplitude=0.0)), AIRCRAFT)
+    sound(found)
+    assert found["recommended"] is None
+    for name, method in found["methods"].items():
+        assert method["status"] == "not_applicable", name
+        assert all(p["status"] != "estimated" for p in method["parameters"].values())
+    assert "no elevator input" in found["methods"]["I"]["why"]
+
+
+def test_collinear_regressors_are_refused() -> None:
+    columns = flight()
+    columns["q"] = 30 * columns["elevator"]
+    found = identify(record(columns), AIRCRAFT, ["I", "sidpac"])
+    sound(found)
+    p = parameters(found, "I")
+    assert p["CL_q"]["status"] == p["CL_de"]["status"] == "invalid"
+
+
+def test_a_profile_without_inertia_gives_lift_but_no_moment() -> None:
+    bare = AIRCRAFT.model_copy(update={"inertia": AIRCRAFT.inertia.model_copy(update={"iyy": None})})
+    found = identify(record(flight(), bare), bare)
+    sound(found)
+    for method in ("I", "II", "sidpac"):
+        p = parameters(found, method)
+        assert p["CL_alpha"]["status"] == "estimated"
+        assert p["Cm_alpha"]["status"] == "invalid"
+        assert p["Cm_alpha"]["estimate"] is None
+        assert "iyy" in p["Cm_alpha"]["why"]
+    for method in ("VI", "oe", "fe"):
+        assert "iyy" in found["methods"][method]["why"]
+
+
+def test_a_dropout_in_the_manoeuvre_is_left_out_or_refused() -> None:
+    columns = flight()
+    columns["alpha_vane"][round(4.2 / DT) : round(6.2 / DT)] = np.nan
+    found = identify(record(columns), AIRCRAFT)
+    sound(found)
+    assert parameters(found, "I")["CL_alpha"]["estimate"] == pytest.approx(TRUTH["CL_alpha"], rel=0.06)
+    for method in ("sidpac", "oe", "fe", "VI"):
+        assert "2.00 s without all signals, first at 4.20 s" in found["methods"][method]["why"]
+
+
+def test_a_few_missing_samples_are_bridged() -> None:
+    columns = flight()
+    for name in ("alpha_vane", "q", "az"):
+        columns[name][200:203] = np.nan
+    found = identify(record(columns), AIRCRAFT, ["I", "sidpac", "oe"])
+    sound(found)
+    assert all(m["status"] == "ok" for m in found["methods"].values())
+
+
+def test_held_samples_do_not_count() -> None:
+    columns = flight()
+    quality = {"alpha_vane": np.zeros(len(columns["q"]), dtype=np.uint8)}
+    quality["alpha_vane"][250:400] = 1
+    columns["alpha_vane"][250:400] = columns["alpha_vane"][249]
+    found = identify(replace(record(columns), quality=quality), AIRCRAFT, ["I", "sidpac"])
+    sound(found)
+    assert "without all signals" in found["methods"]["sidpac"]["why"]
+    assert parameters(found, "I")["CL_alpha"]["estimate"] == pytest.approx(TRUTH["CL_alpha"], rel=0.06)
+
+
+def test_too_short_a_record_is_refused_by_every_method() -> None:
+    columns = {n: c[200:240] for n, c in flight().items()}
+    found = identify(record(columns), AIRCRAFT)
+    sound(found)
+    assert all(m["status"] == "not_applicable" for m in found["methods"].values())
+
+
+def test_an_interval_of_a_flight_settles_the_filters_on_what_came_before() -> None:
+    found = identify(record(flight(50.0)), AIRCRAFT, ["II"], start_s=25.0, end_s=49.0)
+    assert found["interval_s"] == [25.0, 49.0]
+    assert found["methods"]["II"]["settings"]["filters_settled_on"] == "25 s of flight"
+
+
+def test_near_zero_speed_is_refused() -> None:
+    columns = flight() | {"airspeed": np.full(1200, 0.5)}
+    with pytest.raises(UsageError, match="airspeed stays below"):
+        identify(record(columns), AIRCRAFT)
+
+
+def test_usage_errors() -> None:
+    flown = record(flight())
+    with pytest.raises(UsageError, match=r"no method named spilt; did you mean split\?"):
+        identify(flown, AIRCRAFT, ["spilt"])
+    with pytest.raises(UsageError, match=r"no data from 30 to 40 s: the recording has 0 to 23\.98 s"):
+        identify(flown, AIRCRAFT, start_s=30.0, end_s=40.0)
+    columns = flight()
+    del columns["elevator"]
+    with pytest.raises(UsageError, match="the record has no elevator"):
+        identify(record(columns), AIRCRAFT)
+
+
+def test_uneven_times_are_interpolated_and_said() -> None:
+    columns = flight()
+    t = np.arange(1200) * DT + np.random.default_rng(4).uniform(0, 0.008, 1200)
+    flown = Table(t, {n: np.interp(t, np.arange(1200) * DT, c) for n, c in columns.items()}, AIRCRAFT, 0)
+    found = identify(flown, AIRCRAFT, ["I", "II"])
+    sound(found)
+    assert any("interpolated" in remark for remark in found["remarks"])
+    assert parameters(found, "I")["CL_alpha"]["estimate"] == pytest.approx(TRUTH["CL_alpha"], rel=0.06)
