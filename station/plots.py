@@ -111,10 +111,10 @@ TURBULENCE: Final = Plot(
         Line("moderate from", _faint(_ORANGE), 1.0),
         Line("severe from", _faint(_RED), 1.0),
     ),
-    window_s=180.0,
+    window_s=120.0,
 )
-WIND: Final = Plot("wind [m/s]", (Line("north", _GREEN), Line("east", _BLUE), Line("down", _ORANGE)), window_s=180.0)
-GUST_SPEED: Final = Plot("vertical gust [m/s]", (Line("w gust", _PINK),), legend=False)
+WIND: Final = Plot("wind [m/s]", (Line("north", _GREEN), Line("east", _BLUE), Line("down", _ORANGE)), window_s=120.0)
+GUST_SPEED: Final = Plot("vertical gust [m/s]", (Line("w gust", _PINK),), window_s=120.0, legend=False)
 FIXED: Final = (ALPHA, TRUTH, GUST, CORRECTIONS, CONTROLS, AIRSPEED, TURBULENCE, WIND, GUST_SPEED)
 
 EVENTS: Final = "events"
@@ -152,10 +152,10 @@ def link_plots(setup: Setup) -> tuple[Plot, Plot, Plot, Plot]:
     """Axes of the health of all streams: rate, age, errors, drift."""
     lines = tuple(Line(s, _LINK_COLOURS[i % len(_LINK_COLOURS)], 2.0) for i, s in enumerate(setup.nominal_hz))
     return (
-        Plot("link rate [% of nominal]", lines, 180.0, low=0.0, high=125.0),
-        Plot("link age [ms]", lines, 180.0),
-        Plot("gaps and bad messages [count]", lines, 180.0),
-        Plot("device clock drift [ppm]", lines, 180.0),
+        Plot("link rate [% of nominal]", lines, 120.0, low=0.0, high=125.0),
+        Plot("link age [ms]", lines, 120.0),
+        Plot("gaps and bad messages [count]", lines, 120.0),
+        Plot("device clock drift [ppm]", lines, 120.0),
     )
 
 

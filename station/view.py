@@ -1,7 +1,7 @@
 """The operator's page: rows -> Rerun, in a process of its own that may stall or die without costing the loop a tick.
 
 `View` is the station's end: a bounded queue that drops its oldest and a thread that feeds the child through a pipe.
-`python -m station.view` is the child: it runs Rerun's server on loopback and sends it a batch each 0.4 s.
+`python -m station.view` is the child: it runs Rerun's server on loopback and sends it a batch a second.
 The pipe carries length-prefixed msgpack: one Setup, then Batches; the child answers a byte for each it has shown.
 Rerun takes a second and 100 MB to import, so only the child and `write_rrd` do.
 """
@@ -43,11 +43,11 @@ if TYPE_CHECKING:
 TIMELINE: Final = "station_time"
 QUEUE_TICKS: Final = 1000
 """20 s of ticks: the child needs about 4 s to start."""
-BATCH_TICKS: Final = 20
-BATCH_NS: Final = 400_000_000
-HOLD_NS: Final = 1_500_000_000
-"""Lines with few points wait this long for more: a piece costs a browser the same whatever its length, and one that
-draws without a graphics processor takes some 20 a second."""
+BATCH_TICKS: Final = 50
+BATCH_NS: Final = 1_000_000_000
+HOLD_NS: Final = 3_500_000_000
+"""Plots of a long past wait this long for more points. A piece costs a browser the same whatever its length: one that
+draws without a graphics processor on a busy machine takes some 10 a second, and falls ever further behind with more."""
 MAX_BATCH_TICKS: Final = 100
 UNANSWERED: Final = 2
 """Batches in flight before the queue waits: what is shown is never older than that."""
@@ -332,7 +332,9 @@ class Page:
         self._derivatives = tuple(plots.derivative_plot(name, setup) for name in setup.derivatives)
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
-        for plot in (*plots.FIXED, *self._derivatives, *self._links):
+        drawn = (*plots.FIXED, *self._derivatives, *self._links)
+        self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < 60}
+        for plot in drawn:
             style = rr.SeriesLines(
                 colors=np.array([line.colour for line in plot.lines], dtype=np.uint32),
                 widths=[line.width for line in plot.lines],
@@ -353,7 +355,7 @@ class Page:
         for points in plots.points(rows, self._setup):
             held = self._held.setdefault(points.path, [])
             held.append(points)
-            if sum(len(p.t_ns) for p in held) >= BATCH_TICKS // 2 or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
+            if points.path in self._prompt or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
                 self._send(points.path)
         for event in rows.events:
             t_ms = (event.t_ns - rows.start_ns) // 1_000_000  # more digits do not fit in the log's column
@@ -434,17 +436,18 @@ class Page:
         import rerun as rr
         import rerun.blueprint as rrb
 
-        begin = (
-            rrb.TimeRangeBoundary.infinite()
-            if plot.window_s is None
-            else rrb.TimeRangeBoundary.cursor_relative(seconds=-plot.window_s)
-        )
-        fixed = None if plot.low is None or plot.high is None else rr.encodings.Range1D([plot.low, plot.high])
         now = rrb.TimeRangeBoundary.cursor_relative(seconds=0)
+        begin = rrb.TimeRangeBoundary.infinite()
+        axis = None
+        if plot.window_s is not None:
+            begin = rrb.TimeRangeBoundary.cursor_relative(seconds=-plot.window_s)
+            axis = rrb.TimeAxis(view_range=rr.TimeRange(start=begin, end=now))
+        fixed = None if plot.low is None or plot.high is None else rr.encodings.Range1D([plot.low, plot.high])
         return rrb.TimeSeriesView(
             origin=_path(plot.path),
             overrides={_path(plot.path): rr.SeriesLines(visible_series=only)} if only else None,
             name=plot.name,
+            axis_x=axis,
             axis_y=rrb.ScalarAxis(range=fixed) if fixed else None,
             plot_legend=rrb.PlotLegend("LeftTop", visible=plot.legend if legend is None else legend),
             time_ranges=[rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)],
@@ -500,7 +503,7 @@ def _server(setup: Setup) -> subprocess.Popen[bytes]:
         where += ["--serve-web", "--web-viewer-port", str(setup.web_port)]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(
-        [str(program), *where, "--newest-first", "--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB"],
+        [str(program), *where, "--server-memory-limit", SERVER_MEMORY, "--memory-limit", "1GB"],
         stdin=quiet,
         stdout=quiet,
         stderr=quiet,
