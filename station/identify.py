@@ -79,7 +79,7 @@ def identify(
     except NotIdentifiable as refusal:
         raise UsageError(f"{log or 'log'}: {refusal}") from refusal
     live = tuple(n for n in wanted if n in LIVE)
-    flown = _fly(table, record, live, start, axes, card, imu_position, noise, force) if live else None
+    flown = fly(table, record, live, start, axes, card, imu_position, noise, force) if live else None
     gust = flown.gust_vertical(record) if flown else None
     level, std = record.turbulence(gust)
     results: dict[str, MethodResult] = {}
@@ -116,7 +116,7 @@ def _wanted(methods: Sequence[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Flown:
+class Flown:
     """What the live estimator made of the interval."""
 
     alphas: tuple[AlphaEstimate, ...]
@@ -149,18 +149,22 @@ class _Flown:
             found = tuple(ParamEstimate(p.name, p.value, p.sd, Status.INVALID, p.why or why) for p in found)
         return MethodResult(status, why, found, self._fit(estimate, record), dict(self.settings))
 
-    def _fit(self, estimate: MethodEstimate, record: FlightRecord) -> dict[str, EquationFit]:
-        """The model with a free constant against the measured coefficients, with the method's own angle of attack.
-
-        III and V delay what they are given; for them it is not rebuilt here.
-        """
-        if estimate.method in ("III", "V"):
-            return {}
-        if estimate.method == "II":
+    def alpha(self, method: str, record: FlightRecord) -> Array | None:
+        """The angle of attack (n,) that a method regresses on; None for III and V, whose delays are not rebuilt."""
+        if method in ("III", "V") or not self.alphas:
+            return None
+        if method == "II":
             angle = np.array([a.vane + a.zero + a.upwash + a.rate for a in self.alphas])
         else:
             angle = np.array([a.alpha for a in self.alphas])
-        alpha = np.interp(record.t_s, self.t_s, angle, np.nan, np.nan)
+        found: Array = np.interp(record.t_s, self.t_s, angle, np.nan, np.nan)
+        return found
+
+    def _fit(self, estimate: MethodEstimate, record: FlightRecord) -> dict[str, EquationFit]:
+        """The model with a free constant against the measured coefficients, with the method's own angle of attack."""
+        alpha = self.alpha(estimate.method, record)
+        if alpha is None:
+            return {}
         regressors = [alpha, record.coefficients.qhat, record.motion["elevator"]]
         found = {}
         for i in range(0, len(estimate.parameters), 3):
@@ -175,7 +179,7 @@ class _Flown:
         return found
 
 
-def _fly(
+def fly(
     table: Table,
     record: FlightRecord,
     methods: tuple[str, ...],
@@ -185,10 +189,10 @@ def _fly(
     imu_position: tuple[float, float, float],
     noise: Mapping[str, float] | None,
     force: bool,
-) -> _Flown:
+) -> Flown:
     """Run the live estimator over the interval, its filters settled on the flight before or on a made-up trim."""
     if not record.dt <= 1 / MIN_LIVE_HZ:
-        return _Flown((), record.t_s, {}, {}, f"recorded at {1 / record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
+        return Flown((), record.t_s, {}, {}, f"recorded at {1 / record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
     used = card if card is not None else Card(name="identify", aircraft=record.aircraft.name, rig="")
     estimator = Estimator(
         record.aircraft,
@@ -218,7 +222,7 @@ def _fly(
         "filters_settled_on": f"{start - float(before.t_s[0]):.0f} s of flight" if led else "a held trim",
     }
     t_s = np.array([(f.t_ns - table.t0_ns) * 1e-9 for f in frames])
-    return _Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings)
+    return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings)
 
 
 def _frames(table: Table) -> list[Frame]:

@@ -90,11 +90,11 @@ class FlightRecord:
         if slow.all():
             raise NotIdentifiable(f"airspeed stays below {MIN_SPEED:g} m/s")
         usable = np.all([np.isfinite(motion[n]) for n in (*NEEDED, "dynamic_pressure")], axis=0) & ~slow
-        if "thrust" not in motion:
-            remarks.append("thrust not recorded: counted as 0, and CX and CL hold it")
         motion = at_centre_of_gravity(motion, imu_position, dt)
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
         alpha, beta = _flow_angles(motion, aircraft)
+        if "thrust" not in motion:
+            motion["thrust"] = _thrust(motion, airframe, aircraft, alpha, usable, remarks)
         return cls(
             t_s=grid,
             dt=dt,
@@ -208,6 +208,28 @@ def _dynamic_pressure(motion: Mapping[str, Array], aircraft: Aircraft) -> Array:
     if not np.isfinite(filled).any():
         raise NotIdentifiable("the record has neither dynamic pressure nor what air density follows from")
     return filled
+
+
+def _thrust(
+    motion: Mapping[str, Array],
+    airframe: Airframe,
+    aircraft: Aircraft,
+    alpha: Array,
+    usable: Flags,
+    remarks: list[str],
+) -> Array:
+    """N, constant: on average what ax shows beyond the profile's drag polar. Left in CX it would add T/(qbar S) to
+    CL_alpha."""
+    if aircraft.drag is None or not usable.any():
+        remarks.append("thrust not recorded: counted as 0, and CX and CL hold it")
+        return np.zeros(len(alpha))
+    force = motion["dynamic_pressure"] * airframe.area
+    cz = airframe.mass * motion["az"] / force
+    cd = aircraft.drag.zero_lift + aircraft.drag.induced * cz * cz
+    surplus = airframe.mass * motion["ax"] + force * (cd * np.cos(alpha) + cz * np.sin(alpha))
+    mean = float(np.mean(surplus[usable]))
+    remarks.append(f"thrust not recorded: taken as {mean:.0f} N throughout, from the profile's drag polar")
+    return np.full(len(alpha), mean)
 
 
 def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array] | None, same_grid: bool) -> Airframe:

@@ -1,0 +1,279 @@
+"""The identification report: one HTML file with its figures inside, for reading after a flight."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from station.estimation.methods import LIVE
+from station.estimation.postflight import Axes, equations
+from station.estimation.record import FlightRecord
+from station.estimation.regression import autocorrelation
+from station.identify import fly
+from station.log import Table
+from station.profile import Card
+from station.rows import LogError
+
+Array = NDArray[np.float64]
+
+FILE_NAME: Final = "identification.html"
+_INK, _FAINT, _MODEL, _BAND = "#1f2430", "#a9b0bd", "#d55e00", "#0072b2"
+_STYLE: Final = """
+body{font:15px/1.5 system-ui,sans-serif;color:#1f2430;max-width:60rem;margin:2rem auto;padding:0 1rem}
+h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}
+table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
+th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #e3e6eb}
+th:first-child,td:first-child{text-align:left}
+.faint{color:#8a92a0}.chosen td{font-weight:600}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
+"""
+
+
+def write_report(
+    result: Mapping[str, Any],
+    table: Table,
+    folder: Path,
+    *,
+    card: Card | None = None,
+    imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    noise: Mapping[str, float] | None = None,
+) -> Path:
+    """Write what `identify` found of `table` into `folder` as identification.html; returns its path.
+
+    The keyword arguments are those that identify was given. Raises LogError if the file cannot be written.
+    """
+    start, end = result["interval_s"]
+    cut = table.between(start, end)
+    record = FlightRecord.of(
+        cut.t_s,
+        cut.columns,
+        table.aircraft,
+        quality=cut.quality,
+        extra=cut.extra,
+        imu_position=imu_position,
+        noise=noise,
+    )
+    shown = result["recommended"]
+    alpha: Array | None = record.alpha
+    if shown in LIVE:
+        flown = fly(table, record, (shown,), start, result["axes"], card, imu_position, noise, False)
+        alpha = flown.alpha(shown, record)
+    body = [
+        f"<h1>{_text(result['aircraft'])}: stability and control derivatives</h1>",
+        _summary(result),
+        "<h2>Estimates</h2>",
+        _image(_estimates(result), "Derivatives by method with two standard errors"),
+        _table(result),
+    ]
+    if shown is not None and alpha is not None:
+        fits = _fits(result, record, shown, result["axes"], alpha)
+        if fits is not None:
+            body += [
+                f"<h2>Fit of {_text(shown)}</h2>",
+                _image(fits, "Measured and modelled coefficients, residuals and their autocorrelation"),
+                '<p class="note">Each model has a free constant. Bars in the last column are the residuals\' '
+                "autocorrelation; inside the band they are white.</p>",
+            ]
+    body += [_consistency(result), _settings(result)]
+    page = (
+        '<!doctype html><html lang="en"><meta charset="utf-8">'
+        f"<title>Identification: {_text(result['aircraft'])}</title><style>{_STYLE}</style>{''.join(body)}</html>\n"
+    )
+    path = folder / FILE_NAME
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror}") from error
+    return path
+
+
+def _text(value: object) -> str:
+    return html.escape(str(value))
+
+
+def _summary(result: Mapping[str, Any]) -> str:
+    start, end = result["interval_s"]
+    air = result["turbulence"]
+    std = air["w_std_2_7hz_mps"]
+    level = _text(air["level"]) + ("" if std is None else f" ({std:.3f} m/s vertical gust, 2 to 7 Hz)")
+    advice = "nothing could be estimated" if result["recommended"] is None else _text(result["recommended"])
+    rows = {
+        "Recording": _text(result["log"] or "–"),
+        "Interval": f"{start:.2f} to {end:.2f} s",
+        "Air": level,
+        "Recommended": advice,
+    }
+    lines = "".join(f"<tr><td>{k}</td><td style='text-align:left'>{v}</td></tr>" for k, v in rows.items())
+    remarks = "".join(f'<p class="note">{_text(r)}</p>' for r in result.get("remarks", ()))
+    return f"<table>{lines}</table>{remarks}"
+
+
+def _names(result: Mapping[str, Any]) -> list[str]:
+    found: dict[str, None] = {}
+    for method in result["methods"].values():
+        found.update(dict.fromkeys(method["parameters"]))
+    return list(found)
+
+
+def _estimates(result: Mapping[str, Any]) -> Figure:
+    """One panel a derivative: every method's estimate with two standard errors; faint where it is not to be used."""
+    names, methods = _names(result), list(result["methods"])
+    columns = 3
+    rows = math.ceil(len(names) / columns)
+    figure = Figure(figsize=(10, 0.6 + rows * (0.5 + 0.21 * len(methods))), layout="constrained")
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for i, axes in enumerate(grid.flat):
+        if i >= len(names):
+            axes.set_axis_off()
+            continue
+        name = names[i]
+        solid = []
+        for y, method in enumerate(methods):
+            p = result["methods"][method]["parameters"].get(name)
+            if p is None or p["estimate"] is None:
+                continue
+            good = p["status"] == "estimated" and result["methods"][method]["status"] == "ok"
+            colour = _BAND if method == result["recommended"] else _INK if good else _FAINT
+            error = None if p["std_error"] is None else 2 * p["std_error"]
+            axes.errorbar(p["estimate"], y, xerr=error, fmt="o" if good else "x", color=colour, ms=4, lw=1.2)
+            if good:
+                solid.append((p["estimate"], error or 0.0))
+        if solid:
+            # Wide errors of methods that do not apply must not squeeze the others.
+            low, high = min(v - e for v, e in solid), max(v + e for v, e in solid)
+            margin = 0.15 * (high - low) + 1e-9
+            axes.set_xlim(low - margin, high + margin)
+        axes.set_title(name, fontsize=10, loc="left", color=_INK)
+        axes.set_yticks(range(len(methods)), methods, fontsize=8)
+        axes.set_ylim(len(methods) - 0.5, -0.5)
+        axes.tick_params(labelsize=8, length=2)
+        axes.grid(axis="x", color="#eceef2")
+        for side in ("top", "right", "left"):
+            axes.spines[side].set_visible(False)
+    return figure
+
+
+def _fits(result: Mapping[str, Any], record: FlightRecord, method: str, axes_kind: Axes, alpha: Array) -> Figure | None:
+    """Measured and modelled coefficients of the method's equations, residuals below, autocorrelation beside."""
+    parameters = result["methods"][method]["parameters"]
+    shown = []
+    for equation in equations(record, axes_kind):
+        values = [parameters.get(n, {}).get("estimate") for n in equation.parameters]
+        if all(v is not None for v in values):
+            x = equation.regressors.copy()
+            if equation.parameters[0].endswith("_alpha"):
+                x[:, 0] = alpha
+            shown.append((equation.name, equation.measured, x @ np.array(values)))
+    if not shown:
+        return None
+    figure = Figure(figsize=(10, 2.6 * len(shown)), layout="constrained")
+    grid = figure.subplots(len(shown), 3, squeeze=False, gridspec_kw={"width_ratios": [3, 3, 1.5]})
+    step = max(1, len(record.t_s) // 1500)
+    for (name, measured, model), (left, middle, right) in zip(shown, grid, strict=True):
+        residual = measured - model
+        good = np.isfinite(residual)
+        constant = float(np.mean(residual[good])) if good.any() else 0.0
+        residual = residual - constant
+        t = record.t_s[::step]
+        left.plot(t, measured[::step], color=_INK, lw=1.0, label="measured")
+        left.plot(t, (model + constant)[::step], color=_MODEL, lw=1.0, label="model")
+        left.set_title(name, fontsize=10, loc="left")
+        left.legend(fontsize=8, frameon=False, loc="upper right")
+        middle.plot(t, residual[::step], color=_INK, lw=0.8)
+        middle.set_title("residual", fontsize=10, loc="left")
+        r = autocorrelation(residual[good])[: round(2 / record.dt)]
+        lags = np.arange(len(r)) * record.dt
+        right.fill_between([0, lags[-1]], -2 / math.sqrt(good.sum()), 2 / math.sqrt(good.sum()), color="#e8eef6")
+        right.vlines(lags, 0, r / r[0], color=_BAND, lw=1.0)
+        right.set_title("autocorrelation", fontsize=10, loc="left")
+        for axes in (left, middle, right):
+            axes.tick_params(labelsize=8, length=2)
+            axes.set_xlabel("s", fontsize=8, loc="right")
+            for side in ("top", "right"):
+                axes.spines[side].set_visible(False)
+    return figure
+
+
+def _image(figure: Figure, says: str) -> str:
+    FigureCanvasAgg(figure)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=120)
+    return f'<img alt="{_text(says)}" src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">'
+
+
+def _table(result: Mapping[str, Any]) -> str:
+    names = _names(result)
+    head = "".join(f"<th>{_text(n)}</th>" for n in names)
+    rows = []
+    for method, found in result["methods"].items():
+        cells = []
+        for name in names:
+            p = found["parameters"].get(name)
+            if p is None or p["estimate"] is None:
+                cells.append(f'<td class="faint" title="{_text(p["why"] if p else "")}">–</td>')
+                continue
+            usable = p["status"] == "estimated" and found["status"] == "ok"
+            style = "" if usable else f' class="faint" title="{_text(p["why"])}"'
+            cells.append(f"<td{style}>{_rounded(p['estimate'], p['std_error'])}</td>")
+        chosen = ' class="chosen"' if method == result["recommended"] else ""
+        rows.append(f"<tr{chosen}><td>{_text(method)}</td>{''.join(cells)}</tr>")
+    refused = [f"<li>{_text(m)}: {_text(f['why'])}</li>" for m, f in result["methods"].items() if f["why"]]
+    why = f"<p>Not applicable:</p><ul>{''.join(refused)}</ul>" if refused else ""
+    return (
+        f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
+        '<p class="note">Estimate ± standard error, per radian, rates normalised with q c/2V, p b/2V, r b/2V. Grey: '
+        f"not to be used; the reason shows on pointing at it.</p>{why}"
+    )
+
+
+def _rounded(value: float, error: float | None) -> str:
+    """The value to the second significant digit of its error."""
+    if error is None or error <= 0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def _consistency(result: Mapping[str, Any]) -> str:
+    pairs: Sequence[Mapping[str, Any]] = result.get("consistency", {}).get("pairs", ())
+    if not pairs:
+        return ""
+    force = "CL" if result["axes"] == "wind" else "CZ"
+    rows = []
+    for pair in pairs:
+        cells = "".join(f"<td>{pair[of][t]:.3f}</td>" for of in (force, "Cm") for t in ("t_alpha", "t_q", "t_de"))
+        verdict = "yes" if pair["agree"] else "no: not the angle of attack alone"
+        rows.append(f"<tr><td>{_text(pair['to'])}</td>{cells}<td>{verdict}</td></tr>")
+    head = "".join(f"<th>{t} ({of})</th>" for of in (force, "Cm") for t in ("t_α", "t_q", "t_δe"))
+    return (
+        f"<h2>Is it the angle of attack?</h2><p>Against {_text(pairs[0]['from'])}. A wrong angle of attack changes "
+        "lift and moment derivatives by the same three numbers; where they differ, something else does.</p>"
+        f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}<th>agree</th></tr>{"".join(rows)}</table></div>'
+    )
+
+
+def _settings(result: Mapping[str, Any]) -> str:
+    rows = []
+    for method, found in result["methods"].items():
+        plain = {k: v for k, v in found["settings"].items() if k != "all_parameters"}
+        words = "; ".join(f"{k.replace('_', ' ')}: {_value(v)}" for k, v in plain.items())
+        rows.append(f"<tr><td>{_text(method)}</td><td style='text-align:left'>{_text(words)}</td></tr>")
+    return f"<h2>Settings</h2><table>{''.join(rows)}</table>"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(_value(v) for v in value)
+    return str(value)
