@@ -17,9 +17,9 @@ from station.estimation.conditioning import Array, Conditioner
 from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import ROW, Sides
 from station.estimation.inertial import Inertial
-from station.estimation.turbulence import Turbulence
+from station.estimation.turbulence import HIGH_HZ, LOW_HZ, Turbulence
 from station.profile import Aircraft, Card
-from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality
+from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,15 @@ NOISE: Final = {
 
 GAP_TICKS: Final = 5
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
+UNEXPLAINED: Final = to_si(0.15, "deg")
+UNEXPLAINED_S: Final = 5.0
+"""In calm air the vane must show what the motion predicts, to this rms over this time."""
+DRYDEN_OVER_BAND: Final = 16.0
+"""Standard deviation of Dryden gusts over that in 2-7 Hz: 13 for L = 1750 ft at 110 kt, and some margin."""
 HELD_TICKS: Final = 3
 """An angle of attack from a vane or pitch rate held longer is not valid."""
+WAIT_TICKS: Final = 150
+"""Without inertial data for so long after a start, the turbulence is judged by the vane alone."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -90,8 +97,14 @@ class Estimator:
         force: bool = False,
         forgetting_s: float = math.inf,
     ) -> None:
-        """`imu_position`: m from the CG, body axes. `noise`: standard deviation of each signal, SI."""
-        dt = 1.0 / TICK_HZ
+        """`imu_position`: m from the CG, body axes. `noise`: standard deviation of each signal, SI.
+
+        Raises UsageError for a method that does not run live.
+        """
+        for name in methods:
+            if name not in LIVE:
+                raise UsageError(f"{name} is no live method: choose from {', '.join(LIVE)}")
+        self._dt = dt = 1.0 / TICK_HZ
         given = {k: v for k, v in (noise or {}).items() if v > 0}
         self._noise = {**NOISE, **given}
         self._methods = methods
@@ -112,6 +125,7 @@ class Estimator:
         self._row = np.zeros(ROW)
         self._motion = np.zeros(6)
         self._before = np.zeros(len(cond.INPUTS))
+        self._unexplained_mean = self._unexplained = 0.0
         self._start_ns: int | None = None
         self._last_ns = 0
         self._running = False
@@ -210,8 +224,15 @@ class Estimator:
         self._vane.step(vane, p, q, speed, float(self._inertial.out[0]) if ready else math.nan)
         out = self._vane.out
         is_split = out[cg.READY] > 0.0
-        gust = out[cg.BOOM_GUST]
-        self._turbulence.step(float(gust if gust == gust else out[cg.STEADY]), speed)
+        if math.isfinite(out[cg.BOOM_GUST]):
+            self._turbulence.step(float(out[cg.BOOM_GUST]), speed, True)
+        elif self._ticks > WAIT_TICKS:
+            self._turbulence.step(float(out[cg.STEADY]), speed, False)
+        if is_split:
+            fade = self._dt / UNEXPLAINED_S
+            off = self._scale * float(out[cg.RESIDUAL]) - self._unexplained_mean
+            self._unexplained_mean += fade * off
+            self._unexplained += fade * (off * off - self._unexplained)
 
         row = self._row
         row[:6] = self._motion
@@ -245,7 +266,20 @@ class Estimator:
             reasons = {name: why for name in self._methods if METHODS[name].turbulence_only}
         if not self._vane.out[cg.READY] > 0.0:
             reasons |= {name: "no inertial angle of attack" for name in self._methods if name.startswith("split")}
+        elif level == "calm" and self._unexplained > self._calm_limit():
+            rms = math.degrees(math.sqrt(self._unexplained))
+            why = (
+                f"in calm air the motion leaves {rms:.2f} deg of the vane unexplained: check its delay and calibration"
+            )
+            reasons |= {name: why for name in self._methods if name.startswith("split")}
         return reasons
+
+    def _calm_limit(self) -> float:
+        """Mean square that the vane may differ by from what the motion makes of it in calm air, rad2."""
+        speed = self._mean_speed()
+        noise = self._noise["alpha_vane"] * speed * math.sqrt(2.0 * self._dt * (HIGH_HZ - LOW_HZ))
+        gust = math.sqrt(max(self._turbulence.level**2 - noise**2, 0.0)) / max(speed, 1.0)
+        return UNEXPLAINED**2 + (DRYDEN_OVER_BAND * gust) ** 2
 
     def _alpha(self, t_ns: int, u: Array, usable: bool, why: str) -> AlphaEstimate:
         out = self._vane.out

@@ -72,6 +72,7 @@ class Turbulence:
         # White noise leaves the share of the band in the Nyquist range; what is beyond the nominal widens calm.
         share = 2.0 * dt * (HIGH_HZ - LOW_HZ)
         self._excess = share * max(noise**2 - NOMINAL_NOISE**2, 0.0)
+        self._is_gust, self._start = True, 0.0
         self.level = math.nan
         self.name = "unknown"
 
@@ -82,9 +83,16 @@ class Turbulence:
         self._state[:] = 0.0
         self.level, self.name = math.nan, "unknown"
 
-    def step(self, gust_angle: float, speed: float) -> None:
-        """One tick: the gust's incidence at the vane, rad, and the true airspeed, m/s."""
-        level = step(self._sos, self._z, self._ring, self._state, gust_angle * speed)
+    def step(self, angle: float, speed: float, is_gust: bool = True) -> None:
+        """One tick: the gust's incidence at the vane, rad, and the true airspeed, m/s.
+
+        Without inertial data all of the vane's angle has to do, `is_gust` false; a change of kind starts anew.
+        """
+        if self._state[0] > 0 and is_gust != self._is_gust:
+            self.restart()
+        if self._state[0] == 0:
+            self._is_gust, self._start = is_gust, angle
+        level = step(self._sos, self._z, self._ring, self._state, (angle - self._start) * speed)
         if self._state[0] < self._settled:
             return
         self.level = level
