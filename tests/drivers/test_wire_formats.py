@@ -37,7 +37,7 @@ PACKET_READING = Reading(1, 256_000, 2, {"v0": -1.0, "v1": 300.0}, 2**32 * 1000,
 
 # p = 40, q = -80, r = 1, stamp = 1234, counter = 5 at bits 0, 13, 26, 39, 52; CRC-8 of those bytes and 0x00 is 0x5f.
 GYRO = b"t10082800F6070069525F\r"
-GYRO_FIELDS = {"p": 1.0, "q": -2.0, "r": 0.025, "stamp": 1.234, "counter": 5.0, "checksum": 95.0}
+GYRO_FIELDS = {"p": 1.0, "q": -2.0, "r": 0.025, "stamp": 1234 * 0.0002, "counter": 5.0, "checksum": 95.0}
 
 RMC = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n"
 GGA = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
@@ -146,7 +146,7 @@ CASES = (
             },
         ),
     ),
-    Case("can", can_codec, GYRO, Reading("GYRO", 1_234_000_000, 5, GYRO_FIELDS, 8_192_000_000, 16)),
+    Case("can", can_codec, GYRO, Reading("GYRO", 246_800_000, 5, GYRO_FIELDS, 1_638_400_000, 16)),
 )
 every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
@@ -309,7 +309,7 @@ def test_pynmeagps_reads_our_sentences() -> None:
 def test_cantools_reads_our_frames_and_the_checksum_covers_the_identifier() -> None:
     database: Any = cantools.database.load_file(DBC)
     frame_id, is_extended, data = encode_frame(
-        load_dbc(DBC)["GYRO"], {"p": 1.0, "q": -2.0, "r": 0.025}, 9_426_000_000, 21
+        load_dbc(DBC)["GYRO"], {"p": 1.0, "q": -2.0, "r": 0.025}, 8_438_800_000, 21
     )
     assert encode_slcan(frame_id, is_extended, data) == GYRO
     assert database.decode_message(frame_id, data) == pytest.approx(GYRO_FIELDS)
