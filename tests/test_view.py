@@ -42,7 +42,8 @@ from station.rows import (
     Tick,
     Truth,
 )
-from station.view import QUEUE_TICKS, View, write_rrd
+from station.view import View, write_rrd
+from station.viewer import QUEUE_TICKS
 
 BOOK = dict(zip(LONGITUDINAL, (5.64, 20.0, 0.62, -1.05, -34.2, -1.88), strict=True))
 BIAS = {"II": 0.85, "III": 1.12, "V": 1.08, "split": 0.98, "split+gust": 1.0}
