@@ -132,6 +132,8 @@ class Boom(_Frozen):
     """Vane reading at zero flow angle."""
     vane_frequency: Annotated[Hertz, Positive] = 9.0
     vane_damping: float = Field(default=0.35, gt=0, lt=2)
+    flexure: Annotated[float, _quantity("rad s2/m")] = 0.0
+    """Vane angle per specific force down: positive where the boom droops when pulled up."""
 
     @property
     def steady_calibration(self) -> float:
@@ -147,6 +149,8 @@ class Unsteady(_Frozen):
     tail_lift_slope: float = Field(default=0.0, ge=0)
     """Tail's share of CL_alpha, per rad, referred to the wing area (a_h)."""
     tail_arm: Metres = 0.0
+    tail_penetration: float = Field(default=1.0, ge=0, le=4)
+    """How far behind the CG a gust meets the tail, in tail arms: 0 as if the tail were at the CG."""
     downwash: float = Field(default=0.0, ge=0, lt=1)
     """d epsilon / d alpha (e)."""
     reference_chord: Annotated[Metres, Positive] | None = None

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from station.conventions import G0
 from station.profile import Aircraft, Indicial
 from station.rows import ProfileError
+from station.simulation.angles import arctangent, sine_cosine
 
 U, W, Q, THETA, DISTANCE, HEIGHT, ELEVATOR, THRUST, LAGS = range(9)
 """State: u, w (m/s), q (rad/s), theta (rad), distance flown through the air mass (m), height (m), elevator (rad),
@@ -33,7 +34,8 @@ z (m/s2), effective wing incidence from trim, angle of attack, its inertial part
 AUX_SIZE: Final = 11
 
 _SUPPORTED: Final = frozenset(
-    {f"{c}_{x}" for c in ("CL", "Cm") for x in ("0", "V", "alpha", "q", "de")} | {"CD_0", "CD_V", "CD_alpha"}
+    {f"{c}_{x}" for c in ("CL", "Cm") for x in ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "gust")}
+    | {"CD_0", "CD_V", "CD_alpha"}
 )
 
 
@@ -47,13 +49,21 @@ class Constants(NamedTuple):
     cl_trim: float
     cl_v: float
     cl_alpha: float
+    cl_alpha2: float
+    """Per rad2 of alpha itself, not from trim; the powers count the whole alpha without memory. alpha3 and Cm alike."""
+    cl_alpha3: float
     cl_q: float
     cl_de: float
+    cl_gust: float
+    """Beyond CL_alpha, per rad of the gust's part of alpha at the CG; Cm alike."""
     cm_trim: float
     cm_v: float
     cm_alpha: float
+    cm_alpha2: float
+    cm_alpha3: float
     cm_q: float
     cm_de: float
+    cm_gust: float
     cd_0: float
     cd_v: float
     cd_alpha: float
@@ -71,6 +81,8 @@ class Constants(NamedTuple):
     memory_chord: float
     tail_slope: float
     tail_arm: float
+    gust_arm: float
+    """How far behind the CG the tail meets a gust, m."""
     downwash: float
     actuator_lag: float
     actuator_rate: float
@@ -119,6 +131,8 @@ def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float) -> tuple[
     ratio = speed / (aircraft.reference_speed or speed)
     cl = v("CL_0") + v("CL_V") * ratio + v("CL_alpha") * alpha + v("CL_de") * de
     cm = v("Cm_0") + v("Cm_V") * ratio + v("Cm_alpha") * alpha + v("Cm_de") * de
+    cl += v("CL_alpha2") * alpha**2 + v("CL_alpha3") * alpha**3
+    cm += v("Cm_alpha2") * alpha**2 + v("Cm_alpha3") * alpha**3
     if aircraft.drag is not None:
         return cl, aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl, cm
     return cl, v("CD_0") + v("CD_V") * ratio + v("CD_alpha") * alpha, cm
@@ -190,16 +204,24 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         cl_trim=trim.lift_coefficient,
         cl_v=v("CL_V"),
         cl_alpha=v("CL_alpha"),
+        cl_alpha2=v("CL_alpha2"),
+        cl_alpha3=v("CL_alpha3"),
         cl_q=v("CL_q"),
         cl_de=v("CL_de"),
+        cl_gust=v("CL_gust"),
         cm_trim=v("Cm_0")
         + v("Cm_V") * speed / (aircraft.reference_speed or speed)
         + v("Cm_alpha") * trim.alpha
+        + v("Cm_alpha2") * trim.alpha**2
+        + v("Cm_alpha3") * trim.alpha**3
         + v("Cm_de") * trim.elevator,
         cm_v=v("Cm_V"),
         cm_alpha=v("Cm_alpha"),
+        cm_alpha2=v("Cm_alpha2"),
+        cm_alpha3=v("Cm_alpha3"),
         cm_q=v("Cm_q"),
         cm_de=v("Cm_de"),
+        cm_gust=v("Cm_gust"),
         cd_0=drag.zero_lift if drag else v("CD_0"),
         cd_v=0.0 if drag else v("CD_V"),
         cd_alpha=0.0 if drag else v("CD_alpha"),
@@ -214,6 +236,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         memory_chord=unsteady.reference_chord or aircraft.geometry.chord,
         tail_slope=unsteady.tail_lift_slope,
         tail_arm=unsteady.tail_arm,
+        gust_arm=unsteady.tail_arm * unsteady.tail_penetration,
         downwash=unsteady.downwash,
         actuator_lag=aircraft.elevator.time_constant,
         actuator_rate=aircraft.elevator.rate_limit,
@@ -234,6 +257,7 @@ def indicial_table(indicial: Indicial | None) -> NDArray[np.float64]:
     return np.array([indicial.a, indicial.b]) if indicial else np.zeros((2, 0))
 
 
+@njit(cache=True, error_model="numpy")
 def trimmed_state(c: Constants, lags: int) -> NDArray[np.float64]:
     """The state in trim, with that many memory states at rest."""
     x = np.zeros(LAGS + lags)
@@ -247,12 +271,23 @@ def trimmed_state(c: Constants, lags: int) -> NDArray[np.float64]:
 
 
 @njit(cache=True, error_model="numpy")
+def air_at(c: Constants, height: float) -> tuple[float, float, float]:
+    """Height (m), density there (kg/m3) and its slope (kg/m4): enough for the few centimetres of one step."""
+    if c.fixed_density > 0.0:
+        return height, c.fixed_density, 0.0
+    temperature = 288.15 - 0.0065 * height
+    density = atmosphere(height)[2]
+    return height, density, -4.255876 * 0.0065 / temperature * density
+
+
+@njit(cache=True, error_model="numpy")
 def rates(
     c: Constants,
     lift_motion: NDArray[np.float64],
     lift_gust: NDArray[np.float64],
     x: NDArray[np.float64],
     command: float,
+    air: tuple[float, float, float],
     gust: tuple[float, float, float, float, float, float],
     past_wing: float,
     dx: NDArray[np.float64],
@@ -260,23 +295,23 @@ def rates(
 ) -> None:
     """Time derivative of the state `x` into `dx`, and the quantities on the way into `aux`.
 
-    `gust` is (u_g, w_g) at the CG, at the leading edge and at the tail, m/s; `past_wing` the wing incidence (from trim,
-    rad) whose downwash reaches the tail now; `command` the commanded elevator, rad.
+    `air` is what `air_at` gives for a height within a metre of the state's; `gust` (u_g, w_g) at the CG, at the leading
+    edge and at the tail, m/s; `past_wing` the wing incidence (from trim, rad) whose downwash reaches the tail now;
+    `command` the commanded elevator, rad.
     """
     u, w, q, theta = x[U], x[W], x[Q], x[THETA]
     ua, wa = u + gust[0], w + gust[1]
     speed = math.sqrt(ua * ua + wa * wa)
-    alpha_inertial = math.atan2(w, u)
-    alpha = math.atan2(wa, ua)
-    density = c.fixed_density if c.fixed_density > 0.0 else atmosphere(x[HEIGHT])[2]
-    pressure = 0.5 * density * speed * speed
+    alpha_inertial = arctangent(w, u)
+    alpha = arctangent(wa, ua)
+    pressure = 0.5 * (air[1] + air[2] * (x[HEIGHT] - air[0])) * speed * speed
     qhat = 0.5 * q * c.chord / (c.reference_speed if c.fixed_rate_reference > 0.0 else speed)
     de = x[ELEVATOR] - c.trim_elevator
     faster = (speed - c.trim_speed) / c.reference_speed
 
     nm = lift_motion.shape[1]
     ng = lift_gust.shape[1]
-    gust_le = math.atan2(w + gust[3], u + gust[2]) - alpha_inertial
+    gust_le = arctangent(w + gust[3], u + gust[2]) - alpha_inertial
     from_trim = alpha_inertial - c.trim_alpha
     if c.memory > 0.0:
         wing = from_trim + gust_le
@@ -287,7 +322,7 @@ def rates(
         for i in range(ng):
             wing += lift_gust[0, i] * (x[LAGS + nm + i] - gust_le)
             dx[LAGS + nm + i] = lift_gust[1, i] * chords * (gust_le - x[LAGS + nm + i])
-        gust_tail = math.atan2(w + gust[5], u + gust[4]) - alpha_inertial
+        gust_tail = arctangent(w + gust[5], u + gust[4]) - alpha_inertial
         tail = from_trim + q * c.tail_arm / speed + gust_tail - c.downwash * past_wing
         share, arm = c.tail_slope, c.tail_arm / c.chord
         cl = (c.cl_alpha - share * (1.0 - c.downwash)) * wing + share * tail
@@ -300,15 +335,19 @@ def rates(
             dx[i] = 0.0
         cl = c.cl_alpha * wing + c.cl_q * qhat
         cm = c.cm_alpha * wing + c.cm_q * qhat
-    cl += c.cl_trim + c.cl_v * faster + c.cl_de * de
-    cm += c.cm_trim + c.cm_v * faster + c.cm_de * de
+    from_gust = alpha - alpha_inertial
+    square, cube = alpha**2 - c.trim_alpha**2, alpha**3 - c.trim_alpha**3
+    cl += c.cl_trim + c.cl_v * faster + c.cl_de * de + c.cl_gust * from_gust
+    cl += c.cl_alpha2 * square + c.cl_alpha3 * cube
+    cm += c.cm_trim + c.cm_v * faster + c.cm_de * de + c.cm_gust * from_gust
+    cm += c.cm_alpha2 * square + c.cm_alpha3 * cube
     cd = c.cd_0 + c.cd_v * speed / c.reference_speed + c.cd_alpha * alpha + c.cd_induced * cl * cl
 
     cos_a, sin_a = ua / speed, wa / speed
     force = pressure * c.area
     fx = (force * (cl * sin_a - cd * cos_a) + x[THRUST] * c.thrust_cos) / c.mass
     fz = (force * (-cd * sin_a - cl * cos_a) - x[THRUST] * c.thrust_sin) / c.mass
-    sin_t, cos_t = math.sin(theta), math.cos(theta)
+    sin_t, cos_t = sine_cosine(theta)
     dx[U] = fx - q * w - G0 * sin_t
     dx[W] = fz + q * u + G0 * cos_t
     dx[Q] = (force * c.chord * cm + x[THRUST] * c.thrust_arm) / c.iyy

@@ -1,6 +1,6 @@
 """What the vane on the nose boom shows.
 
-    vane = H_v{ (1 + k_f) alpha_boom + k_w (F_m{alpha_i} + F_g{alpha_g at the wing's leading edge}) } + zero
+    vane = H_v{ (1 + k_f) alpha_boom + k_w (F_m{alpha_i} + F_g{alpha_g at the wing's leading edge}) + c_b az } + zero
 
 alpha_boom is the flow angle where the vane is: from the motion, with w lowered by q r (a nose-up rate moves the boom
 up), and from the gust met there. k_f, the upwash of the body, has no memory; k_w, that of the wing, follows the
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from station.profile import Boom
+from station.simulation.angles import arctangent
 
 NO_BOOM = Boom.model_validate({"vane_x": "0 m"})
 """For an aircraft without one: a vane at the CG, without upwash."""
@@ -32,6 +33,8 @@ class VaneConstants(NamedTuple):
     body: float
     wing: float
     zero: float
+    flexure: float
+    """Bending of the boom that turns the vane, rad per m/s2 of specific force down (negative when it is pulled up)."""
     a11: float
     a12: float
     a21: float
@@ -58,6 +61,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         boom.upwash_body,
         boom.upwash_wing,
         boom.zero,
+        boom.flexure,
         *(float(v) for v in a.ravel()),
         *(float(v) for v in old),
         *(float(v) for v in new),
@@ -105,5 +109,5 @@ def flow_angle(v: VaneConstants, u: float, w: float, q: float, ug: float, wg: fl
 
     u, w, q: inertial motion at the CG; ug, wg: gust at the vane, m/s; wing: incidence behind the wing's upwash, rad.
     """
-    angle: float = (1.0 + v.body) * math.atan2(w - q * v.x + wg, u + q * v.z + ug) + v.wing * wing
+    angle: float = (1.0 + v.body) * arctangent(w - q * v.x + wg, u + q * v.z + ug) + v.wing * wing
     return angle

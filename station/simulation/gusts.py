@@ -76,28 +76,56 @@ def _second_order(length: float, step: float) -> tuple[NDArray[np.float64], NDAr
     return transition, factor
 
 
+class FieldConstants(NamedTuple):
+    """A field's recursion from point to point, and where it begins."""
+
+    decay: float
+    kick: float
+    sigmas: tuple[float, float, float]
+    transition: NDArray[np.float64]
+    """(2, 2, 2), of v and w."""
+    factor: NDArray[np.float64]
+    start: float
+    """Distance at which turbulence begins, m; -inf: it was always there."""
+    ramp: float
+    """Distance over which it grows to full strength, m."""
+
+
+def field_constants(model: Dryden, speed: float, start_s: float) -> FieldConstants:
+    """A field of stationary strength, or air at rest up to the distance flown by `start_s` at `speed`."""
+    pairs = [_second_order(length, STEP) for length in (model.length_v, model.length_w)]
+    return FieldConstants(
+        decay=math.exp(-STEP / model.length_u),
+        kick=math.sqrt(-math.expm1(-2 * STEP / model.length_u)),
+        sigmas=(model.sigma_u, model.sigma_v, model.sigma_w),
+        transition=np.array([a for a, _ in pairs]),
+        factor=np.array([b for _, b in pairs]),
+        start=speed * start_s if start_s > 0 else -math.inf,
+        ramp=speed * _RAMP,
+    )
+
+
 @njit(cache=True, error_model="numpy")
-def _fill(
-    noise: NDArray[np.float64],
-    state: NDArray[np.float64],
-    scales: NDArray[np.float64],
-    transition: NDArray[np.float64],
-    factor: NDArray[np.float64],
-    out: NDArray[np.float64],
+def fill(
+    c: FieldConstants, noise: NDArray[np.float64], state: NDArray[np.float64], first: int, out: NDArray[np.float64]
 ) -> None:
-    """The next points of the field. noise (n, 5); state (5): u, v1, v2, w1, w2; out (n, 3)."""
-    decay, kick = scales[0], scales[1]
+    """The next points of the field, `first` the index of the first of them.
+
+    noise (n, 5): white, unit variance; state (5): u, v1, v2, w1, w2, changed in place; out (n, 3).
+    """
     for k in range(noise.shape[0]):
-        out[k, 0] = scales[2] * state[0]
+        grown = min(max(((first + k) * STEP - c.start) / c.ramp, 0.0), 1.0)
+        strength = grown * grown * (3.0 - 2.0 * grown)
+        out[k, 0] = strength * c.sigmas[0] * state[0]
         for j in range(2):
             i = 1 + 2 * j
             # w_g = sigma sqrt(1/a) (a^2 z1 + sqrt(3) a z2); with the scaled states: sigma/2 (z1 + sqrt(3) z2)
-            out[k, 1 + j] = scales[3 + j] * 0.5 * (state[i] + math.sqrt(3.0) * state[i + 1])
-            z1 = transition[j, 0, 0] * state[i] + transition[j, 0, 1] * state[i + 1]
-            z2 = transition[j, 1, 0] * state[i] + transition[j, 1, 1] * state[i + 1]
-            state[i] = z1 + factor[j, 0, 0] * noise[k, i] + factor[j, 0, 1] * noise[k, i + 1]
-            state[i + 1] = z2 + factor[j, 1, 1] * noise[k, i + 1]
-        state[0] = decay * state[0] + kick * noise[k, 0]
+            out[k, 1 + j] = strength * c.sigmas[1 + j] * 0.5 * (state[i] + math.sqrt(3.0) * state[i + 1])
+            z1 = c.transition[j, 0, 0] * state[i] + c.transition[j, 0, 1] * state[i + 1]
+            z2 = c.transition[j, 1, 0] * state[i] + c.transition[j, 1, 1] * state[i + 1]
+            state[i] = z1 + c.factor[j, 0, 0] * noise[k, i] + c.factor[j, 0, 1] * noise[k, i + 1]
+            state[i + 1] = z2 + c.factor[j, 1, 1] * noise[k, i + 1]
+        state[0] = c.decay * state[0] + c.kick * noise[k, 0]
 
 
 @njit(cache=True, error_model="numpy")
@@ -111,30 +139,26 @@ def gust_at(field: NDArray[np.float64], first: int, distance: float, component: 
     return value
 
 
+def field_start(behind: float) -> int:
+    """Index of the first point of a field that is to begin `behind` m behind the origin."""
+    return math.floor(-behind / STEP) - 2
+
+
 class GustField:
     """The part of the field around the aircraft, made as the aircraft gets there; memory stays flat.
 
-    The field is the same whatever pieces it is asked for in. Turbulence is at its stationary strength from the
-    beginning, or from the distance flown by `start_s` at `speed`, with air at rest before.
+    The field is the same whatever pieces it is asked for in.
     """
 
-    def __init__(
-        self, model: Dryden, speed: float, start_s: float, behind: float, seed: np.random.SeedSequence
-    ) -> None:
-        self.first = math.floor(-behind / STEP) - 2
+    def __init__(self, constants: FieldConstants, behind: float, seed: np.random.SeedSequence) -> None:
+        """`behind`: how far behind the origin the field begins, m."""
+        self.first = field_start(behind)
         """Index of the first point kept; a point's distance is its index times STEP."""
         self.values: NDArray[np.float64] = np.empty((0, 3))
         """(n, 3): u_g, v_g, w_g at consecutive points, m/s."""
-        self._calm = model.sigma_w == 0
+        self._constants = constants
+        self._calm = constants.sigmas[2] == 0
         self._rng = np.random.default_rng(seed)
-        self._start = speed * start_s if start_s > 0 else -math.inf
-        self._ramp = speed * _RAMP
-        decay = math.exp(-STEP / model.length_u)
-        kick = math.sqrt(-math.expm1(-2 * STEP / model.length_u))
-        self._scales = np.array([decay, kick, model.sigma_u, model.sigma_v, model.sigma_w])
-        pairs = [_second_order(length, STEP) for length in (model.length_v, model.length_w)]
-        self._transition = np.array([a for a, _ in pairs])
-        self._factor = np.array([b for _, b in pairs])
         self._state = self._rng.standard_normal(5)
 
     def cover(self, low: float, high: float) -> None:
@@ -147,10 +171,7 @@ class GustField:
         n = _BLOCK * math.ceil(missing / _BLOCK)
         block = np.zeros((n, 3))
         if not self._calm:
-            _fill(self._rng.standard_normal((n, 5)), self._state, self._scales, self._transition, self._factor, block)
-            if self._start > -math.inf:
-                grown = np.clip(((end + np.arange(n)) * STEP - self._start) / self._ramp, 0.0, 1.0)
-                block *= (grown**2 * (3 - 2 * grown))[:, None]
+            fill(self._constants, self._rng.standard_normal((n, 5)), self._state, end, block)
         keep = self.values[max(0, drop) :]
         self.first += len(self.values) - len(keep)
         self.values = np.concatenate((keep, block))

@@ -25,7 +25,8 @@ def quasi_steady(aircraft: Aircraft) -> Aircraft:
 def derivative(c: ac.Constants, x: np.ndarray, command: float | None = None, gust=CALM, past=0.0, tables=None):
     dx, aux = np.zeros_like(x), np.zeros(ac.AUX_SIZE)
     motion, gusts = tables or (NO_LAG, NO_LAG)
-    ac.rates(c, motion, gusts, x, c.trim_elevator if command is None else command, gust, past, dx, aux)
+    air = ac.air_at(c, x[ac.HEIGHT])
+    ac.rates(c, motion, gusts, x, c.trim_elevator if command is None else command, air, gust, past, dx, aux)
     return dx, aux
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from station.simulation.gusts import STEP, Dryden, GustField, dryden, gust_at
+from station.simulation.gusts import STEP, Dryden, GustField, dryden, field_constants, gust_at
 
 FT = 0.3048
 SPEED = 185.66 * FT
@@ -17,7 +17,9 @@ SIGMA = 5 * FT
 
 
 def field(metres: float, seed: int = 1, start_s: float = 0.0, sigma: float = SIGMA, model: Dryden | None = None):
-    made = GustField(model or dryden(2500 * FT, sigma), SPEED, start_s, 10.0, np.random.SeedSequence(seed))
+    made = GustField(
+        field_constants(model or dryden(2500 * FT, sigma), SPEED, start_s), 10.0, np.random.SeedSequence(seed)
+    )
     made.cover(-10.0, metres)
     return made
 
@@ -81,7 +83,7 @@ def test_vertical_gust_between_2_and_7_hz(long: np.ndarray) -> None:
 
 def test_the_same_field_in_any_pieces_and_flat_memory() -> None:
     whole = field(40_000.0)
-    pieces = GustField(dryden(2500 * FT, SIGMA), SPEED, 0.0, 10.0, np.random.SeedSequence(1))
+    pieces = GustField(field_constants(dryden(2500 * FT, SIGMA), SPEED, 0.0), 10.0, np.random.SeedSequence(1))
     most = 0
     for s in np.arange(0.0, 39_000.0, 173.7):
         pieces.cover(s - 10.0, s + 600.0)

@@ -1,0 +1,267 @@
+"""The motion of one flight, compiled: aircraft, air and vanes together, stepped at 200 Hz."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.conventions import SIGNALS, TICK_HZ
+from station.simulation import aircraft as ac
+from station.simulation.boom import VaneConstants, flow_angle, upwash_step, vane_step
+from station.simulation.gusts import gust_at
+
+RATE_HZ: Final = 200
+DT: Final = 1.0 / RATE_HZ
+EVERY: Final = RATE_HZ // TICK_HZ
+
+TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm")
+"""What no sensor shows: angle of attack at the CG and its parts from motion and gust (rad), the gust at the CG (m/s,
+updraught and headwind positive), the aerodynamic coefficients about the CG."""
+COLUMNS: Final = (*SIGNALS, *TRUTH)
+
+
+class Site(NamedTuple):
+    """The imu's place, the mean wind, the heading and the earth under the flight; m, m/s, rad."""
+
+    imu_x: float
+    imu_z: float
+    wind_north: float
+    wind_east: float
+    heading: float
+    latitude: float
+    longitude: float
+    radius_north: float
+    radius_east: float
+
+
+class Memory(NamedTuple):
+    """What a flight carries from one step to the next, changed in place by `_advance`."""
+
+    x: NDArray[np.float64]
+    """State of the equations of motion."""
+    wake: NDArray[np.float64]
+    """(2, n) ring: distance at which the wing was, and its incidence from trim there."""
+    marks: NDArray[np.int64]
+    """Steps done, last entry of the wake, entry of the wake whose downwash is at the tail."""
+    upwash_motion: NDArray[np.float64]
+    upwash_gust: NDArray[np.float64]
+    vane: NDArray[np.float64]
+    """(2, 3): states of the alpha and beta vanes."""
+    last: NDArray[np.float64]
+    """Inertial and leading-edge gust incidence at the last step, rad."""
+
+
+class Tables(NamedTuple):
+    """Indicial responses, each (2, n)."""
+
+    lift_motion: NDArray[np.float64]
+    lift_gust: NDArray[np.float64]
+    upwash_motion: NDArray[np.float64]
+    upwash_gust: NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy")
+def at_rest(c: ac.Constants, tables: Tables, behind: float, field: NDArray[np.float64], first: int) -> Memory:
+    """Trimmed flight, the wing's memory of gusts as if the one at the start had lasted.
+
+    `behind`: where the wake begins, m behind the origin; farther than the tail.
+    """
+    nm, ng = tables.lift_motion.shape[1], tables.lift_gust.shape[1]
+    x = ac.trimmed_state(c, nm + ng)
+    nose = 0.25 * c.chord
+    ug, wg = gust_at(field, first, nose, 0), gust_at(field, first, nose, 2)
+    met = math.atan2(x[ac.W] + wg, x[ac.U] + ug) - math.atan2(x[ac.W], x[ac.U])
+    x[ac.LAGS + nm :] = met
+    wake = np.zeros((2, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * DT))))
+    wake[0, 0] = -behind
+    wake[1, 0] = met
+    return Memory(
+        x,
+        wake,
+        np.zeros(3, dtype=np.int64),
+        np.zeros(tables.upwash_motion.shape[1]),
+        np.zeros(tables.upwash_gust.shape[1]),
+        np.zeros((2, 3)),
+        np.zeros(2),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _downwash_source(wake: NDArray[np.float64], newest: int, start: int, place: float) -> tuple[float, int]:
+    """Wing incidence when the wing was at `place`, and the ring entry before it; the search begins at `start`."""
+    n = wake.shape[1]
+    j = start
+    while j < newest and wake[0, (j + 1) % n] <= place:
+        j += 1
+    a = j % n
+    if j >= newest:
+        return wake[1, a], j
+    b = (j + 1) % n
+    part = min(max((place - wake[0, a]) / (wake[0, b] - wake[0, a]), 0.0), 1.0)
+    return wake[1, a] + part * (wake[1, b] - wake[1, a]), j
+
+
+@njit(cache=True, error_model="numpy")
+def _stage(
+    c: ac.Constants,
+    tables: Tables,
+    x: NDArray[np.float64],
+    command: float,
+    field: NDArray[np.float64],
+    first: int,
+    air: tuple[float, float, float],
+    memory: Memory,
+    dx: NDArray[np.float64],
+    aux: NDArray[np.float64],
+) -> int:
+    """The state's derivative with the gusts and the downwash where each part of the aircraft is."""
+    s = x[ac.DISTANCE]
+    nose, tail = s + 0.25 * c.chord, s - c.tail_arm
+    late = s - c.gust_arm
+    gust = (
+        gust_at(field, first, s, 0),
+        gust_at(field, first, s, 2),
+        gust_at(field, first, nose, 0),
+        gust_at(field, first, nose, 2),
+        gust_at(field, first, late, 0),
+        gust_at(field, first, late, 2),
+    )
+    past, entry = _downwash_source(memory.wake, memory.marks[1], memory.marks[2], tail)
+    ac.rates(c, tables.lift_motion, tables.lift_gust, x, command, air, gust, past, dx, aux)
+    return entry
+
+
+@njit(cache=True, error_model="numpy")
+def _record(
+    c: ac.Constants,
+    site: Site,
+    time: float,
+    x: NDArray[np.float64],
+    dx: NDArray[np.float64],
+    aux: NDArray[np.float64],
+    gust: tuple[float, float],
+    vanes: tuple[float, float],
+    row: NDArray[np.float64],
+) -> None:
+    """Everything there is to know at one instant, in the order of COLUMNS."""
+    q, theta, height = x[ac.Q], x[ac.THETA], x[ac.HEIGHT]
+    pressure, temperature, _ = ac.atmosphere(height)
+    north = x[ac.DISTANCE] * math.cos(site.heading) + site.wind_north * time
+    east = x[ac.DISTANCE] * math.sin(site.heading) + site.wind_east * time
+    latitude = site.latitude + north / site.radius_north
+    row[0], row[1] = vanes
+    row[2], row[3], row[4], row[5] = aux[ac.AIRSPEED], aux[ac.PRESSURE], pressure, temperature
+    row[6], row[7], row[8] = 0.0, q, 0.0
+    row[9] = aux[ac.FORCE_X] + dx[ac.Q] * site.imu_z - q * q * site.imu_x
+    row[10] = 0.0
+    row[11] = aux[ac.FORCE_Z] - dx[ac.Q] * site.imu_x - q * q * site.imu_z
+    row[12], row[13], row[14] = 0.0, theta, site.heading
+    row[15] = dx[ac.DISTANCE] * math.cos(site.heading) + site.wind_north
+    row[16] = dx[ac.DISTANCE] * math.sin(site.heading) + site.wind_east
+    row[17] = -dx[ac.HEIGHT]
+    row[18] = latitude
+    row[19] = site.longitude + east / (site.radius_east * math.cos(0.5 * (latitude + site.latitude)))
+    row[20] = height
+    row[21], row[22], row[23] = x[ac.ELEVATOR], 0.0, 0.0
+    row[24], row[25] = x[ac.THRUST], c.mass
+    row[26], row[27], row[28] = 0.0, dx[ac.Q], 0.0
+    row[29], row[30] = aux[ac.ALPHA], aux[ac.ALPHA_INERTIAL]
+    row[31] = aux[ac.ALPHA] - aux[ac.ALPHA_INERTIAL]
+    row[32], row[33], row[34], row[35] = gust[1], gust[0], aux[ac.CL], aux[ac.CM]
+
+
+# numba's cache does not notice changes of what `advance` calls in other modules: after editing one, touch this file.
+@njit(cache=True, error_model="numpy")
+def advance(
+    c: ac.Constants,
+    tables: Tables,
+    vane: VaneConstants,
+    site: Site,
+    memory: Memory,
+    command: NDArray[np.float64],
+    field: NDArray[np.float64],
+    first: int,
+    every: int,
+    out: NDArray[np.float64],
+) -> None:
+    """Step on by every * len(out) steps of DT: classical Runge-Kutta of fourth order.
+
+    command (2n + 1): commanded elevator at steps and half-steps. out (., len(COLUMNS)): the instants before the steps,
+    every `every`-th of them.
+    """
+    x, marks = memory.x, memory.marks
+    n = x.shape[0]
+    slope, total, trial = np.zeros(n), np.zeros(n), np.zeros(n)
+    aux, spare = np.zeros(ac.AUX_SIZE), np.zeros(ac.AUX_SIZE)
+    ring = memory.wake.shape[1]
+    for k in range(every * out.shape[0]):
+        air = ac.air_at(c, x[ac.HEIGHT])
+        s = x[ac.DISTANCE]
+        for i in range(n):
+            trial[i] = x[i]
+            total[i] = 0.0
+        for stage in range(4):
+            entry = _stage(
+                c,
+                tables,
+                trial,
+                command[2 * k + (stage + 1) // 2],
+                field,
+                first,
+                air,
+                memory,
+                slope,
+                aux if stage == 0 else spare,
+            )
+            if stage == 0:
+                marks[2] = entry
+                vanes = _vanes(c, tables, vane, memory, field, first, aux)
+                if k % every == 0:
+                    here = (gust_at(field, first, s, 0), gust_at(field, first, s, 2))
+                    _record(c, site, marks[0] * DT, x, slope, aux, here, vanes, out[k // every])
+                marks[0] += 1
+                marks[1] += 1
+                memory.wake[0, marks[1] % ring] = s
+                memory.wake[1, marks[1] % ring] = aux[ac.WING]
+            weight = DT / 6.0 if stage == 0 or stage == 3 else DT / 3.0
+            ahead = DT if stage == 2 else 0.5 * DT
+            for i in range(n):
+                total[i] += weight * slope[i]
+                trial[i] = x[i] + ahead * slope[i]
+        for i in range(n):
+            x[i] += total[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _vanes(
+    c: ac.Constants,
+    tables: Tables,
+    vane: VaneConstants,
+    memory: Memory,
+    field: NDArray[np.float64],
+    first: int,
+    aux: NDArray[np.float64],
+) -> tuple[float, float]:
+    """The angles that both vanes show now, rad, from the flow at the last step and at this one."""
+    x = memory.x
+    s, alpha_i, gust_le = x[ac.DISTANCE], aux[ac.ALPHA_INERTIAL], aux[ac.GUST_LE]
+    begins = memory.marks[0] == 0
+    if begins:
+        memory.last[0], memory.last[1] = alpha_i, gust_le
+        memory.upwash_motion[:] = alpha_i
+        memory.upwash_gust[:] = gust_le
+    chords = aux[ac.AIRSPEED] * DT / c.memory_chord
+    wing = upwash_step(tables.upwash_motion, memory.upwash_motion, memory.last[0], alpha_i, chords)
+    wing += upwash_step(tables.upwash_gust, memory.upwash_gust, memory.last[1], gust_le, chords)
+    memory.last[0], memory.last[1] = alpha_i, gust_le
+    ug, wg = gust_at(field, first, s + vane.x, 0), gust_at(field, first, s + vane.x, 2)
+    flow = flow_angle(vane, x[ac.U], x[ac.W], x[ac.Q], ug, wg, wing) + vane.flexure * aux[ac.FORCE_Z]
+    side = math.asin(gust_at(field, first, s + vane.x, 1) / aux[ac.AIRSPEED])
+    if begins:
+        memory.vane[0, 0], memory.vane[0, 2] = flow, flow
+        memory.vane[1, 0], memory.vane[1, 2] = side, side
+    return vane_step(vane, memory.vane[0], flow) + vane.zero, vane_step(vane, memory.vane[1], side)
