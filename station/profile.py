@@ -74,11 +74,13 @@ Positive = Field(gt=0)
 T = TypeVar("T", bound=BaseModel)
 
 
-class _Frozen(BaseModel):
+class Frozen(BaseModel):
+    """A table of a profile: no key that is not known, no value changed later."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-class Derivative(_Frozen):
+class Derivative(Frozen):
     """A coefficient, per radian (rates normalised), its prior standard deviation in the same unit, and its source."""
 
     value: float
@@ -86,14 +88,14 @@ class Derivative(_Frozen):
     source: str = ""
 
 
-class Geometry(_Frozen):
+class Geometry(Frozen):
     wing_area: Annotated[SquareMetres, Positive]
     span: Annotated[Metres, Positive]
     chord: Annotated[Metres, Positive]
     """Mean aerodynamic or geometric chord: the reference length of Cm and of q c/2V."""
 
 
-class Inertia(_Frozen):
+class Inertia(Frozen):
     mass: Annotated[Kilograms, Positive]
     ixx: Annotated[KilogramMetres2, Positive] | None = None
     iyy: Annotated[KilogramMetres2, Positive] | None = None
@@ -101,7 +103,7 @@ class Inertia(_Frozen):
     ixz: KilogramMetres2 = 0.0
 
 
-class Indicial(_Frozen):
+class Indicial(Frozen):
     """phi(t) = 1 - sum a exp(-b t), t in chords travelled (physics of unsteady lift and upwash)."""
 
     a: tuple[float, ...]
@@ -119,7 +121,7 @@ class Indicial(_Frozen):
         return self
 
 
-class Boom(_Frozen):
+class Boom(Frozen):
     """The nose boom and its vane. Upwash is split into a body part without memory and a wing part with memory."""
 
     vane_x: Metres
@@ -141,7 +143,7 @@ class Boom(_Frozen):
         return 1.0 / (1.0 + self.upwash_body + self.upwash_wing)
 
 
-class Unsteady(_Frozen):
+class Unsteady(Frozen):
     """How lift, downwash and upwash lag behind the motion and the gust (thin wing with a tail)."""
 
     memory: bool = True
@@ -161,14 +163,14 @@ class Unsteady(_Frozen):
     upwash_gust: Indicial | None = None
 
 
-class Drag(_Frozen):
+class Drag(Frozen):
     """CD = zero_lift + induced CL^2."""
 
     zero_lift: float = Field(ge=0)
     induced: float = Field(default=0.0, ge=0)
 
 
-class Actuator(_Frozen):
+class Actuator(Frozen):
     time_constant: Seconds = 0.08
     rate_limit: RadiansPerSecond = math.radians(60)
     position_limit: Radians = math.radians(20)
@@ -179,7 +181,7 @@ ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r",
 DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
 
 
-class Aircraft(_Frozen):
+class Aircraft(Frozen):
     name: str
     description: str = ""
     sources: tuple[str, ...] = ()
@@ -213,7 +215,7 @@ class Aircraft(_Frozen):
                 raise PydanticCustomError(
                     "derivative",
                     "unknown derivative {name}{near}",
-                    {"name": name, "near": _nearest(name, DERIVATIVE_NAMES)},
+                    {"name": name, "near": nearest(name, DERIVATIVE_NAMES)},
                 )
         return self
 
@@ -223,7 +225,7 @@ class Aircraft(_Frozen):
         return found.value if found else 0.0
 
 
-class Channel(_Frozen):
+class Channel(Frozen):
     """How a field on the wire becomes a signal: unit-value = slope (field - zero), or a table of (field, value)."""
 
     field: str
@@ -247,7 +249,7 @@ class Channel(_Frozen):
             raise PydanticCustomError(
                 "unit",
                 "unknown unit {unit}{near}",
-                {"unit": repr(self.unit), "near": _nearest(self.unit, tuple(UNITS))},
+                {"unit": repr(self.unit), "near": nearest(self.unit, tuple(UNITS))},
             )
         if self.slope == 0:
             raise PydanticCustomError("slope", "slope must not be 0")
@@ -284,7 +286,7 @@ def _interpolate(table: tuple[tuple[float, float], ...], x: float) -> float:
     return y0 + (x - x0) * (y1 - y0) / (x1 - x0)
 
 
-class StreamProfile(_Frozen):
+class StreamProfile(Frozen):
     """One message of a device and the signals in it."""
 
     name: str
@@ -302,7 +304,7 @@ class StreamProfile(_Frozen):
             signal = SIGNALS.get(name)
             if signal is None:
                 raise PydanticCustomError(
-                    "signal", "unknown signal {name}{near}", {"name": name, "near": _nearest(name, tuple(SIGNALS))}
+                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
                 )
             unit = unit_named(channel.unit)
             if unit is None or unit.si != signal.unit:
@@ -314,7 +316,7 @@ class StreamProfile(_Frozen):
         return self
 
 
-class _Device(_Frozen):
+class _Device(Frozen):
     name: str
     streams: tuple[StreamProfile, ...] = Field(min_length=1)
 
@@ -364,7 +366,7 @@ class MavlinkDevice(_Device):
 Device = Annotated[SerialDevice | CanDevice | MavlinkDevice, Field(discriminator="link")]
 
 
-class Rig(_Frozen):
+class Rig(Frozen):
     name: str
     description: str = ""
     imu_position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
@@ -429,7 +431,7 @@ class Rig(_Frozen):
         return {n: c.noise_si() for d in self.devices for s in d.streams for n, c in s.signals.items()}
 
 
-class _Input(_Frozen):
+class _Input(Frozen):
     start: Seconds
     surface: Literal["elevator"] = "elevator"
     amplitude: Radians
@@ -471,7 +473,7 @@ class Pulse(_Input):
 Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]
 
 
-class Fault(_Frozen):
+class Fault(Frozen):
     """What an emulated device does wrong, from `start` for `duration` (seconds of flight)."""
 
     device: str
@@ -487,7 +489,7 @@ class Fault(_Frozen):
     "intermittent" and "garbage": share of messages lost or replaced by random bytes (half if left out)."""
 
 
-class Flight(_Frozen):
+class Flight(Frozen):
     """What the emulated aircraft flies."""
 
     source: Literal["simulation", "recording"] = "simulation"
@@ -508,7 +510,7 @@ class Flight(_Frozen):
     device_clock_drift_ppm: float = 30.0
 
 
-class Card(_Frozen):
+class Card(Frozen):
     """A test card: aircraft, rig, what to fly, what to record and when the answers are good enough."""
 
     name: str
@@ -544,14 +546,15 @@ class Card(_Frozen):
         for name in self.needs:
             if name not in SIGNALS:
                 raise PydanticCustomError(
-                    "signal", "unknown signal {name}{near}", {"name": name, "near": _nearest(name, tuple(SIGNALS))}
+                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
                 )
         if self.high <= self.low:
             raise PydanticCustomError("band", "high must be above low")
         return self
 
 
-def _nearest(word: str, known: tuple[str, ...]) -> str:
+def nearest(word: str, known: tuple[str, ...]) -> str:
+    """Words that suggest the known one most like `word`; "" if none is."""
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     return f"; did you mean {close[0]}?" if close else ""
 
@@ -577,20 +580,20 @@ def find(kind: Literal["aircraft", "rigs", "cards", "campaigns"], name: str, bes
         if (folder / f"{name}.toml").is_file():
             return folder / f"{name}.toml"
     known = tuple(sorted({p.stem for f in folders for p in f.glob("*.toml")}))
-    raise ProfileError(f"no {kind.rstrip('s')} named {name}{_nearest(name, known)}\nknown: {', '.join(known)}")
+    raise ProfileError(f"no {kind.rstrip('s')} named {name}{nearest(name, known)}\nknown: {', '.join(known)}")
 
 
 def load_aircraft(name: str, beside: Path | None = None) -> Aircraft:
     """An aircraft by name or path. Raises ProfileError."""
-    return _load(Aircraft, find("aircraft", name, beside))
+    return read_profile(Aircraft, find("aircraft", name, beside))
 
 
 def load_rig(name: str, beside: Path | None = None) -> Rig:
     """A rig by name or path. Raises ProfileError."""
-    return _load(Rig, find("rigs", name, beside))
+    return read_profile(Rig, find("rigs", name, beside))
 
 
-class Profiles(_Frozen):
+class Profiles(Frozen):
     """Everything a flight needs, and the text it was read from (kept in the recording)."""
 
     aircraft: Aircraft
@@ -606,36 +609,37 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
     `overrides` replace the card's values by dotted key, {"flight.gust_sigma": "5 ft/s"}.
     """
     path = find("cards", name)
-    card = _load(Card, path, overrides)
+    card = read_profile(Card, path, overrides)
     aircraft = load_aircraft(card.aircraft, path)
     rig_path = find("rigs", card.rig, path)
-    rig = _load(Rig, rig_path)
+    rig = read_profile(Rig, rig_path)
     given = {signal for stream in rig.streams() for signal in stream.signals}
     for signal in card.needs:
         if signal not in given:
-            near = _nearest(signal, tuple(given))
+            near = nearest(signal, tuple(given))
             raise ProfileError(f"{path}: needs: no device of rig {rig.name} gives {signal}{near}")
     devices = {d.name: d for d in rig.devices}
     for i, fault in enumerate(card.faults):
         if fault.device not in devices:
             raise ProfileError(
                 f"{path}: faults[{i}].device: rig {rig.name} has no device {fault.device}"
-                f"{_nearest(fault.device, tuple(devices))}"
+                f"{nearest(fault.device, tuple(devices))}"
             )
         streams = tuple(s.name for s in devices[fault.device].streams)
         if fault.stream is not None and fault.stream not in streams:
-            near = _nearest(fault.stream, streams)
+            near = nearest(fault.stream, streams)
             raise ProfileError(f"{path}: faults[{i}].stream: {fault.device} has no stream {fault.stream}{near}")
         signals = tuple(n for s in devices[fault.device].streams if fault.stream in (None, s.name) for n in s.signals)
         if fault.signal is not None and fault.signal not in signals:
-            near = _nearest(fault.signal, signals)
+            near = nearest(fault.signal, signals)
             raise ProfileError(f"{path}: faults[{i}].signal: {fault.device} does not give {fault.signal} there{near}")
         if fault.kind == "wrong" and fault.signal is None:
             raise ProfileError(f"{path}: faults[{i}].signal: missing: which signal is to be wrong?")
     return Profiles(aircraft=aircraft, rig=rig, card=card, rig_dir=str(rig_path.parent))
 
 
-def _load(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None) -> T:
+def read_profile(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None) -> T:
+    """A profile file of that kind, its values replaced by dotted key. Raises ProfileError."""
     try:
         raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -647,7 +651,7 @@ def _load(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None)
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
-        raise ProfileError(_explain(path, kind, error)) from None
+        raise ProfileError(explain(path, kind, error)) from None
 
 
 def to_json(profile: BaseModel) -> str:
@@ -660,7 +664,7 @@ def from_json(kind: type[T], text: str) -> T:
     try:
         return kind.model_validate_json(text, context=_SI)
     except ValidationError as error:
-        raise ProfileError(_explain(Path("recording"), kind, error)) from None
+        raise ProfileError(explain(Path("recording"), kind, error)) from None
 
 
 def _override(raw: dict[str, Any], key: str, value: Any) -> None:
@@ -674,14 +678,14 @@ def _override(raw: dict[str, Any], key: str, value: Any) -> None:
         raise ProfileError(f"no place for {key} in the card: write section.key or list.number.key") from None
 
 
-def _explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:
+def explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:
     """The first problem, with its key, what is wrong and the nearest valid key."""
     problems = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")  # misspelt first
     first = problems[0]
     key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"]).lstrip(".")
     if first["type"] == "extra_forbidden":
         word = str(first["loc"][-1])
-        message = f"unknown key{_nearest(word, _keys(kind))}"
+        message = f"unknown key{nearest(word, _keys(kind))}"
     elif first["type"] == "missing":
         message = "missing key"
     elif first["type"] in ("union_tag_not_found", "union_tag_invalid"):
