@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, Stream, to_si, unit_named
+from station.conventions import SIGNALS, TICK_HZ, UNIT_ALIASES, UNITS, Stream, to_si, unit_named
 from station.rows import ProfileError
 
 _SI = "si"
@@ -176,6 +176,20 @@ class Actuator(Frozen):
     position_limit: Radians = math.radians(20)
 
 
+class Instrument(Frozen):
+    """What a signal's sensor does to it besides its noise, as found in flight; SI of the signal.
+
+    Reported = gain * lagged(signal, latency earlier) + bias; a surface's play lies between sensor and surface.
+    """
+
+    latency: Seconds = 0.0
+    lag: Seconds = 0.0
+    gain: float = Field(default=1.0, gt=0)
+    bias: float = 0.0
+    backlash: float = Field(default=0.0, ge=0)
+    """Width of the play, in the signal's SI unit."""
+
+
 COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
 ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr", "gust")
 DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
@@ -200,16 +214,26 @@ class Aircraft(Frozen):
     drag: Drag | None = None
     unsteady: Unsteady = Unsteady(memory=False)
     elevator: Actuator = Actuator()
+    instruments: dict[str, Instrument] = {}
+    """Errors of sensors that the rig does not know of, by signal: a diagnosis writes them, the simulation flies them."""
+    imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    """How far from the rig's place the imu is, body axes."""
 
     @model_validator(mode="before")
     @classmethod
     def _sources(cls, raw: Any) -> Any:
-        if isinstance(raw, dict) and isinstance(raw.get("sources"), list):
-            raw = {**raw, "sources": tuple(raw["sources"])}
+        if isinstance(raw, dict):
+            keys = ("sources", "imu_offset")
+            raw = {k: tuple(v) if k in keys and isinstance(v, list) else v for k, v in raw.items()}
         return raw
 
     @model_validator(mode="after")
     def _known_derivatives(self) -> Self:
+        for name in self.instruments:
+            if name not in SIGNALS:
+                raise PydanticCustomError(
+                    "signal", "unknown signal {name}{near}", {"name": name, "near": _nearest(name, tuple(SIGNALS))}
+                )
         for name in self.derivatives:
             if name not in DERIVATIVE_NAMES:
                 raise PydanticCustomError(
@@ -427,8 +451,17 @@ class Rig(Frozen):
         return self.model_copy(update={"devices": tuple(devices)})
 
     def noise_si(self) -> dict[str, float]:
-        """Standard deviation of each signal's noise, SI."""
+        """Standard deviation of each signal's noise in one sample, SI."""
         return {n: c.noise_si() for d in self.devices for s in d.streams for n, c in s.signals.items()}
+
+    def frame_noise_si(self) -> dict[str, float]:
+        """Standard deviation of each signal's noise in a 50 Hz frame, SI: a faster stream's samples are averaged."""
+        return {
+            n: c.noise_si() / math.sqrt(max(1.0, s.rate / TICK_HZ))
+            for d in self.devices
+            for s in d.streams
+            for n, c in s.signals.items()
+        }
 
 
 class _Input(Frozen):
