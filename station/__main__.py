@@ -80,7 +80,7 @@ def run(
     screen = sys.stdout.isatty() and sys.stdin.isatty() and not as_json
 
     say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
-    estimator = Estimator(aircraft, flight_card, rig.imu_position, noise)
+    estimator = Estimator(aircraft, flight_card, rig.imu_position, rig.frame_noise_si())
     estimator.warm_up()
     aligner = Aligner(streams, noise)
 

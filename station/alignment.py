@@ -1,9 +1,10 @@
 """Samples of many streams -> one frame per tick, and the health of each stream.
 
-A frame at time T holds each signal interpolated linearly between the two samples around T. Where the newest sample is
-older than T the value is held and says how old it is; where it is too old, or suspect, it is NaN. Nothing is filtered
-or decimated, so no stream gains a group delay over another; each is shifted by its own latency from the rig. Pure:
-the same samples and ticks give the same frames and events.
+A frame at time T holds each signal at T: the straight line through the samples within half a tick of T where there
+are several (a stream faster than the ticks), else between the two samples around T. Either way the group delay is zero
+for every stream; what 20 ms of averaging takes at 2 Hz is 0.3 %. Where the newest sample is older than T the value is
+held and says how old it is; where it is too old, or suspect, it is NaN. Each stream is shifted by its own latency from
+the rig. Pure: the same samples and ticks give the same frames and events.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping
+from operator import mul
 from typing import Final
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, Stream, wrap_angle
+from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream, wrap_angle
 from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
 from station.timebase import ClockMap
 
 KEEP_NS: Final = 3_000_000_000
 LATE_NS: Final = 50_000_000
+HALF_TICK_NS: Final = TICK_NS // 2
 SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
 STUCK_AFTER_S: Final = 0.25
 NOISE_JUMP: Final = 8.0
@@ -208,26 +211,41 @@ class Aligner:
             for column in buffer.columns:
                 quality[column] = Quality.SUSPECT
             return
-        if t0 == t_ns:
-            for column, value in zip(buffer.columns, before, strict=True):
-                self._put(column, value, 0.0, Quality.FRESH, values, ages, quality)
-            return
         after = samples[j + 1] if j + 1 < len(samples) else None
-        if after is not None and after[0] - t0 <= buffer.bridge_ns:
-            share = (t_ns - t0) / (after[0] - t0)
-            for i, column in enumerate(buffer.columns):
-                step = after[1][i] - before[i]
-                if buffer.wraps[i]:
-                    step = wrap_angle(step)
-                value = before[i] + share * step
-                if buffer.wraps[i]:
-                    value = wrap_angle(value)
+        if t0 == t_ns or (after is not None and after[0] - t0 <= buffer.bridge_ns):
+            weights, used = self._line(samples, j, t_ns)
+            for column, wraps, seen in zip(buffer.columns, buffer.wraps, zip(*used, strict=True), strict=True):
+                if wraps:
+                    origin = seen[0]
+                    value = wrap_angle(origin + sum(map(mul, weights, [wrap_angle(x - origin) for x in seen])))
+                else:
+                    value = sum(map(mul, weights, seen))
                 self._put(column, value, 0.0, Quality.FRESH, values, ages, quality)
             return
         age_ns = t_ns - t0
         if age_ns <= buffer.stale_ns:
             for column, value in zip(buffer.columns, before, strict=True):
                 self._put(column, value, age_ns * 1e-9, Quality.HELD, values, ages, quality)
+
+    @staticmethod
+    def _line(
+        samples: deque[tuple[int, tuple[float, ...]]], j: int, t_ns: int
+    ) -> tuple[list[float], list[tuple[float, ...]]]:
+        """Samples, and the weights whose sum over them is the value at `t_ns`; `j` is the last at or before it."""
+        first = j
+        while first > 0 and t_ns - samples[first - 1][0] <= HALF_TICK_NS:
+            first -= 1
+        last = j if samples[j][0] == t_ns else j + 1
+        while last + 1 < len(samples) and samples[last + 1][0] - t_ns <= HALF_TICK_NS:
+            last += 1
+        chosen = [samples[i] for i in range(first, last + 1)]
+        if len(chosen) == 1:
+            return [1.0], [chosen[0][1]]
+        x = [(t - t_ns) * 1e-9 for t, _ in chosen]
+        n = len(x)
+        mean = sum(x) / n
+        slope = mean / (sum(map(mul, x, x)) - n * mean * mean)
+        return [1.0 / n - slope * (xi - mean) for xi in x], [v for _, v in chosen]
 
     @staticmethod
     def _put(

@@ -58,7 +58,7 @@ def replay(
     rate = None if speed == "max" else _positive(speed, "--speed")
     clock = SystemClock()
     noise = about.rig.noise_si()
-    estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, noise)
+    estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
     estimator.warm_up()
     source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
     if rate is not None:

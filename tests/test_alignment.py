@@ -52,10 +52,9 @@ def test_interpolated_frame_is_the_signal_at_the_frames_time():
     aligner = Aligner([stream()], {})
     frames, events = fly(aligner, sampled("boom.vanes", 200, 5), 5)
     for frame in frames[10:]:
-        # linear interpolation over 5 ms of a 0.8 Hz wave: error below (w h)^2/8 of the amplitude
-        assert frame.values[ALPHA] == pytest.approx(
-            wave(frame.t_ns / S), abs=0.1 * (2 * math.pi * 0.8 * 0.005) ** 2 / 8
-        )
+        # A line through samples at 0, +-5 and +-10 ms: curvature leaves half of it times their mean square, 5e-5 s2.
+        curvature = 0.1 * (2 * math.pi * 0.8) ** 2
+        assert frame.values[ALPHA] == pytest.approx(wave(frame.t_ns / S), abs=1.05 * curvature / 2 * 5e-5)
         assert frame.age_s[ALPHA] == 0.0
         assert frame.quality[ALPHA] == Quality.FRESH
     assert not events
@@ -93,6 +92,15 @@ def test_a_coarse_stamp_costs_no_skew(stamped):
     frames, _ = fly(Aligner([coarse], {}), sampled("can.gyro", 190.0, 20, ramp, device=device), 20)
     errors_ms = [f.values[Q] / 1e-6 - f.t_ns / 1e6 for f in frames[500:]]
     assert abs(np.mean(errors_ms)) < 0.1  # half a step is 0.5 ms
+
+
+def test_a_fast_streams_noise_is_averaged_without_delay():
+    """Five samples a frame: white noise falls by sqrt(5), and a ramp stays where it is."""
+    ramp = lambda t: 1e-3 * t  # noqa: E731
+    frames, _ = fly(Aligner([stream()], {}), sampled("boom.vanes", 200, 60, ramp, noise=1e-3), 60)
+    errors = np.array([f.values[ALPHA] - 1e-3 * f.t_ns / S for f in frames[10:]])
+    assert np.std(errors) == pytest.approx(1e-3 / math.sqrt(5), rel=0.05)  # 3000 frames: sd of an sd is 1.3 %
+    assert abs(np.mean(errors)) < 4e-5  # 0.04 s of the ramp's slope would be a delay; this is noise
 
 
 def test_slow_stream_is_held_with_its_age_not_passed_off_as_fresh():
