@@ -40,7 +40,7 @@ _P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = rang
 EXTRAS: Final = 5
 ROW: Final = _EXTRA + EXTRAS
 # constants
-_S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _XA, _YA, _ZA = range(12)
+_S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _V0, _XA, _YA, _ZA = range(13)
 
 
 @njit(cache=True)
@@ -81,7 +81,7 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
             thrust[0] += max(dt / 30.0, 1.0 / thrust[1]) * (surplus - thrust[0])
             push = thrust[0]
     cx = (h[_MASS] * ax - push) / force
-    out[0] = q * constant[_C] / (2.0 * h[_V])
+    out[0] = q * constant[_C] / (2.0 * (constant[_V0] if constant[_V0] > 0.0 else h[_V]))
     out[1] = h[_DE]
     out[2] = cz if constant[_BODY] > 0.0 else cx * sin - cz * cos
     moment = constant[_IYY] * qdot + constant[_IXZ] * (p * p - r * r) + constant[_IXX_IZZ] * p * r
@@ -297,7 +297,7 @@ class Sides:
     def __init__(self, aircraft: Aircraft, arm: tuple[float, float, float], dt: float, body: bool) -> None:
         g, i = aircraft.geometry, aircraft.inertia
         coupled = i.ixx is not None and i.izz is not None
-        self._constant = np.array(
+        self.constant = np.array(
             [
                 g.wing_area,
                 g.chord,
@@ -308,6 +308,7 @@ class Sides:
                 aircraft.drag.induced if aircraft.drag else 0.0,
                 float(aircraft.drag is not None),
                 float(body),
+                (aircraft.reference_speed or 0.0) if aircraft.rate_reference == "fixed" else 0.0,
                 *arm,
             ]
         )
@@ -322,4 +323,4 @@ class Sides:
 
     def step(self, row: Array) -> bool:
         """One tick, `row` (ROW,); whether `out` holds a new sample."""
-        return bool(sides(self._constant, self._history, self._thrust, self._dt, row, self.out))
+        return bool(sides(self.constant, self._history, self._thrust, self._dt, row, self.out))
