@@ -13,8 +13,10 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from station.conventions import LATERAL
 from station.estimation.methods import LIVE
 from station.estimation.postflight import Axes, equations
 from station.estimation.record import FlightRecord
@@ -32,7 +34,7 @@ _STYLE: Final = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1f2430;max-width:60rem;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
-th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #e3e6eb}
+th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #e3e6eb;white-space:nowrap}
 th:first-child,td:first-child{text-align:left}
 .faint{color:#8a92a0}.chosen td{font-weight:600}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
 """
@@ -71,18 +73,14 @@ def write_report(
         f"<h1>{_text(result['aircraft'])}: stability and control derivatives</h1>",
         _summary(result),
         "<h2>Estimates</h2>",
-        _image(_estimates(result), "Derivatives by method with two standard errors"),
-        _table(result),
+        *(part for names in _groups(result) for part in (_estimates(result, names), _table(result, names))),
+        _refusals(result),
     ]
     if shown is not None and alpha is not None:
-        fits = _fits(result, record, shown, result["axes"], alpha)
-        if fits is not None:
-            body += [
-                f"<h2>Fit of {_text(shown)}</h2>",
-                _image(fits, "Measured and modelled coefficients, residuals and their autocorrelation"),
-                '<p class="note">Each model has a free constant. Bars in the last column are the residuals\' '
-                "autocorrelation; inside the band they are white.</p>",
-            ]
+        body += _fits(result, record, shown, result["axes"], alpha)
+        # The live methods are longitudinal: where the record has lateral motion, show what method I makes of it.
+        if "I" in result["methods"] and shown not in ("I", "sidpac"):
+            body += _fits(result, record, "I", result["axes"], record.alpha, LATERAL)
     body += [_consistency(result), _settings(result)]
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8">'
@@ -118,16 +116,23 @@ def _summary(result: Mapping[str, Any]) -> str:
     return f"<table>{lines}</table>{remarks}"
 
 
-def _names(result: Mapping[str, Any]) -> list[str]:
+def _groups(result: Mapping[str, Any]) -> list[list[str]]:
+    """Names of the longitudinal derivatives, and of the lateral ones if there are any."""
     found: dict[str, None] = {}
     for method in result["methods"].values():
         found.update(dict.fromkeys(method["parameters"]))
-    return list(found)
+    lateral = [n for n in found if n in LATERAL]
+    return [g for g in ([n for n in found if n not in LATERAL], lateral) if g]
 
 
-def _estimates(result: Mapping[str, Any]) -> Figure:
+def _methods(result: Mapping[str, Any], names: Sequence[str]) -> list[str]:
+    """Methods that say anything of these derivatives."""
+    return [m for m, found in result["methods"].items() if any(n in found["parameters"] for n in names)]
+
+
+def _estimates(result: Mapping[str, Any], names: Sequence[str]) -> str:
     """One panel a derivative: every method's estimate with two standard errors; faint where it is not to be used."""
-    names, methods = _names(result), list(result["methods"])
+    methods = _methods(result, names)
     columns = 3
     rows = math.ceil(len(names) / columns)
     figure = Figure(figsize=(10, 0.6 + rows * (0.5 + 0.21 * len(methods))), layout="constrained")
@@ -156,26 +161,37 @@ def _estimates(result: Mapping[str, Any]) -> Figure:
         axes.set_title(name, fontsize=10, loc="left", color=_INK)
         axes.set_yticks(range(len(methods)), methods, fontsize=8)
         axes.set_ylim(len(methods) - 0.5, -0.5)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.tick_params(labelsize=8, length=2)
         axes.grid(axis="x", color="#eceef2")
         for side in ("top", "right", "left"):
             axes.spines[side].set_visible(False)
-    return figure
+    return _image(figure, "Derivatives by method with two standard errors")
 
 
-def _fits(result: Mapping[str, Any], record: FlightRecord, method: str, axes_kind: Axes, alpha: Array) -> Figure | None:
-    """Measured and modelled coefficients of the method's equations, residuals below, autocorrelation beside."""
+def _fits(
+    result: Mapping[str, Any],
+    record: FlightRecord,
+    method: str,
+    axes_kind: Axes,
+    alpha: Array,
+    only: Sequence[str] | None = None,
+) -> list[str]:
+    """Measured and modelled coefficients of a method's equations, residuals and their autocorrelation beside.
+
+    `only`: of the equations with these derivatives. Empty where the method has no values.
+    """
     parameters = result["methods"][method]["parameters"]
     shown = []
     for equation in equations(record, axes_kind):
         values = [parameters.get(n, {}).get("estimate") for n in equation.parameters]
-        if all(v is not None for v in values):
+        if all(v is not None for v in values) and (only is None or equation.parameters[0] in only):
             x = equation.regressors.copy()
             if equation.parameters[0].endswith("_alpha"):
                 x[:, 0] = alpha
             shown.append((equation.name, equation.measured, x @ np.array(values)))
     if not shown:
-        return None
+        return []
     figure = Figure(figsize=(10, 2.6 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 3, squeeze=False, gridspec_kw={"width_ratios": [3, 3, 1.5]})
     step = max(1, len(record.t_s) // 1500)
@@ -201,7 +217,12 @@ def _fits(result: Mapping[str, Any], record: FlightRecord, method: str, axes_kin
             axes.set_xlabel("s", fontsize=8, loc="right")
             for side in ("top", "right"):
                 axes.spines[side].set_visible(False)
-    return figure
+    return [
+        f"<h2>Fit of {_text(method)}</h2>",
+        _image(figure, "Measured and modelled coefficients, residuals and their autocorrelation"),
+        '<p class="note">Each model has a free constant. Bars in the last column are the residuals\' '
+        "autocorrelation; inside the band they are white.</p>",
+    ]
 
 
 def _image(figure: Figure, says: str) -> str:
@@ -211,11 +232,11 @@ def _image(figure: Figure, says: str) -> str:
     return f'<img alt="{_text(says)}" src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">'
 
 
-def _table(result: Mapping[str, Any]) -> str:
-    names = _names(result)
+def _table(result: Mapping[str, Any], names: Sequence[str]) -> str:
     head = "".join(f"<th>{_text(n)}</th>" for n in names)
     rows = []
-    for method, found in result["methods"].items():
+    for method in _methods(result, names):
+        found = result["methods"][method]
         cells = []
         for name in names:
             p = found["parameters"].get(name)
@@ -227,10 +248,13 @@ def _table(result: Mapping[str, Any]) -> str:
             cells.append(f"<td{style}>{_rounded(p['estimate'], p['std_error'])}</td>")
         chosen = ' class="chosen"' if method == result["recommended"] else ""
         rows.append(f"<tr{chosen}><td>{_text(method)}</td>{''.join(cells)}</tr>")
+    return f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
+
+
+def _refusals(result: Mapping[str, Any]) -> str:
     refused = [f"<li>{_text(m)}: {_text(f['why'])}</li>" for m, f in result["methods"].items() if f["why"]]
     why = f"<p>Not applicable:</p><ul>{''.join(refused)}</ul>" if refused else ""
     return (
-        f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
         '<p class="note">Estimate ± standard error, per radian, rates normalised with q c/2V, p b/2V, r b/2V. Grey: '
         f"not to be used; the reason shows on pointing at it.</p>{why}"
     )
@@ -267,7 +291,9 @@ def _settings(result: Mapping[str, Any]) -> str:
     for method, found in result["methods"].items():
         plain = {k: v for k, v in found["settings"].items() if k != "all_parameters"}
         words = "; ".join(f"{k.replace('_', ' ')}: {_value(v)}" for k, v in plain.items())
-        rows.append(f"<tr><td>{_text(method)}</td><td style='text-align:left'>{_text(words)}</td></tr>")
+        rows.append(
+            f"<tr><td>{_text(method)}</td><td style='text-align:left;white-space:normal'>{_text(words)}</td></tr>"
+        )
     return f"<h2>Settings</h2><table>{''.join(rows)}</table>"
 
 
