@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
@@ -46,6 +47,40 @@ def sears_magnitude(k: Array) -> Array:
     h0, h1 = hankel2(0, k), hankel2(1, k)
     c = h1 / (h1 + 1j * h0)
     return np.asarray(np.abs((jv(0, k) - 1j * jv(1, k)) * c + 1j * jv(1, k)))
+
+
+SEARS_K: Final = np.linspace(0.0, 4.0, 801)
+SEARS: Final = sears_magnitude(SEARS_K)
+"""|S| at SEARS_K."""
+
+
+def lengths(aircraft: Aircraft) -> tuple[float, float, float]:
+    """Half the chord and the tail's arm, m, and the steady upwash at the vane, which `weights` depend on."""
+    boom = aircraft.boom
+    upwash = boom.upwash_body + boom.upwash_wing if boom else 0.0
+    return aircraft.geometry.chord / 2, aircraft.unsteady.tail_arm, upwash
+
+
+@njit(cache=True)
+def weights(
+    about: tuple[float, float, float],
+    speed: float,
+    frequencies: Array,
+    sears_k: Array,
+    sears: Array,
+    scale: Array,
+    tail: Array,
+) -> None:
+    """At a mean airspeed (m/s) and each frequency (Hz): V's `scale` of the vane and the `tail` of fit_methods.
+
+    `about`: see `lengths`; `sears`: |S| at reduced frequencies `sears_k`, rising.
+    """
+    half_chord, tail_arm, upwash = about
+    for i in range(frequencies.shape[0]):
+        wavenumber = 2.0 * math.pi * frequencies[i] / speed
+        magnitude = np.interp(wavenumber * half_chord, sears_k, sears)
+        scale[i] = (1.0 + upwash) / (1.0 + upwash * magnitude)
+        tail[i] = math.tan(min(wavenumber * tail_arm / 4.0, 1.0))
 
 
 class Derivatives:
@@ -90,14 +125,9 @@ class Derivatives:
         known = [abs(aircraft.value(n.replace("CZ", "CL"))) for n in names]
         self._known = (known[:3], known[3:])
         self._noise = noise
-        boom = aircraft.boom
-        self._upwash = boom.upwash_body + boom.upwash_wing if boom else 0.0
         self._has_inertia = aircraft.inertia.iyy is not None
-        self._tail_arm = aircraft.unsteady.tail_arm
-        self._has_tail = self._tail_arm > 0.0
-        self._half_chord = aircraft.geometry.chord / 2
-        self._sears_k = np.linspace(0.0, 4.0, 801)
-        self._sears = sears_magnitude(self._sears_k)
+        self._has_tail = aircraft.unsteady.tail_arm > 0.0
+        self._lengths = lengths(aircraft)
         self._speed = math.nan
         self._scale = np.ones(len(self._frequencies))
         self._tail = np.zeros(len(self._frequencies))
@@ -142,10 +172,7 @@ class Derivatives:
         steady, split = self._steady, self._split
         if not abs(mean_speed - self._speed) < 0.001 * mean_speed:
             self._speed = mean_speed
-            omega = 2.0 * np.pi * self._frequencies / mean_speed
-            sears = np.interp(omega * self._half_chord, self._sears_k, self._sears)
-            self._scale = (1.0 + self._upwash) / (1.0 + self._upwash * sears)
-            self._tail = np.tan(np.minimum(omega * self._tail_arm / 4.0, 1.0))
+            weights(self._lengths, mean_speed, self._frequencies, SEARS_K, SEARS, self._scale, self._tail)
         for i, group in enumerate(self._groups):
             self._independent[i] = group.samples * self._dt * self._step_hz
             self._close[i] = group.samples * self._dt >= self._segment

@@ -12,6 +12,7 @@ import numpy as np
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
+from station.estimation import tick
 from station.estimation.alpha import Vane
 from station.estimation.conditioning import Array, Conditioner
 from station.estimation.derivatives import Derivatives
@@ -207,13 +208,9 @@ class Estimator:
     def _advance(self, t_ns: int, u: Array, is_fresh: bool) -> None:
         start_ns = self._start_ns if self._start_ns is not None else t_ns
         t = (t_ns - start_ns) * 1e-9
-        speed, vane, q = float(u[cond.AIRSPEED]), float(u[cond.VANE]), float(u[cond.Q])
-        p, r, ay = (0.0 if math.isnan(x) else x for x in u[cond.P : cond.AY + 1].tolist())
-        beta = float(u[cond.BETA]) - self._arm * r / speed
-        if math.isnan(beta):
-            beta = 0.0
-        self._motion[:] = p, q, r, u[cond.AX], ay, u[cond.AZ]
-        self._air[:] = speed, self._scale * (vane - self._zero) + self._arm * q / speed, beta
+        tick.prepare(u, self._zero, self._scale, self._arm, self._motion, self._air)
+        speed, vane = float(u[cond.AIRSPEED]), float(u[cond.VANE])
+        p, q = float(self._motion[0]), float(self._motion[1])
         age = self._conditioner.age
         a, v = cond.ATTITUDE, cond.VELOCITY
         if np.isfinite(self._motion).all():
@@ -234,19 +231,9 @@ class Estimator:
             self._unexplained_mean += fade * off
             self._unexplained += fade * (off * off - self._unexplained)
 
-        row = self._row
-        row[:6] = self._motion
-        row[6:11] = (
-            speed,
-            self._conditioner.dynamic_pressure(),
-            self._conditioner.mass(),
-            u[cond.THRUST],
-            u[cond.ELEVATOR],
-        )
-        row[11] = out[cg.SPLIT] if is_split else out[cg.STEADY]
-        row[12:15] = out[cg.STEADY], out[cg.SCALED_LATE], out[cg.RATE_LATE]
-        row[15:17] = (out[cg.SPLIT], out[cg.GUST_STEP]) if is_split else (0.0, 0.0)
-        made = self._sides.step(row)
+        pressure, mass = self._conditioner.dynamic_pressure(), self._conditioner.mass()
+        tick.assemble(u, self._motion, pressure, mass, out, self._row)
+        made = self._sides.step(self._row)
         # The sample made is of the tick before, from q of three: all of them must have been measured at their own time.
         self._fresh_run = self._fresh_run + 1 if is_fresh else 0
         self._ticks += 1

@@ -74,12 +74,17 @@ def central_difference_factor(frequencies_hz: Array, dt: float) -> Array:
     return np.asarray(x / np.sin(x))
 
 
+def high_pass(dt: float) -> tuple[Array, Array]:
+    """The filter's second-order sections, (sections, 6), and their state at rest under a constant 1, (sections, 2)."""
+    sos = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
+    return sos, np.asarray(sosfilt_zi(sos))
+
+
 class Transform:
     """The state of `step` for some channels: `spectrum` (channels, frequencies) and `samples` in it."""
 
     def __init__(self, channels: int, frequencies_hz: Array, dt: float) -> None:
-        self._sos = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
-        self._rest = np.asarray(sosfilt_zi(self._sos))
+        self._sos, self._rest = high_pass(dt)
         self._z = np.zeros((channels, len(self._sos), 2))
         self._turn = np.exp(-2j * np.pi * frequencies_hz * dt)
         self._phase = np.ones(len(frequencies_hz), dtype=np.complex128)
