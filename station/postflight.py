@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
@@ -15,9 +16,9 @@ import numpy as np
 import typer
 
 from station.clock import SystemClock
-from station.conventions import STREAMS, TICK_NS, Stream
-from station.log import About, describe, metadata, read_rows, recover, summarise, write_log
-from station.profile import load_card
+from station.conventions import LATERAL, STREAMS, TICK_NS, Stream
+from station.log import About, describe, metadata, points, read_rows, recover, summarise, table, write_log
+from station.profile import Profiles, load_aircraft, load_card
 from station.rows import LogError, Rows, Sample, Truth, UsageError
 
 app = typer.Typer()
@@ -81,10 +82,17 @@ def replay(
     with ExitStack() as stack:
         show = None
         if view is not ViewMode.none:
-            viewer = View(view.value, f"replay of {log.name}", None, on_event=lambda _: None)
+            profiles = Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card, rig_dir="")
+            viewer = View(view.value, f"replay of {log.name}", profiles, on_event=lambda _: None)
             stack.callback(viewer.close)
             say(f"viewer: {viewer.start()}")
-            show = viewer.show
+
+            def show(rows: Sequence[Rows]) -> None:
+                viewer.show(rows)
+                # Faster than it can be drawn: wait, or ticks would be dropped.
+                if rate is None and counts["beats"] % 200 == 0:
+                    viewer.flush(10.0)
+
         live.run(source, Aligner(about.streams, noise), estimator, None, show, compare)
     if counts["beats"] == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
@@ -132,6 +140,114 @@ class ExportFormat(StrEnum):
     mat = "mat"
     mdf4 = "mdf4"
     rrd = "rrd"
+
+
+class Axes(StrEnum):
+    wind = "wind"
+    body = "body"
+
+
+@app.command()
+def identify(
+    log: LogPath,
+    method: Annotated[list[str] | None, typer.Option(metavar="all|NAME", help="may be given several times")] = None,
+    start: Annotated[float | None, typer.Option("--from", metavar="S", help="seconds on the log's time axis")] = None,
+    end: Annotated[float | None, typer.Option("--to", metavar="S")] = None,
+    point: Annotated[int | None, typer.Option(metavar="N", help="the interval of a test point")] = None,
+    axes: Annotated[Axes, typer.Option(help="CL (wind) or CZ (body)")] = Axes.wind,
+    aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
+    as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
+    report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
+) -> int:
+    """Identify the derivatives of a recording, by every method and with honest errors."""
+    from station.identify import identify as solve
+    from station.report import write_report
+
+    flown = table(_there(log))
+    about = metadata(log).about
+    if point is not None:
+        if start is not None or end is not None:
+            raise UsageError("--point and --from/--to both name an interval: give one")
+        start, end = _interval(log, point)
+    subject = load_aircraft(aircraft) if aircraft else flown.aircraft
+    noise = None
+    if about.rig is not None:
+        noise = about.rig.noise_si() if about.imported else about.rig.frame_noise_si()
+    rig_place = about.rig.imu_position if about.rig is not None else (0.0, 0.0, 0.0)
+    names = [name for text in method or ["all"] for name in text.replace(",", " ").split()]
+    result = solve(
+        flown,
+        subject,
+        names,
+        start,
+        end,
+        axes.value,
+        log=str(log),
+        card=about.card,
+        imu_position=rig_place,
+        noise=noise,
+    )
+    if report is not None:
+        page = write_report(result, flown, report, card=about.card, imu_position=rig_place, noise=noise)
+        say(str(page))
+    if as_json == "-":
+        print(json.dumps(result, allow_nan=False))
+    else:
+        if as_json is not None:
+            Path(as_json).write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
+        _print_estimates(result)
+    if summarise(log).verdict != "complete":
+        say(f"station: {log} is not complete: see station info")
+        return DEGRADED
+    return DONE if result["recommended"] else DEGRADED
+
+
+def _interval(log: Path, number: int) -> tuple[float, float]:
+    known = points(log)
+    for p in known:
+        if p.n == number:
+            return p.start_s, p.end_s
+    numbers = ", ".join(str(p.n) for p in known) or "none"
+    raise UsageError(f"{log}: no test point {number}\nmarked in it: {numbers}")
+
+
+def _print_estimates(result: Mapping[str, Any]) -> None:
+    """One row a method, one column a derivative; methods that have none of them are named below with why."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table as Grid
+
+    methods = result["methods"]
+    start, end = result["interval_s"]
+    console = Console()
+    console.print(
+        f"{result['aircraft']}, {start:.2f} to {end:.2f} s, turbulence {result['turbulence']['level']}; "
+        f"recommended: {result['recommended'] or 'none'}. Estimate ± 2 standard errors; - is not estimated."
+    )
+    known = list(dict.fromkeys(n for m in methods.values() for n in m["parameters"]))
+    lateral = [n for n in known if n in LATERAL]
+    groups = [
+        [n for n in known if n not in LATERAL],
+        *([n for n in lateral if n.startswith(c)] for c in ("CY", "Cl", "Cn")),
+    ]
+    for names in groups:
+        rows = {m: [_cell(made, n) for n in names] for m, made in methods.items() if made["status"] == "ok"}
+        rows = {m: cells for m, cells in rows.items() if set(cells) > {"-"}}
+        if rows:
+            grid = Grid("", *names, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+            for m, cells in rows.items():
+                grid.add_row(f"{m} *" if m == result["recommended"] else m, *cells)
+            console.print(grid)
+    for name, made in methods.items():
+        if made["why"]:
+            console.print(f"{name}: {made['why']}", highlight=False)
+
+
+def _cell(method: Mapping[str, Any], name: str) -> str:
+    p = method["parameters"].get(name)
+    if p is None or p["status"] != "estimated":
+        return "-"
+    return f"{p['estimate']:.4g}±{2 * p['std_error']:.2g}"
 
 
 @app.command("export")
