@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from station.conventions import SIGNALS, TICK_HZ, TICK_NS
 from station.estimation import postflight
 from station.estimation.methods import LIVE, METHODS, Estimator
-from station.estimation.postflight import Axes, EquationFit, MethodResult
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
+from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable
 from station.log import Table
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Quality, Status, UsageError
@@ -89,7 +89,7 @@ def identify(
         elif name in postflight.POSTFLIGHT:
             results[name] = postflight.run(name, record, axes)
         else:
-            results[name] = postflight.not_applicable("this station does not have it yet", postflight.names(axes))
+            results[name] = not_applicable("this station does not have it yet", names(axes))
     return {
         "schema": SCHEMA,
         "log": log,
@@ -136,9 +136,9 @@ class Flown:
         return found
 
     def result(self, name: str, record: FlightRecord, axes: Axes) -> MethodResult:
-        parameters = postflight.names(axes)
+        parameters = names(axes)
         if self.refusal:
-            return postflight.not_applicable(self.refusal, parameters)
+            return not_applicable(self.refusal, parameters)
         estimate = self.last[name]
         estimated = any(p.status is Status.ESTIMATED for p in estimate.parameters)
         status: Literal["ok", "not_applicable"] = "ok" if estimate.applicable and estimated else "not_applicable"
@@ -347,7 +347,7 @@ def _consistency(results: Mapping[str, MethodResult], axes: Axes) -> dict[str, A
             slope = reference[f"{of}_alpha"].value
             if slope == 0:
                 break
-            old, new = [[p[f"{of}_{d}"] for d in postflight.DOF] for p in (reference, here)]
+            old, new = [[p[f"{of}_{d}"] for d in DOF] for p in (reference, here)]
             change = [(n.value - o.value) / slope for n, o in zip(new, old, strict=True)]
             rows[of] = {"t_alpha": 1 + change[0], "t_q": change[1], "t_de": change[2]}
             # Both estimates come from one record: the smaller error is nearer to that of their difference.

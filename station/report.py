@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from station.conventions import LATERAL
 from station.estimation.methods import LIVE
-from station.estimation.postflight import Axes, equations
 from station.estimation.record import FlightRecord
 from station.estimation.regression import autocorrelation
+from station.estimation.results import Axes, equations
 from station.identify import fly
 from station.log import Table
 from station.profile import Card

@@ -14,9 +14,10 @@ from scipy.io import loadmat
 
 from station.conventions import UNITS
 from station.estimation.coefficients import Airframe, Array, coefficients
+from station.estimation.filter_error import Longitudinal
 from station.estimation.kalman import Track, Tuning, extended_kalman
 from station.estimation.longitudinal import Body
-from station.estimation.output_error import Convergence, Longitudinal, OutputFit
+from station.estimation.output_error import Convergence, OutputFit
 from station.estimation.short_period import ShortPeriod
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

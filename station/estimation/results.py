@@ -1,0 +1,170 @@
+"""What post-flight methods have in common: the equations of a record, and results that never go without a status.
+
+Derivatives per rad, rates normalised with q c/2V, p b/2V, r b/2V. `estimated`, `unestimated` (not enough excitation for
+a number to mean anything) or `invalid` (the record or the model cannot give it).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
+from station.estimation.record import FlightRecord
+from station.estimation.regression import Fit, NotIdentifiable, least_squares, smoothed_start
+from station.rows import ParamEstimate, Status
+
+Array = NDArray[np.float64]
+Axes = Literal["wind", "body"]
+
+EXCITED: Final = 10.0
+"""Variance of a surface's motion over that of its noise."""
+COLLINEAR: Final = 100.0
+"""Variance inflation above which regressors cannot be told apart."""
+MIN_R2: Final = 0.3
+DOF: Final = ("alpha", "q", "de")
+LATERAL_DOF: Final = ("beta", "p", "r", "da", "dr")
+
+
+@dataclass(frozen=True, slots=True)
+class EquationFit:
+    """How well a method's model follows a measured quantity."""
+
+    r2: float
+    residual_rms: float
+
+
+@dataclass(frozen=True, slots=True)
+class MethodResult:
+    """What a method made of a record: `ok` or `not_applicable` with why."""
+
+    status: Literal["ok", "not_applicable"]
+    why: str = ""
+    parameters: tuple[ParamEstimate, ...] = ()
+    fit: Mapping[str, EquationFit] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    history: Mapping[str, Any] = field(default_factory=dict)
+
+
+def names(axes: Axes) -> tuple[str, ...]:
+    """The six longitudinal derivatives in wind (CL) or body (CZ) axes."""
+    return LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
+
+
+def not_applicable(why: str, parameters: Sequence[str]) -> MethodResult:
+    """A refusal: every parameter invalid, and why."""
+    return MethodResult("not_applicable", why, unknown(parameters, Status.INVALID, why))
+
+
+def unknown(parameters: Sequence[str], status: Status, why: str) -> tuple[ParamEstimate, ...]:
+    return tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in parameters)
+
+
+def judge(
+    record: FlightRecord,
+    parameters: Sequence[str],
+    values: Array,
+    errors: Array,
+    inflation: Array | None,
+    status: Status = Status.ESTIMATED,
+    why: str = "",
+) -> tuple[ParamEstimate, ...]:
+    found = []
+    for i, name in enumerate(parameters):
+        value, sd, this, reason = float(values[i]), float(errors[i]), status, why
+        if status is Status.ESTIMATED:
+            known = abs(record.aircraft.value(name.replace("CZ_", "CL_")))
+            if not (math.isfinite(value) and math.isfinite(sd)):
+                this, reason = Status.INVALID, "no finite estimate"
+            elif inflation is not None and inflation[i] > COLLINEAR:
+                this, reason = Status.INVALID, "moves with the other regressors: vary the input"
+            elif not 2 * sd <= max(abs(value), known):
+                this, reason = Status.UNESTIMATED, "2 sd exceed the value"
+        found.append(ParamEstimate(name, value, sd, this, reason))
+    return tuple(found)
+
+
+def inflation_of(x: Array) -> Array:
+    """Variance inflation of each column by the others, constant removed."""
+    centred = x - x.mean(axis=0)
+    scale = np.sqrt((centred**2).sum(axis=0))
+    if (scale == 0).any():
+        return np.full(x.shape[1], np.inf)
+    correlation = (centred / scale).T @ (centred / scale)
+    if np.linalg.cond(correlation) > 1e12:
+        return np.full(x.shape[1], np.inf)
+    inflation: Array = np.diag(np.linalg.inv(correlation)).copy()
+    return inflation
+
+
+def excited(record: FlightRecord, surfaces: Sequence[str]) -> bool:
+    """Whether any of the surfaces moves beyond its noise."""
+    for name in surfaces:
+        if record.has(name):
+            motion = record.motion[name]
+            if np.nanvar(motion) > EXCITED * record.noise.get(name, 0.0) ** 2 + 1e-18:
+                return True
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """One linear equation: a coefficient on regressors (n, m), its derivatives' names, and what it needs."""
+
+    name: str
+    parameters: tuple[str, ...]
+    regressors: Array
+    measured: Array
+    surfaces: tuple[str, ...]
+
+
+def equations(record: FlightRecord, axes: Axes, forces: Sequence[str] | None = None) -> list[Equation]:
+    """The longitudinal equations, and the lateral ones where the record has their signals and inputs."""
+    c, m = record.coefficients, record.motion
+    x = np.column_stack([record.alpha, c.qhat, m["elevator"]])
+    wanted = forces or (("CL", "Cm") if axes == "wind" else ("CZ", "Cm"))
+    made = [Equation(n, tuple(f"{n}_{d}" for d in DOF), x, c.named(n), ("elevator",)) for n in wanted]
+    lateral = ("aileron", "rudder")
+    if record.has("p", "r", "ay", "beta_vane", *lateral) and excited(record, lateral):
+        x = np.column_stack([record.beta, c.phat, c.rhat, m["aileron"], m["rudder"]])
+        for name in ("CY", "Cl", "Cn"):
+            made.append(Equation(name, tuple(f"{name}_{d}" for d in LATERAL_DOF), x, c.named(name), lateral))
+    return made
+
+
+def blocked(record: FlightRecord, equation: Equation) -> tuple[Status, str]:
+    """Why an equation cannot be fitted at all; ESTIMATED if it can."""
+    if not np.isfinite(equation.measured[record.usable]).any():
+        lacking = {"Cm": "iyy", "Cl": "ixx, iyy and izz", "Cn": "ixx, iyy and izz"}.get(equation.name)
+        return Status.INVALID, f"the aircraft profile gives no {lacking}" if lacking else "no finite coefficient"
+    if not excited(record, equation.surfaces):
+        return Status.UNESTIMATED, f"no {' or '.join(equation.surfaces)} input"
+    return Status.ESTIMATED, ""
+
+
+def regress(record: FlightRecord, equation: Equation) -> tuple[Fit, Array]:
+    x, z = equation.regressors, equation.measured
+    good = record.usable & np.isfinite(x).all(axis=1) & np.isfinite(z)
+    if good.sum() < 50:
+        raise NotIdentifiable(f"{int(good.sum())} usable samples: too few")
+    x, z = x[good], z[good]
+    start = smoothed_start(x, 1.0, record.dt)
+    return least_squares(np.column_stack([x - start, np.ones(len(x))]), z), inflation_of(x)
+
+
+def result_of(
+    parameters: Sequence[ParamEstimate],
+    fits: Mapping[str, EquationFit],
+    settings: Mapping[str, Any],
+    history: Mapping[str, Any] | None = None,
+) -> MethodResult:
+    """`ok` if anything is estimated; else not applicable for the first reason given."""
+    if any(p.status is Status.ESTIMATED for p in parameters):
+        return MethodResult("ok", "", tuple(parameters), fits, settings, history or {})
+    why = next((p.why for p in parameters if p.why), "nothing could be estimated")
+    return MethodResult("not_applicable", why, tuple(parameters), fits, settings, history or {})
