@@ -65,7 +65,7 @@ def step(
 
 def grid(low: float, high: float, step_hz: float) -> Array:
     """Frequencies low, low + step ... up to high, Hz, (frequencies,)."""
-    return low + step_hz * np.arange(math.floor((high - low) / step_hz + 1e-9) + 1)
+    return np.asarray(low + step_hz * np.arange(math.floor((high - low) / step_hz + 1e-9) + 1), dtype=np.float64)
 
 
 def central_difference_factor(frequencies_hz: Array, dt: float) -> Array:
