@@ -33,7 +33,7 @@ _COUNT, _VEL, _ATT, _VEL_FIX, _ATT_FIX, _BIAS, _VEL_AT, _ATT_AT = 0, 1, 4, 7, 10
 _ACC, _ATT_RATE, _WIND, _WIND_COUNT, _RATE, _MEASURED = 22, 25, 28, 31, 32, 35
 STATE: Final = 38
 OUT: Final = 9
-"""alpha_i, beta_i, inertial speed relative to the mean wind, wind NED (3), phi, theta, ready (1 or 0)."""
+"""alpha_i, beta_i, inertial speed relative to the mean horizontal wind, wind NED (3), phi, theta, ready (1 or 0)."""
 
 
 @njit(cache=True)
@@ -216,11 +216,13 @@ def step(
                 continue
             s[_WIND + i] += gain * (s[_VEL + i] + s[_VEL_FIX + i] - through_air[i] - s[_WIND + i])
 
+    # The mean vertical wind stays in: it is nil over a minute but for the gusts, and a share of them taken out here, ever
+    # another one, would be called motion and not carried from boom to tail.
     u, v, w = _unrotate(
         att,
         s[_VEL] + s[_VEL_FIX] - s[_WIND],
         s[_VEL + 1] + s[_VEL_FIX + 1] - s[_WIND + 1],
-        s[_VEL + 2] + s[_VEL_FIX + 2] - s[_WIND + 2],
+        s[_VEL + 2] + s[_VEL_FIX + 2],
     )
     total = math.sqrt(u * u + v * v + w * w)
     out[0] = math.atan2(w, u)

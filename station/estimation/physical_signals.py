@@ -1,0 +1,226 @@
+"""Where the gust is at every tick: at the wing's leading edge, at the CG, at the tail, and what wing and tail make of it.
+
+From the gust at the boom (alpha.py; still seen through the vane) and the inertial angle of attack x,
+
+    w   = g_boom V + x u_g,   u_g = airspeed - inertial speed, both smoothed over 0.2 s
+    g_p = (w(t - t_p) - x u_g(t - t_p))/V,   p at the leading edge, the CG, the tail; t_p = (x_vane - x_p)/V_i
+    Wx  = W{x},   Kg = K{g_le},   and both of l_t/V_i ago: their downwash is at the tail now
+
+The wind is carried, not the angle: what arrives meets the speed of that moment. Delays follow the inertial speed (the air's
+mean motion does not carry it past the aircraft), memories the airspeed. The vane's own lag is undone with the time that the
+gust takes from the boom, by a finite impulse response. estimator.md 2.1. SI, radians.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.linalg import lstsq
+
+from station.estimation.alpha import _delayed, _remember
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+
+X, WX, KG, GC, GT, DW, DK, DX, KL, KM, DKL, DKM = range(12)
+"""Inertial angle of attack; wing incidence from motion and gust; gust at CG and tail; Wx, Kg and x of l_t/V ago; Kg after
+the span's slow and fast lag, and both of l_t/V ago."""
+SIGNALS: Final = 12
+
+TAPS: Final = 16
+_MIDDLE: Final = 7
+_ROWS: Final = 16
+"""Rows of the table of impulse responses to a tick of delay."""
+
+RING: Final = 256
+SMOOTH_S: Final = 0.2
+SPAN_SLOW: Final = 2.0
+SPAN_FAST: Final = 7.0
+"""Corner of the lift's lag behind a gust that varies along the span, V/b."""
+
+# ring
+_W, _U, _RWX, _RKG, _RX, _RKL, _RKM, _COLUMNS = range(8)
+# params
+_BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK = range(7)
+_WA, _WB, _KA, _KB, PARAMS = 7, 11, 15, 19, 23
+# state
+_COUNT, _VF, _UG, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 11
+STATE: Final = 15
+
+
+def vane_inverse(frequency_hz: float, damping: float, dt: float) -> Array:
+    """Impulse responses (rows, TAPS) of e^{-s d}/H_v for d = 0, 1/_ROWS ... _MIDDLE + 1 ticks, by least squares.
+
+    H_v = wn^2/(s^2 + 2 zeta wn s + wn^2). Exact to 0.1 % up to 2 Hz for delays above 3 ticks; above 5 Hz held small.
+    """
+    band = np.linspace(0.0, 3.0, 61)
+    above = np.linspace(5.0, 0.5 / dt, 41)
+    omega = 2.0 * math.pi * frequency_hz
+    s = 2j * np.pi * band
+    inverse = (s * s + 2.0 * damping * omega * s) / omega**2 + 1.0
+    taps = np.arange(TAPS) * dt
+
+    def rows(f: Array) -> Array:
+        e = np.exp(-2j * np.pi * np.outer(f, taps))
+        return np.concatenate((e.real, e.imag))
+
+    matrix = np.concatenate((rows(band), 0.02 * rows(above)))
+    wanted = []
+    for d in np.arange((_MIDDLE + 1) * _ROWS + 1) / _ROWS * dt:
+        e = inverse * np.exp(-s * d)
+        wanted.append(np.concatenate((e.real, e.imag, np.zeros(2 * len(above)))))
+    return np.ascontiguousarray(lstsq(matrix, np.array(wanted).T)[0].T)
+
+
+@njit(cache=True)
+def _through(table: Array, ring: Array, at: int, column: int, ticks: float) -> float:
+    """`column` of the ring `ticks` ago with the vane's lag undone."""
+    n = ring.shape[0]
+    ticks = min(max(ticks, 0.0), n - TAPS - 1.0)
+    first = max(math.floor(ticks) - _MIDDLE, 0)
+    place = (ticks - first) * _ROWS
+    row = min(math.floor(place), table.shape[0] - 2)
+    part = place - row
+    total = 0.0
+    for j in range(TAPS):
+        total += ((1.0 - part) * table[row, j] + part * table[row + 1, j]) * ring[(at - first - j) % n, column]
+    return total
+
+
+@njit(cache=True)
+def _lag(state: float, before: float, now: float, x: float) -> float:
+    """First-order lag, exact for an input that goes straight from `before` to `now` in x time constants."""
+    decay = math.exp(-x)
+    mean = (1.0 - decay) / x
+    return decay * state + (mean - decay) * before + (1.0 - mean) * now
+
+
+@njit(cache=True)
+def step(
+    par: Array,
+    table: Array,
+    s: Array,
+    ring: Array,
+    dt: float,
+    boom_gust: float,
+    alpha_i: float,
+    speed: float,
+    inertial_speed: float,
+    out: Array,
+) -> None:
+    """One tick -> `out` (2, SIGNALS): the signals of the tick before and of this one.
+
+    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed. Edits `s` (STATE,) and
+    `ring` (RING, 7).
+    """
+    n = ring.shape[0]
+    count = int(s[_COUNT])
+    at = count % n
+    n_w, n_k = int(par[_NW]), int(par[_NK])
+    if count == 0:
+        # As if the present state had lasted, with no gust.
+        s[_VF] = speed
+        s[_UG] = 0.0
+        s[_XIN] = alpha_i
+        for j in range(n_w):
+            s[_WS + j] = alpha_i
+        for j in range(n_k):
+            s[_KS + j] = 0.0
+        s[_GIN] = s[_SLOW] = s[_FAST] = 0.0
+        for i in range(n):
+            for c in range(_COLUMNS):
+                ring[i, c] = alpha_i if c == _RWX or c == _RX else 0.0
+    for i in range(SIGNALS):
+        out[0, i] = out[1, i]
+    gain = 1.0 - math.exp(-dt / SMOOTH_S)
+    s[_VF] += gain * (speed - s[_VF])
+    s[_UG] += gain * (speed - inertial_speed - s[_UG])
+    v = s[_VF]
+    carried = max(inertial_speed, 1.0) * dt
+    ring[at, _W] = boom_gust * v + alpha_i * s[_UG]
+    ring[at, _U] = s[_UG]
+    ring[at, _RX] = alpha_i
+
+    cg, edge = par[_BOOM] / carried, max(par[_BOOM] - par[_LE], 0.0) / carried
+    late = par[_TAIL] / carried
+    at_cg = (_through(table, ring, at, _W, cg) - alpha_i * _delayed(ring, at, _U, cg)) / v
+    at_edge = (_through(table, ring, at, _W, edge) - alpha_i * _delayed(ring, at, _U, edge)) / v
+    at_tail = (_through(table, ring, at, _W, cg + late) - alpha_i * _delayed(ring, at, _U, cg + late)) / v
+
+    chords = v * dt / par[_CHORD]
+    wing = _remember(s, _WS, par[_WA : _WA + 4], par[_WB : _WB + 4], n_w, s[_XIN], alpha_i, chords)
+    met = _remember(s, _KS, par[_KA : _KA + 4], par[_KB : _KB + 4], n_k, s[_GIN], at_edge, chords)
+    spans = v * dt / par[_SPAN]
+    before = ring[(at - 1) % n, _RKG]
+    s[_SLOW] = _lag(s[_SLOW], before, met, SPAN_SLOW * spans)
+    s[_FAST] = _lag(s[_FAST], before, met, SPAN_FAST * spans)
+    s[_XIN], s[_GIN] = alpha_i, at_edge
+    ring[at, _RWX], ring[at, _RKG], ring[at, _RKL], ring[at, _RKM] = wing, met, s[_SLOW], s[_FAST]
+
+    out[1, X], out[1, WX], out[1, KG], out[1, GC], out[1, GT] = alpha_i, wing, met, at_cg, at_tail
+    out[1, DW] = _delayed(ring, at, _RWX, late)
+    out[1, DK] = _delayed(ring, at, _RKG, late)
+    out[1, DX] = _delayed(ring, at, _RX, late)
+    out[1, KL], out[1, KM] = s[_SLOW], s[_FAST]
+    out[1, DKL] = _delayed(ring, at, _RKL, late)
+    out[1, DKM] = _delayed(ring, at, _RKM, late)
+    s[_COUNT] = count + 1
+
+
+def parameters(aircraft: Aircraft) -> Array:
+    """The constants of `step`, (PARAMS,); for an aircraft with boom and unsteady constants."""
+    par = np.zeros(PARAMS)
+    unsteady = aircraft.unsteady
+    par[_BOOM] = aircraft.boom.vane_x if aircraft.boom else 0.0
+    par[_LE] = aircraft.geometry.chord / 4
+    par[_TAIL] = unsteady.tail_arm
+    par[_CHORD] = unsteady.reference_chord or aircraft.geometry.chord
+    par[_SPAN] = aircraft.geometry.span
+    for response, amplitude, rate, terms in (
+        (unsteady.lift_motion, _WA, _WB, _NW),
+        (unsteady.lift_gust, _KA, _KB, _NK),
+    ):
+        if response is not None:
+            count = min(len(response.a), 4)
+            par[terms] = count
+            par[amplitude : amplitude + count] = response.a[:count]
+            par[rate : rate + count] = response.b[:count]
+    return par
+
+
+class Signals:
+    """The state of `step`; `out[0]`: the tick before, `out[1]`: the newest."""
+
+    def __init__(self, aircraft: Aircraft, dt: float) -> None:
+        self._parameters = parameters(aircraft)
+        boom = aircraft.boom
+        frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (0.4 / dt, 0.7)
+        self._table = vane_inverse(frequency, damping, dt)
+        self._dt = dt
+        self._state = np.zeros(STATE)
+        self._ring = np.zeros((RING, _COLUMNS))
+        self.out = np.full((2, SIGNALS), math.nan)
+
+    def restart(self) -> None:
+        """Begin anew from the next sample."""
+        self._state[_COUNT] = 0.0
+        self.out[:] = math.nan
+
+    def step(self, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float) -> None:
+        """One tick; see the kernel."""
+        step(
+            self._parameters,
+            self._table,
+            self._state,
+            self._ring,
+            self._dt,
+            boom_gust,
+            alpha_i,
+            speed,
+            inertial_speed,
+            self.out,
+        )
