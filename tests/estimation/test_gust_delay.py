@@ -1,0 +1,125 @@
+"""Delay and upwash from gusts alone, against the simulation's aircraft, whose vane is 5.3 m ahead and reads 1.177."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from station.estimation.gust_delay import Array, Equation, GustDelay, gust_delay, response
+from station.estimation.inertial_path import InertialPath, inertial_path
+from station.estimation.record import FlightRecord
+from station.estimation.regression import NotIdentifiable
+from station.profile import Aircraft, Card, Flight, Indicial, Manoeuvre, Multisine, Unsteady, load_aircraft
+from station.simulation.sensors import STANDARD
+from station.simulation.simulate import fly
+
+NOISE = {name: sensor.noise for name, sensor in STANDARD.items()}
+MULTISINE = Multisine.model_validate(
+    {"kind": "multisine", "start": "0 s", "amplitude": "2 deg", "duration": "20 s", "repeat": "20 s"}
+)
+
+
+class Found(NamedTuple):
+    made: GustDelay
+    delay_s: float
+    """True: vane's distance over the speed through the mean air."""
+
+
+class Minute(NamedTuple):
+    record: FlightRecord
+    path: InertialPath
+    """Of the record's last rows; its wind is that of the whole flight."""
+    speed: float
+    rows: slice
+
+    def estimate(self) -> GustDelay:
+        rows, record = self.rows, self.record
+        motion = {name: column[rows] for name, column in record.motion.items()}
+        measured: dict[Equation, Array] = {"CL": record.coefficients.CL[rows], "Cm": record.coefficients.Cm[rows]}
+        return gust_delay(motion, self.path.between(rows), measured, record.aircraft, NOISE, record.dt)
+
+
+def _flown(aircraft: Aircraft, seed: int, sigma: str, seconds: float, inputs: tuple[Manoeuvre, ...] = ()) -> Minute:
+    """The last `seconds` of four minutes: the wind must be known from longer than the gusts last."""
+    flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": sigma, "seed": seed})
+    card = Card(name="test", aircraft=aircraft.name, rig="", flight=flight, manoeuvres=inputs)
+    shown, truth = fly(aircraft, STANDARD, card, 240.0, seed)
+    record = FlightRecord.of(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft)
+    path = inertial_path(record.motion, record.alpha, record.beta, record.dt)
+    rows = slice(len(path.alpha) - round(seconds / record.dt), len(path.alpha))
+    speed = float(np.mean(np.hypot(truth["v_north"], truth["v_down"])[rows]))
+    return Minute(record, path, speed, rows)
+
+
+def _found(seed: int, inputs: tuple[Manoeuvre, ...] = ()) -> Found:
+    minute = _flown(load_aircraft("twin_otter"), seed, "5 ft/s", 60.0, inputs)
+    return Found(minute.estimate(), 5.3 / minute.speed)
+
+
+@pytest.mark.parametrize("inputs", [(), (MULTISINE,)], ids=["gusts only", "multisine"])
+def test_delay_within_5_ms_and_upwash_from_a_minute_of_light_turbulence(inputs: tuple[Manoeuvre, ...]) -> None:
+    upwash = []
+    for seed in range(1, 6):
+        made, delay_s = _found(seed, inputs=inputs)
+        for lead in (made.joint, made.apart["CL"], made.apart["Cm"]):
+            assert abs(lead.delay_s - delay_s) < 0.005
+        assert made.agree
+        assert abs(made.joint.delay_s - delay_s) < 3 * made.joint.delay_sd + 0.001
+        assert abs(made.joint.upwash - 0.177) < 4 * made.joint.upwash_sd
+        upwash.append(made.joint.upwash)
+    # A minute of light turbulence holds no more than this: standard deviation 0.012 to 0.025.
+    assert abs(np.mean(upwash) - 0.177) < 0.015
+
+
+@pytest.mark.slow
+def test_intervals_cover() -> None:
+    inside = {"delay": 0, "upwash": 0}
+    off = []
+    for seed in range(40):
+        made, delay_s = _found(seed, inputs=(MULTISINE,))
+        inside["delay"] += abs(made.joint.delay_s - delay_s) < 1.96 * made.joint.delay_sd
+        inside["upwash"] += abs(made.joint.upwash - 0.177) < 1.96 * made.joint.upwash_sd
+        off.append((made.joint.delay_s - delay_s, made.joint.upwash - 0.177, made.joint.upwash_sd))
+    delay, upwash, _ = np.array(off).T
+    print(
+        f"delay rms {1e3 * np.sqrt(np.mean(delay**2)):.2f} ms, upwash rms {np.sqrt(np.mean(upwash**2)):.4f}, {inside}"
+    )
+    assert np.sqrt(np.mean(delay**2)) < 0.0025
+    assert np.sqrt(np.mean(upwash**2)) < 0.03
+    assert inside["delay"] >= 32
+
+
+def test_an_aircraft_without_memory() -> None:
+    """A quasi-steady aircraft has neither tail lag nor wing memory: the same delay must come out of it."""
+    aircraft = load_aircraft("twin_otter")
+    steady = aircraft.model_copy(update={"unsteady": Unsteady(memory=False)})
+    minute = _flown(steady, 3, "5 ft/s", 60.0)
+    assert abs(minute.estimate().apart["CL"].delay_s - 5.3 / minute.speed) < 0.005
+
+
+def test_calm_air_is_refused() -> None:
+    aircraft = load_aircraft("twin_otter")
+    minute = _flown(aircraft, 1, "0 ft/s", 30.0, (MULTISINE,))
+    with pytest.raises(NotIdentifiable, match="no gusts"):
+        minute.estimate()
+
+
+def test_short_record_and_missing_boom_are_refused() -> None:
+    aircraft = load_aircraft("twin_otter")
+    with pytest.raises(NotIdentifiable, match="needs 20 s"):
+        _flown(aircraft, 1, "5 ft/s", 10.0).estimate()
+    bare = aircraft.model_copy(update={"boom": None})
+    with pytest.raises(NotIdentifiable, match="no boom"):
+        _flown(bare, 1, "5 ft/s", 25.0).estimate()
+
+
+def test_response_is_the_transform_of_the_indicial_function() -> None:
+    """Against the step response integrated numerically: H = phi(0) + integral of dphi/dt exp(-jwt)."""
+    indicial, speed, chord, omega = Indicial(a=(0.3, 0.2), b=(0.1, 1.5)), 50.0, 2.0, 3.0
+    t = np.linspace(0.0, 60.0, 600_001)
+    rates = np.array(indicial.b) * speed / chord
+    slope = sum(a * b * np.exp(-b * t) for a, b in zip(indicial.a, rates, strict=True))
+    expected = 1 - sum(indicial.a) + np.trapezoid(slope * np.exp(-1j * omega * t), t)
+    made = response(indicial, np.array([1j * omega]), speed, chord)[0]
+    assert math.isclose(abs(made - expected), 0.0, abs_tol=1e-6)
