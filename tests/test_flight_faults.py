@@ -1,0 +1,168 @@
+"""A flight in real time over pty, CAN and UDP in which every device fails in every way, one after the other.
+
+The emulators' script is the truth: each fault must be flagged within half a second in the log and on the screen, the
+estimate marked, and the devices that are well must lose nothing.
+"""
+
+import dataclasses
+import threading
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from drivers.adapter import open_devices
+from drivers.emulate import serve
+from station.alignment import Aligner
+from station.board import Board
+from station.bus import Bus
+from station.clock import SystemClock
+from station.estimation.methods import Estimator
+from station.live import beats, run
+from station.profile import Fault, Flight, load_card
+from station.rows import AlphaEstimate, Code, Event, Sample
+
+S = 1_000_000_000
+FLAGS = {
+    "off": {Code.STALE, Code.SLOW},
+    "stuck": {Code.STUCK},
+    "garbage": {Code.CRC},
+    "wrong": {Code.JUMP, Code.RANGE},
+    "slow": {Code.SLOW},
+    "delayed": {Code.LATE, Code.STALE, Code.SLOW},
+    "intermittent": {Code.GAP, Code.SLOW, Code.STALE},
+    "clock_step": {Code.CLOCK_STEP},
+    "unplug": {Code.DISCONNECT, Code.STALE, Code.SLOW},
+}
+VALUES = {"slow": 4.0, "delayed": 0.2, "intermittent": 0.6, "clock_step": 5.0, "garbage": 0.5}
+WRONG = {"boom": ("vanes", "alpha_vane", 0.3), "can": ("gyro", "q", 0.8), "autopilot": ("attitude", "theta", 0.35)}
+STUCK = {"boom": "vanes", "can": "gyro", "autopilot": "velocity"}
+FIRST_S, EVERY_S, LAST_S = 6.0, 2.4, 1.0
+
+
+def script():
+    """One fault after another."""
+    faults, start = [], FIRST_S
+    for kind in FLAGS:
+        for device in WRONG:
+            stream, signal, offset = WRONG[device] if kind == "wrong" else (None, None, VALUES.get(kind, 0.0))
+            if kind == "stuck":
+                stream = STUCK[device]
+            what = {"stream": stream, "signal": signal, "value": offset}
+            faults.append(Fault(device=device, kind=kind, start=f"{start} s", duration=f"{LAST_S} s", **what))
+            start += EVERY_S
+    return tuple(faults), start
+
+
+class Log:
+    def __init__(self):
+        self.rows = []
+
+    def append(self, rows):
+        self.rows.extend(rows)
+
+    def flush(self):
+        pass
+
+
+@dataclasses.dataclass
+class Flown:
+    rows: list
+    start_ns: int
+    faults: tuple
+    seen: list
+    """(station time, device, flags) of every tick that the screen showed a flag at."""
+
+
+@pytest.fixture(scope="module")
+def flown():
+    faults, seconds = script()
+    profiles = load_card("bench")
+    card = profiles.card.model_copy(update={"faults": faults, "flight": Flight(seed=5)})
+    profiles = profiles.model_copy(update={"card": card})
+    clock, bus, stop, told, ready = SystemClock(), Bus(), threading.Event(), [], threading.Event()
+
+    def announce(what):
+        told.append(what)
+        if "start_ns" in what:
+            ready.set()
+
+    estimator = Estimator(profiles.aircraft, card, profiles.rig.imu_position, profiles.rig.frame_noise_si())
+    estimator.warm_up()
+    emulators = threading.Thread(target=serve, args=(profiles, announce, stop, clock))
+    emulators.start()
+    try:
+        assert ready.wait(120)
+        start_ns = next(t["start_ns"] for t in told if "start_ns" in t)
+        endpoints = {t["device"]: t["endpoint"] for t in told if "device" in t}
+        adapters = open_devices(profiles.rig, endpoints, Path(profiles.rig_dir), clock, bus.put)
+        board, log, seen = Board(profiles, clock), Log(), []
+        streams = list(profiles.rig.streams())
+
+        def show(rows):
+            board.update(rows)
+            now = clock.now_ns()
+            for s in streams:
+                flags = board.flags(s.name, s.device, now)
+                if flags:
+                    seen.append((now, s.device, set(flags)))
+
+        for adapter in adapters:
+            adapter.start()
+        try:
+            aligner = Aligner(streams, profiles.rig.noise_si())
+            run(beats(bus, clock, card.lag, stop, seconds), aligner, estimator, log, show)
+        finally:
+            for adapter in adapters:
+                adapter.stop()
+    finally:
+        stop.set()
+        emulators.join()
+    return Flown(log.rows, start_ns, faults, seen)
+
+
+def window(flown, fault, after_s=0.5):
+    """The fault's start and the time by which it must be flagged, ns."""
+    start = flown.start_ns + round(fault.start * S)
+    return start, start + round(after_s * S)
+
+
+CASES = [(kind, device) for kind in FLAGS for device in WRONG]
+
+
+@pytest.mark.parametrize(("kind", "device"), CASES)
+def test_a_fault_is_flagged_in_the_log_and_on_the_screen_within_half_a_second(flown, kind, device):
+    fault = next(f for f in flown.faults if (f.kind, f.device) == (kind, device))
+    start, end = window(flown, fault)
+    events = [r for r in flown.rows if isinstance(r, Event) and r.source.split(".")[0] == device]
+    assert any(start <= e.t_ns <= end and e.code in FLAGS[kind] for e in events), [
+        (round((e.t_ns - start) / S, 2), e.code) for e in events if abs(e.t_ns - start) < 2 * S
+    ]
+    assert any(start <= t <= end + S // 20 and d == device and codes & FLAGS[kind] for t, d, codes in flown.seen)
+
+
+@pytest.mark.parametrize("kind", ["off", "stuck", "wrong", "unplug", "delayed"])
+@pytest.mark.parametrize("device", ["boom", "can"])
+def test_the_estimate_is_marked(flown, kind, device):
+    fault = next(f for f in flown.faults if (f.kind, f.device) == (kind, device))
+    start, end = window(flown, fault, 0.6)
+    alphas = [r for r in flown.rows if isinstance(r, AlphaEstimate) and start <= r.t_ns <= end]
+    assert any(not a.valid and a.why for a in alphas)
+
+
+@pytest.mark.parametrize("stream", [s.name for s in load_card("bench").rig.streams()])
+def test_a_stream_that_is_well_loses_no_sample(flown, stream):
+    """By the device's own clock: no step longer than a period but near its own device's faults."""
+    device = stream.split(".")[0]
+    rate = next(s.rate_hz for s in load_card("bench").rig.streams() if s.name == stream)
+    own = [(window(flown, f)[0], f) for f in flown.faults if f.device == device]
+    samples = [r for r in flown.rows if isinstance(r, Sample) and r.stream == stream]
+    settled = flown.start_ns + 3 * S
+    well = [
+        (a, b)
+        for a, b in pairwise(samples)
+        if a.t_ns > settled and not any(t - S // 4 <= b.t_ns <= t + round((LAST_S + 0.75) * S) for t, _ in own)
+    ]
+    assert len(well) > 0.4 * rate * (flown.faults[-1].start - 3)
+    # A stamp in whole milliseconds puts a millisecond on top.
+    assert max(b.t_device_ns - a.t_device_ns for a, b in well) < 1.5e9 / rate + 1e6
