@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from typer.exceptions import TyperException
 
 from station import postflight
 from station.bus import Bus
+from station.campaign import verb as campaigns
 from station.clock import Clock, SystemClock
 from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, say
 from station.profile import CanDevice, Profiles, Rig, load_aircraft, load_card
@@ -29,8 +31,11 @@ from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationEr
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 app.add_typer(postflight.app)
+app.add_typer(campaigns.app)
 
 ENDPOINTS_WITHIN_S = 60.0
+TIMED_TICKS = 90_000
+"""Half an hour of ticks, whose timing is told at the end."""
 
 
 CardName = Annotated[str, typer.Argument(metavar="CARD", help="a name under profiles/cards, or a path")]
@@ -107,10 +112,15 @@ def run(
             board.recording(writer.path, writer.bytes_written, viewer.dropped)
 
         failure: list[BaseException] = []
+        done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
+
+        def note_time(beat: live.Beat, _: Sequence[Rows]) -> None:
+            done_after_ns.append(clock.now_ns() - beat.tick.t_ns)
 
         def loop() -> None:
             try:
-                live.run(live.beats(bus, clock, flight_card.lag, stop, duration), aligner, estimator, writer, show)
+                source = live.beats(bus, clock, flight_card.lag, stop, duration)
+                live.run(source, aligner, estimator, writer, show, note_time)
             except BaseException as error:
                 failure.append(error)
             finally:
@@ -139,6 +149,12 @@ def run(
             thread.join()
         if failure:
             raise failure[0]
+    if done_after_ns:
+        middle, late, worst = np.percentile(np.array(done_after_ns) * 1e-6, [50, 99, 100])
+        overruns = board.health.overruns if board.health else 0
+        say(
+            f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); {overruns} missed"
+        )
     say(f"recorded {writer.bytes_written / 2**20:.1f} MiB in {writer.path}")
     return DONE if board.ever_complete else DEGRADED
 

@@ -58,11 +58,11 @@ def run(
     estimator: Estimating,
     log: Recording | None,
     show: Callable[[Sequence[Rows]], None] | None,
-    compare: Callable[[Beat, Sequence[Rows]], None] | None = None,
+    done: Callable[[Beat, Sequence[Rows]], None] | None = None,
 ) -> None:
     """Align, log, estimate, log and show each beat of `source` until it ends.
 
-    `compare` is handed what was estimated beside what the recording holds (replay --verify).
+    `done` is handed each beat, and the frame and estimates made of it, when all else is through.
     """
     for beat in source:
         tick = beat.tick
@@ -87,8 +87,8 @@ def run(
             log.flush()
         if show is not None:
             show([*beat.rows, tick, *aligned, *estimates])
-        if compare is not None:
-            compare(beat, [frame, *estimates])
+        if done is not None:
+            done(beat, [frame, *estimates])
 
 
 def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_s: float | None) -> Iterator[Beat]:
