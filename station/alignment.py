@@ -35,7 +35,7 @@ NAN: Final = math.nan
 class _Buffer:
     """Recent samples of one stream and what is wrong with it now."""
 
-    def __init__(self, stream: Stream, noise: Mapping[str, float]) -> None:
+    def __init__(self, stream: Stream, noise: Mapping[str, float], phase_ns: int) -> None:
         self.stream = stream
         self.columns = tuple(SIGNAL_INDEX[name] for name in stream.signals)
         self.wraps = tuple(name in ANGLES_THAT_WRAP for name in stream.signals)
@@ -50,7 +50,7 @@ class _Buffer:
         self.stale_ns = round(stream.stale_after_s * 1e9)
         self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
         """Longest gap between samples that may be interpolated over."""
-        self.clock = ClockMap(self.period_ns)
+        self.clock = ClockMap(self.period_ns, phase_ns)
         self.samples: deque[tuple[int, tuple[float, ...]]] = deque()
         self.arrivals: deque[int] = deque()
         can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
@@ -73,7 +73,7 @@ class Aligner:
 
     def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
         """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
-        self._buffers = {s.name: _Buffer(s, noise) for s in streams}
+        self._buffers = {s.name: _Buffer(s, noise, i * 3 * TICK_NS) for i, s in enumerate(streams)}
         self._by_device: dict[str, list[_Buffer]] = {}
         for buffer in self._buffers.values():
             self._by_device.setdefault(buffer.stream.device, []).append(buffer)

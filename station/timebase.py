@@ -12,8 +12,8 @@ import itertools
 from collections import deque
 from typing import Final, NamedTuple
 
-BIN_NS: Final = 250_000_000
-"""One lowest point is kept of each bin."""
+BIN_NS: Final = 500_000_000
+"""One lowest point is kept of each bin, and the floor drawn anew at its end."""
 WINDOW_NS: Final = 40_000_000_000
 SYNCED_AFTER_NS: Final = 4_000_000_000
 DRIFT_AFTER_NS: Final = 10_000_000_000
@@ -35,8 +35,10 @@ class Mapped(NamedTuple):
 class ClockMap:
     """Maps one stream's device times to station time. `state` is none, unsynced, converging, synced or rejected."""
 
-    def __init__(self, period_ns: int) -> None:
+    def __init__(self, period_ns: int, phase_ns: int = 0) -> None:
+        """`phase_ns` moves the bins' ends, so that many streams do not all draw their floors at one tick."""
         self._period_ns = period_ns
+        self._phase_ns = phase_ns
         self._last: tuple[int, int] | None = None
         self._stuck = 0
         self._best_exchange: tuple[int, int, int] | None = None
@@ -106,7 +108,7 @@ class ClockMap:
             self._floor_ns = float(difference)
             self._slope = 0.0
             self.state = "unsynced"
-        number = arrival_ns // BIN_NS
+        number = (arrival_ns + self._phase_ns) // BIN_NS
         if self._bin is None or number != self._bin[0]:
             if self._bin is not None:
                 self._points.append(self._bin[1:])
