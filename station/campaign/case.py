@@ -1,0 +1,222 @@
+"""From a case of a campaign to what the compiled pass takes, and its flights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, fly_batch
+from station.campaign.spec import METHODS, Campaign, Case, Plan, Scenario
+from station.conventions import SIGNAL_INDEX, TICK_HZ
+from station.estimation import spectra
+from station.estimation.alpha import parameters
+from station.estimation.derivatives import KINDS, SEARS, SEARS_K, lengths
+from station.estimation.equation_error import Sides
+from station.estimation.methods import NOISE
+from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
+from station.simulation import aircraft as ac
+from station.simulation.boom import NO_BOOM, vane_constants
+from station.simulation.distortion import REACH, distortion_filter
+from station.simulation.gusts import STEP, dryden, field_constants, field_start
+from station.simulation.manoeuvres import elevator_input
+from station.simulation.motion import DT, EVERY
+from station.simulation.sensors import STANDARD, Sensor
+from station.simulation.simulate import indicial_tables, reach, site
+
+Array = NDArray[np.float64]
+
+TOGETHER: Final = 16
+"""Flights of one call of the compiled pass: little memory, and no time lost between calls."""
+_REGRESSORS: Final = ("alpha_vane", "q", "elevator")
+_FARTHER: Final = 1.25
+"""The field is made for flights at this many times the trim speed."""
+_TICK_S: Final = 1.0 / TICK_HZ
+
+
+def flown_aircraft(scenario: Scenario, beside: Path | None = None) -> Aircraft:
+    """The aircraft that flies: the profile's, with the scenario's lift, vane and gust derivatives."""
+    aircraft = load_aircraft(scenario.aircraft, beside)
+    changes: dict[str, object] = {}
+    if scenario.lift == "steady":
+        changes["unsteady"] = aircraft.unsteady.model_copy(update={"memory": False})
+    boom = aircraft.boom if scenario.alpha == "boom" and aircraft.boom else NO_BOOM
+    vane = {"vane_frequency": scenario.vane_frequency, "vane_damping": scenario.vane_damping}
+    changes["boom"] = boom.model_copy(update={k: v for k, v in vane.items() if v is not None})
+    extra = {"CL_gust": scenario.CL_gust, "Cm_gust": scenario.Cm_gust}
+    added = {n: Derivative(value=v) for n, v in extra.items() if v}
+    return aircraft.model_copy(update={**changes, "derivatives": {**aircraft.derivatives, **added}})
+
+
+def known_aircraft(scenario: Scenario, flown: Aircraft) -> Aircraft:
+    """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth."""
+    boom: Boom | None = flown.boom if scenario.alpha == "boom" else None
+    return flown.model_copy(update={"boom": boom})
+
+
+def sensors_flown(scenario: Scenario) -> dict[str, Sensor]:
+    """Channels with noise. With a signal-to-noise ratio their noise depends on the flight, and is 1 here."""
+    if scenario.signal_to_noise is not None:
+        return {name: Sensor(1.0) for name in _REGRESSORS}
+    return dict(STANDARD)
+
+
+def flight_of(campaign: Campaign, scenario: Scenario) -> Flight:
+    """What the simulation flies."""
+    start = campaign.warm_up + scenario.turbulence_start if scenario.turbulence_start > 0 else 0.0
+    values = {"speed": scenario.speed, "altitude": scenario.altitude, "gust_sigma": scenario.turbulence}
+    return Flight().model_copy(update={**values, "gust_start": start})
+
+
+def manoeuvres_of(campaign: Campaign, scenario: Scenario) -> tuple[Manoeuvre, ...]:
+    """Its input, in times of flight."""
+    if not campaign.inputs:
+        return ()
+    chosen = campaign.inputs[scenario.input or next(iter(campaign.inputs))]
+    return tuple(m.model_copy(update={"start": m.start + campaign.warm_up}) for m in chosen)
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """A case, ready to be flown."""
+
+    air: Air
+    sensors: Sensors
+    estimation: Estimation
+    points: int
+    """Of the gust field."""
+
+
+def prepare(plan: Plan, case: Case) -> Setup:
+    """Everything that the flights of a case share. Raises ProfileError for an aircraft that cannot fly it."""
+    campaign, scenario = plan.campaign, case.scenario
+    flown = flown_aircraft(scenario, plan.path)
+    flight = flight_of(campaign, scenario)
+    is_distorted = scenario.alpha.startswith("distorted") and campaign.distortion is not None
+    steps = (plan.ticks + (REACH if is_distorted else 0)) * EVERY
+    behind, ahead = reach(flown)
+    first = field_start(behind)
+    points = math.ceil((_FARTHER * flight.speed * steps * DT + ahead) / STEP) + 4 - first
+    constants = ac.constants(flown, flight.speed, flight.altitude)
+    half_steps = np.arange(2 * steps + 1, dtype=np.float64) * (0.5 * DT)
+    added = elevator_input(manoeuvres_of(campaign, scenario), half_steps)
+    boom = flown.boom or NO_BOOM
+    air = Air(
+        constants=constants,
+        tables=indicial_tables(flown),
+        vane=vane_constants(boom, DT),
+        site=site(flight, (0.0, 0.0, 0.0)),
+        field=field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
+        behind=behind,
+        first=first,
+        command=constants.trim_elevator + added + np.zeros_like(half_steps),
+    )
+    channels = sensors_flown(scenario)
+    d = campaign.distortion
+    sensors = Sensors(
+        ticks=plan.ticks,
+        is_perfect=scenario.alpha == "perfect",
+        distortion=distortion_filter(d.frequency, d.correction, d.lead, _TICK_S) if d and is_distorted else np.empty(0),
+        distorts_gust=scenario.alpha == "distorted gust",
+        vane=vane_constants(boom, _TICK_S),
+        noisy=np.array([SIGNAL_INDEX[name] for name in channels], dtype=np.int64),
+        noise=np.array([s.noise for s in channels.values()]),
+        signal_to_noise=scenario.signal_to_noise or 0.0,
+    )
+    return Setup(air, sensors, _estimation(campaign, known_aircraft(scenario, flown)), points)
+
+
+def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
+    methods = campaign.methods
+    # The split angle of attack also turns the forces of the other methods to wind axes.
+    has_split = campaign.axes == "wind" or any(m.startswith("split") for m in methods)
+    frequencies = spectra.grid(campaign.low, campaign.high, campaign.step)
+    sos, rest = spectra.high_pass(_TICK_S)
+    imu = (0.0, 0.0, 0.0)
+    boom = known.boom
+    return Estimation(
+        has_split=has_split,
+        has_benchmarks=any(m not in KINDS for m in methods),
+        channels=7 if has_split or {"III", "V"} & set(methods) else 5,
+        alpha=parameters(known, _TICK_S),
+        boom=(boom.zero, boom.steady_calibration, boom.vane_x) if boom else (0.0, 1.0, 0.0),
+        imu=np.array(imu),
+        sides=Sides(known, imu, _TICK_S, campaign.axes == "body").constant,
+        sos=sos,
+        rest=rest,
+        frequencies=frequencies,
+        turn=np.exp(-2j * np.pi * frequencies * _TICK_S),
+        derivative=spectra.central_difference_factor(frequencies, _TICK_S),
+        lengths=lengths(known),
+        sears_k=SEARS_K,
+        sears=SEARS,
+        vane_noise=NOISE["alpha_vane"],
+        warm_up=campaign.warm_up,
+        step=campaign.step,
+        segment=1.0 / campaign.step if campaign.segments else math.inf,
+    )
+
+
+def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[range, Results]]:
+    """Fly the seeds, TOGETHER at a time. `quiet`: without turbulence and noise.
+
+    Random numbers are drawn as GustField and Channel draw them: a stream for the field, one for each noisy channel.
+    """
+    noisy = setup.sensors.noisy.tolist()
+    air, sensors = setup.air, setup.sensors
+    if quiet:
+        air = air._replace(field=air.field._replace(sigmas=(0.0, 0.0, 0.0)))
+        sensors = sensors._replace(noise=np.zeros(len(noisy)), signal_to_noise=0.0)
+    has_wind = air.field.sigmas[2] > 0
+    state, wind = np.zeros((TOGETHER, 5)), np.zeros((TOGETHER, setup.points, 5))
+    white = np.zeros((TOGETHER, len(noisy), sensors.ticks))
+    for begin in range(seeds.start, seeds.stop, TOGETHER):
+        chunk = range(begin, min(begin + TOGETHER, seeds.stop))
+        for i, seed in enumerate(chunk):
+            if has_wind:
+                rng = np.random.default_rng(np.random.SeedSequence(seed))
+                rng.standard_normal(out=state[i])
+                rng.standard_normal(out=wind[i])
+            for j, signal in enumerate(noisy):
+                if not quiet:
+                    np.random.default_rng([seed, 1 + signal]).standard_normal(out=white[i, j])
+        n = len(chunk)
+        results = Results(
+            np.full((n, SLOTS, 2, 3), math.nan),
+            np.full((n, SLOTS, 2, 3), math.nan),
+            np.zeros((n, SLOTS, 2, 3)),
+            np.full((n, SLOTS, 2), math.nan),
+            np.zeros((n, SLOTS, 2), dtype=np.bool_),
+            np.zeros(n),
+        )
+        fly_batch(air, sensors, setup.estimation, state[:n], wind[:n], white[:n], results)
+        limit = (setup.points + air.first) * STEP
+        if has_wind and results.reached.max() > limit - setup.air.vane.x - setup.air.constants.chord - 1.0:
+            raise RuntimeError(f"seed {chunk}: a flight left the gust field that was made for it")
+        results.estimate[~results.solved] = math.nan
+        results.error[~results.solved] = math.nan
+        yield chunk, results
+
+
+def reference(plan: Plan, setup: Setup) -> Array:
+    """The six derivatives that errors are from, (2, 3)."""
+    if plan.campaign.reference == "calm":
+        quiet = Setup(setup.air, setup.sensors, setup.estimation._replace(has_benchmarks=True), setup.points)
+        _, results = next(fly_case(quiet, range(1), quiet=True))
+        return np.asarray(results.estimate[0, METHODS.index("perfect")])
+    c = setup.air.constants
+    lift = np.array([c.cl_alpha, c.cl_q, c.cl_de])
+    moment = np.array([c.cm_alpha, c.cm_q, c.cm_de])
+    if plan.campaign.axes == "wind":
+        return np.stack([lift, moment])
+    # CZ = -CL cos a - CD sin a, its slope about trim; drag's follows from the polar.
+    sin, cos = math.sin(c.trim_alpha), math.cos(c.trim_alpha)
+    drag = c.cd_0 + c.cd_v * c.trim_speed / c.reference_speed + c.cd_alpha * c.trim_alpha + c.cd_induced * c.cl_trim**2
+    force = -lift * (cos + 2 * c.cd_induced * c.cl_trim * sin)
+    force[0] += c.cl_trim * sin - drag * cos - c.cd_alpha * sin
+    return np.stack([force, moment])

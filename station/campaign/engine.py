@@ -1,0 +1,243 @@
+"""Where the flights are flown: in processes of this machine, or on a Dask cluster; in batches, whose rows are kept as
+they come.
+
+A batch is some consecutive flights, and its rows depend on the specification and on their numbers only: not on the
+engine, the number of workers, or the order in which batches end. Each becomes a file of its own under DIR/parts,
+written beside and renamed, so what a kill leaves is whole. At the end they become DIR/flights.parquet in the order of
+flights.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import importlib
+import importlib.metadata
+import json
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from station.campaign.rows import fly_rows
+from station.campaign.spec import Plan
+from station.rows import LogError, StationError, UsageError
+
+BATCH_S: Final = 4000.0
+"""Seconds of flight in a batch: half a second of work or more on any machine."""
+ATTEMPTS: Final = 5
+"""Workers may die on a batch so many times before it is taken for the batch's fault."""
+RESULT: Final = "flights.parquet"
+_PARTS: Final = "parts"
+_MANIFEST: Final = "campaign.json"
+
+Done = Callable[[int], None]
+"""Called with the number of flights of every batch that is kept."""
+
+
+def batches(plan: Plan) -> list[range]:
+    """Numbers of the flights of each batch."""
+    size = max(1, round(BATCH_S * 50.0 / plan.ticks))
+    return [range(b, min(b + size, plan.flights)) for b in range(0, plan.flights, size)]
+
+
+class Store:
+    """A campaign's folder."""
+
+    def __init__(self, folder: Path, plan: Plan, resume: bool) -> None:
+        """Raises UsageError if the folder holds another campaign, or this one without `resume`."""
+        self.folder = folder
+        self._parts = folder / _PARTS
+        self._batches = batches(plan)
+        version = importlib.metadata.version("flight-test-station")
+        identity: dict[str, object] = {
+            "specification": hashlib.sha256(plan.text.encode()).hexdigest(),
+            "station": version,
+            "batches": len(self._batches),
+        }
+        manifest = folder / _MANIFEST
+        if manifest.exists():
+            if not resume:
+                raise UsageError(
+                    f"{folder}: holds a campaign already\nadd --resume to finish it, or name another folder"
+                )
+            if json.loads(manifest.read_text(encoding="utf-8")) != identity:
+                raise UsageError(f"{folder}: was begun with another specification or station\nname another folder")
+        self._writing(lambda: self._begin(manifest, identity))
+        self._metadata = {b"station.campaign": plan.text.encode(), b"station.version": version.encode()}
+
+    def _begin(self, manifest: Path, identity: dict[str, object]) -> None:
+        self._parts.mkdir(parents=True, exist_ok=True)
+        for stale in self._parts.glob("*.partial"):
+            stale.unlink()
+        if not manifest.exists():
+            manifest.write_text(json.dumps(identity), encoding="utf-8")
+
+    @property
+    def result(self) -> Path:
+        return self.folder / RESULT
+
+    def missing(self) -> list[int]:
+        """Numbers of the batches that are not kept yet."""
+        if self.result.exists():
+            return []
+        return [i for i, batch in enumerate(self._batches) if not self._is_kept(i, len(batch))]
+
+    def flights_missing(self) -> int:
+        """How many flights are still to be flown."""
+        return sum(len(self._batches[i]) for i in self.missing())
+
+    def _is_kept(self, i: int, flights: int) -> bool:
+        path = self._part(i)
+        try:
+            found = pq.read_metadata(path).metadata or {}
+        except (OSError, pa.ArrowInvalid):
+            return False
+        return found.get(b"flights") == str(flights).encode()
+
+    def _part(self, i: int) -> Path:
+        return self._parts / f"{i:06d}.parquet"
+
+    def keep(self, i: int, rows: pa.Table) -> None:
+        """Write a batch's rows. Raises LogError where that fails; what was kept before stays."""
+        path = self._part(i)
+        partial = path.with_suffix(".partial")
+        marked = rows.replace_schema_metadata({**self._metadata, b"flights": str(len(self._batches[i])).encode()})
+
+        def write() -> None:
+            pq.write_table(marked, partial, compression="zstd")
+            os.replace(partial, path)
+
+        self._writing(write, partial)
+
+    def finish(self) -> Path:
+        """All batches in one file, a row group each. Raises LogError."""
+        if self.result.exists():
+            return self.result
+        partial = self.result.with_suffix(".partial")
+
+        def write() -> None:
+            schema = pq.read_schema(self._part(0)).with_metadata(self._metadata)
+            with pq.ParquetWriter(partial, schema, compression="zstd") as writer:
+                for i in range(len(self._batches)):
+                    writer.write_table(pq.read_table(self._part(i)).replace_schema_metadata(self._metadata))
+            os.replace(partial, self.result)
+
+        self._writing(write, partial)
+        for i in range(len(self._batches)):
+            self._part(i).unlink(missing_ok=True)
+        with suppress(OSError):
+            self._parts.rmdir()
+        return self.result
+
+    def _writing(self, write: Callable[[], None], partial: Path | None = None) -> None:
+        try:
+            write()
+        except OSError as error:
+            if partial is not None:
+                with suppress(OSError):
+                    partial.unlink(missing_ok=True)
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            what = "the disk is full" if full else str(error)
+            raise LogError(
+                f"{self.folder}: {what}; the rows of finished batches are kept\nmend it, then run again with --resume"
+            ) from error
+
+
+def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
+    """Fly the missing batches in processes of this machine. Raises StationError."""
+    missing = store.missing()
+    if not missing:
+        return
+    planned = batches(plan)
+    # Compiled once, before many processes would do it side by side.
+    fly_rows(plan, range(planned[missing[0]].start, planned[missing[0]].start + 1))
+    attempts = dict.fromkeys(missing, 0)
+    while missing:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(workers, len(missing)), mp_context=context) as pool:
+            try:
+                for i, rows in _in_flight(missing, lambda i: pool.submit(fly_rows, plan, planned[i]), 2 * workers):
+                    store.keep(i, rows)
+                    done(len(planned[i]))
+            except BrokenProcessPool:
+                missing = store.missing()
+                for i in missing[: 2 * workers]:
+                    attempts[i] += 1
+                    if attempts[i] >= ATTEMPTS:
+                        raise StationError(
+                            f"flights {planned[i].start} to {planned[i].stop - 1}: workers die on them"
+                        ) from None
+                continue
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        missing = store.missing()
+
+
+def _in_flight(
+    numbers: Iterable[int], submit: Callable[[int], Future[pa.Table]], most: int
+) -> Iterator[tuple[int, pa.Table]]:
+    """Results as they come, with at most `most` batches waiting or flying: memory stays flat."""
+    waiting = iter(numbers)
+    flying: dict[Future[pa.Table], int] = {}
+    while True:
+        for i in waiting:
+            flying[submit(i)] = i
+            if len(flying) >= most:
+                break
+        if not flying:
+            return
+        ended, _ = wait(flying, return_when=FIRST_COMPLETED)
+        for future in ended:
+            yield flying.pop(future), future.result()
+
+
+def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
+    """Fly the missing batches on a Dask cluster that is there already. Raises StationError."""
+    distributed: Any = importlib.import_module("distributed")
+    missing = store.missing()
+    planned = batches(plan)
+    try:
+        client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise StationError(
+            f"no Dask scheduler answers at {scheduler}: {str(error) or type(error).__name__:.120}\n"
+            "start one with `dask scheduler` and workers with `dask worker ADDRESS`; finished rows are kept"
+        ) from None
+    with client:
+        waiting = iter(missing)
+        numbers: dict[Any, int] = {}
+
+        def submit(i: int) -> Any:
+            future = client.submit(fly_rows, plan, planned[i], pure=False, retries=ATTEMPTS)
+            numbers[future.key] = i
+            return future
+
+        most = 2 * max(1, sum(w["nthreads"] for w in client.scheduler_info(n_workers=-1)["workers"].values()))
+        coming = distributed.as_completed([submit(i) for _, i in zip(range(most), waiting, strict=False)])
+        for future in coming:
+            i = numbers.pop(future.key)
+            try:
+                rows = future.result()
+            except distributed.KilledWorker:
+                raise StationError(
+                    f"flights {planned[i].start} to {planned[i].stop - 1}: workers die on them"
+                ) from None
+            except (OSError, TimeoutError) as error:
+                raise StationError(
+                    f"{scheduler}: lost: {error}\nfinished rows are kept: run again with --resume"
+                ) from None
+            future.release()
+            store.keep(i, rows)
+            done(len(planned[i]))
+            for j in waiting:
+                coming.add(submit(j))
+                break

@@ -1,0 +1,135 @@
+"""What a campaign's rows say: bias, scatter and exceedances of every case, and whether a study's claims hold."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from station.campaign.spec import TURBULENCE, Case, Claim, Plan
+
+Array = NDArray[np.float64]
+
+SURE: Final = 2.0
+"""Standard errors by which a difference counts."""
+OF_FLIGHTS: Final = 200
+"""Exceedances are counted per so many flights, as the study does."""
+NEARLY_ALL: Final = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """One parameter by one method in one case: relative errors, per cent."""
+
+    case: Case
+    flights: int
+    bias: float
+    scatter: float
+    rmse: float
+    exceedances: float
+    """Flights of OF_FLIGHTS beyond the tolerance, or without an estimate."""
+    coverage: float
+    """Share of flights within 2 standard deviations."""
+
+
+class Rows:
+    """A campaign's result, read column by column."""
+
+    def __init__(self, plan: Plan, result: Path) -> None:
+        self.plan = plan
+        self._file = result
+        head = pq.read_table(result, columns=["case", "method"])
+        self._case = head["case"].to_numpy()
+        self._method = pc.cast(head["method"], "string").to_numpy()
+        self._read: dict[str, Array] = {}
+
+    def values(self, column: str, case: int, method: str) -> Array:
+        """A column of one case and method, in the order of runs."""
+        if column not in self._read:
+            self._read = {column: pq.read_table(self._file, columns=[column])[column].to_numpy(), **self._some()}
+        found: Array = self._read[column][(self._case == case) & (self._method == method)]
+        return found
+
+    def _some(self) -> dict[str, Array]:
+        """The columns read last: a few, so that memory stays flat."""
+        return dict(list(self._read.items())[:5])
+
+    def summary(self, case: Case, method: str, parameter: str) -> Summary:
+        """Statistics of one parameter's errors."""
+        off = 100.0 * self.values(f"{parameter}_error", case.number, method)
+        found = off[np.isfinite(off)]
+        n = len(off)
+        nothing = len(found) < 2
+        beyond = np.count_nonzero(~(np.abs(off) <= 100.0 * self.plan.campaign.tolerance))
+        return Summary(
+            case,
+            n,
+            math.nan if nothing else float(found.mean()),
+            math.nan if nothing else float(found.std(ddof=1)),
+            math.nan if nothing else float(np.sqrt((found**2).mean())),
+            beyond * OF_FLIGHTS / n,
+            float(np.mean(self.values(f"{parameter}_covered", case.number, method))),
+        )
+
+
+def chosen(plan: Plan, levels: dict[str, Any]) -> list[Case]:
+    """The cases with these levels, in order of turbulence where that is a factor."""
+    found = [c for c in plan.cases if all(c.levels[name] == level for name, level in levels.items())]
+    return sorted(found, key=lambda c: c.scenario.turbulence)
+
+
+def judge(rows: Rows, claim: Claim) -> str:
+    """One sentence: what the study found, what is found here, and whether they agree."""
+    plan = rows.plan
+    method = plan.campaign.methods[0]
+    summaries = [rows.summary(c, method, claim.parameter) for c in chosen(plan, claim.where)]
+    head = f"{claim.figure}, {claim.parameter}: the study finds "
+    if claim.finds in ("feasible", "not feasible"):
+        return head + _feasibility(summaries, claim)
+    calm, worst = summaries[0], summaries[-1]
+    words = ", ".join(level_name(s.case) for s in summaries)
+    if claim.finds in ("less scatter", "more scatter"):
+        growth = math.log(worst.scatter / calm.scatter)
+        error = math.sqrt(0.5 / (calm.flights - 1) + 0.5 / (worst.flights - 1))
+        holds = growth < -SURE * error if claim.finds == "less scatter" else growth > SURE * error
+        seen = f"the standard deviation is {_list(s.scatter for s in summaries)} % ({words})"
+    else:
+        more = abs(worst.bias) - abs(calm.bias)
+        error = math.hypot(worst.scatter / math.sqrt(worst.flights), calm.scatter / math.sqrt(calm.flights))
+        holds = (more > SURE * error and more > 1.0) == (claim.finds == "more bias")
+        seen = f"the bias is {_list(s.bias for s in summaries)} % ({words})"
+    return f"{head}{claim.finds} with turbulence; here {seen}: {_verdict(holds)}."
+
+
+def _feasibility(summaries: list[Summary], claim: Claim) -> str:
+    counted = [s for s in summaries if not (claim.except_calm and s.case.scenario.turbulence == 0)]
+    over = sum(s.exceedances > claim.limit for s in counted)
+    most = max(s.exceedances for s in counted)
+    least = min(s.exceedances for s in counted)
+    share = over / len(counted)
+    holds = share >= NEARLY_ALL if claim.finds == "not feasible" else share <= 1 - NEARLY_ALL
+    where = " in turbulence" if claim.except_calm else ""
+    return (
+        f"accurate estimates {claim.finds}{where}; here {over} of {len(counted)} cases have more than {claim.limit} of "
+        f"{OF_FLIGHTS} flights beyond the tolerance ({least:.0f} to {most:.0f}): {_verdict(holds)}."
+    )
+
+
+def _verdict(holds: bool) -> str:
+    return "we find it too" if holds else "we do not find it"
+
+
+def _list(values: Any) -> str:
+    return ", ".join(f"{v:+.1f}" if v < 0 else f"{v:.1f}" for v in values)
+
+
+def level_name(case: Case) -> str:
+    """The case's turbulence in a word, or its speed."""
+    sigma = case.scenario.turbulence / 0.3048
+    return next((n for n, v in TURBULENCE.items() if abs(v - sigma) < 1e-9), f"{sigma:g} ft/s")

@@ -1,0 +1,284 @@
+"""One flight in one compiled pass: fly, measure, estimate.
+
+Nothing is computed here that the simulation and the estimators do not compute: their kernels are called in the order in
+which `simulation.fly` and `estimation.methods.Estimator` call them for frames without gaps, and give the same numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.conventions import SIGNAL_INDEX, TICK_HZ, TICK_NS
+from station.estimation import alpha as cg
+from station.estimation import conditioning as cond
+from station.estimation import equation_error as ee
+from station.estimation import inertial, spectra, tick
+from station.estimation.derivatives import KINDS, SLACK_S, weights
+from station.estimation.methods import SETTLE_TICKS
+from station.simulation import aircraft as ac
+from station.simulation.boom import VaneConstants
+from station.simulation.distortion import distort
+from station.simulation.gusts import FieldConstants, fill
+from station.simulation.motion import COLUMNS, EVERY, Site, Tables, advance, at_rest
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_DT: Final = 1.0 / TICK_HZ
+_SIGNALS: Final = len(SIGNAL_INDEX)
+_VANE: Final = SIGNAL_INDEX["alpha_vane"]
+_TRUE_ALPHA: Final = COLUMNS.index("alpha")
+_TRUE_GUST: Final = COLUMNS.index("alpha_gust")
+_INPUTS: Final = tuple(SIGNAL_INDEX[name] for name in cond.INPUTS)
+_KINDS: Final = len(KINDS)
+SLOTS: Final = _KINDS + 2
+"""Methods that the pass can fit: the live ones, then perfect and raw."""
+_WING_BODY: Final = 7
+"""Channels of the transform that II, III and V take."""
+
+
+class Air(NamedTuple):
+    """What is flown."""
+
+    constants: ac.Constants
+    tables: Tables
+    vane: VaneConstants
+    site: Site
+    field: FieldConstants
+    behind: float
+    """Where the wake begins, m behind the origin."""
+    first: int
+    """Index of the field's first point."""
+    command: Array
+    """Elevator at steps and half-steps, rad."""
+
+
+class Sensors(NamedTuple):
+    """What is measured."""
+
+    ticks: int
+    is_perfect: bool
+    """alpha_vane is the angle of attack at the CG."""
+    distortion: Array
+    """distortion_filter's weights; empty: none."""
+    distorts_gust: bool
+    """Only the gust's part."""
+    vane: VaneConstants
+    """Its dynamics at 50 Hz, for the distortion."""
+    noisy: Indices
+    """Signals with noise."""
+    noise: Array
+    """Standard deviation of each, SI."""
+    signal_to_noise: float
+    """Above 0: the noise of each noisy signal is its own standard deviation over this."""
+
+
+class Estimation(NamedTuple):
+    """What is estimated, and by what."""
+
+    has_split: bool
+    has_benchmarks: bool
+    channels: int
+    """Of the unsplit methods' transform."""
+    alpha: Array
+    """alpha.parameters."""
+    boom: tuple[float, float, float]
+    """Zero, steady calibration, length: see tick.prepare."""
+    imu: Array
+    sides: Array
+    sos: Array
+    rest: Array
+    frequencies: Array
+    turn: NDArray[np.complex128]
+    derivative: Array
+    lengths: tuple[float, float, float]
+    sears_k: Array
+    sears: Array
+    vane_noise: float
+    warm_up: float
+    step: float
+    segment: float
+    """Seconds after which the transforms begin anew."""
+
+
+class Results(NamedTuple):
+    """Of each flight (first axis), method (SLOTS) and equation: three parameters each."""
+
+    estimate: Array
+    error: Array
+    """Statistical standard error."""
+    model: Array
+    """What the model's structure may be wrong by; 0 where the pass does not know."""
+    r2: Array
+    solved: NDArray[np.bool_]
+    reached: Array
+    """How far each flight got, m."""
+
+
+@njit(cache=True)
+def _measure(sensors: Sensors, truth: Array, white: Array, shown: Array) -> None:
+    """What the sensors show, (ticks, signals), of the truth, (ticks or more, COLUMNS)."""
+    n = sensors.ticks
+    shown[:] = truth[:n, :_SIGNALS]
+    if sensors.is_perfect:
+        shown[:, _VANE] = truth[:n, _TRUE_ALPHA]
+    if sensors.distortion.shape[0] > 0:
+        part = truth[:, _TRUE_GUST] if sensors.distorts_gust else truth[:, _TRUE_ALPHA]
+        distort(sensors.distortion, sensors.vane, part, shown[:, _VANE])
+    for i in range(sensors.noisy.shape[0]):
+        column = shown[:, sensors.noisy[i]]
+        sd = sensors.noise[i]
+        if sensors.signal_to_noise > 0.0:
+            sd = np.std(column) / sensors.signal_to_noise
+        for k in range(n):
+            column[k] += sd * white[i, k]
+
+
+@njit(cache=True)
+def _fit_benchmarks(
+    e: Estimation, steady: NDArray[np.complex128], extra: NDArray[np.complex128], samples: float, past: Array,
+    close: bool, results: Results, run: int,
+) -> None:  # fmt: skip
+    """Perfect and raw: least squares on their own regressor."""
+    lines = steady.shape[1]
+    x = np.empty((3, lines), dtype=np.complex128)
+    z = np.empty(lines, dtype=np.complex128)
+    out = np.zeros((3, 4))
+    inverse = np.zeros((4, 4))
+    x[1], x[2] = steady[0], steady[1]
+    for i in range(2):
+        x[0] = extra[i]
+        for equation in range(2):
+            z[:] = steady[2] if equation == 0 else steady[3] * e.derivative
+            done = ee.fit(x, z, np.zeros(3), samples * _DT * e.step, past[i, equation], close, out, inverse)
+            at = _KINDS + i
+            results.solved[run, at, equation] = done
+            results.estimate[run, at, equation] = out[0, :3]
+            results.error[run, at, equation] = out[1, :3]
+            results.r2[run, at, equation] = out[0, 3]
+
+
+@njit(cache=True)
+def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, run: int) -> None:
+    """Every method's estimates at the end of a record, as the Estimator comes to them tick by tick."""
+    n, lines = shown.shape[0], e.frequencies.shape[0]
+    inertial_state, inertial_ring = np.zeros(inertial.STATE), np.zeros((inertial.RING, 7))
+    inertial_out = np.full(inertial.OUT, math.nan)
+    vane_state, vane_ring, vane_out = np.zeros(cg.STATE), np.zeros((cg.RING, 4)), np.full(cg.OUT, math.nan)
+    u, motion, air, ages = np.empty(len(_INPUTS)), np.empty(6), np.empty(3), np.zeros(3)
+    row, history, thrust = np.zeros(ee.ROW), np.full((3, ee.ROW), math.nan), np.zeros(2)
+    made = np.full(4 + ee.EXTRAS, math.nan)
+    sections = e.sos.shape[0]
+    channels = (e.channels, 6, 2)
+    filters = (np.zeros((_WING_BODY, sections, 2)), np.zeros((6, sections, 2)), np.zeros((2, sections, 2)))
+    spectrum = (
+        np.zeros((_WING_BODY, lines), dtype=np.complex128),
+        np.zeros((6, lines), dtype=np.complex128),
+        np.zeros((2, lines), dtype=np.complex128),
+    )
+    phase = np.ones((3, lines), dtype=np.complex128)
+    counts = np.zeros((3, 2))
+    split_x, extra_x = np.empty(6), np.empty(2)
+    past, extra_past = np.zeros((_KINDS, 2, ee.PAST)), np.zeros((2, 2, ee.PAST))
+    closed, independent, close = np.zeros(3), np.zeros(2), np.zeros(2, dtype=np.bool_)
+    out, model = np.zeros((_KINDS, 2, 3, ee.MAX_PARAMETERS + 1)), np.zeros((_KINDS, 2, 3))
+    solved = np.zeros((_KINDS, 2), dtype=np.bool_)
+    scale, tail = np.ones(lines), np.zeros(lines)
+    zero, calibration, arm = e.boom
+    speed, steady_from, split_from, split_run = math.nan, 0.0, 0.0, 0
+
+    for k in range(n):
+        t = (k * TICK_NS) * 1e-9
+        for i in range(len(_INPUTS)):
+            u[i] = shown[k, _INPUTS[i]]
+        tick.prepare(u, zero, calibration, arm, motion, air)
+        alpha_i = math.nan
+        if e.has_split:
+            a, v = cond.ATTITUDE, cond.VELOCITY
+            inertial.step(
+                inertial_state, inertial_ring, t, _DT, motion, u[a:v], ages, u[v:], ages, air, e.imu, inertial_out
+            )
+            if inertial_out[8] > 0.0:
+                alpha_i = inertial_out[0]
+        flow, q = u[cond.VANE], motion[1]
+        cg.step(e.alpha, vane_state, vane_ring, _DT, flow, motion[0], q, air[0], alpha_i, vane_out)
+        is_split = tick.assemble(u, motion, u[cond.QBAR], u[cond.MASS], vane_out, row)
+        has_sample = ee.sides(e.sides, history, thrust, _DT, row, made)
+        if has_sample and k + 1 > SETTLE_TICKS:
+            due = t >= e.warm_up
+            late = t - e.warm_up + SLACK_S
+            if counts[0, 0] == 0.0:
+                steady_from = t
+            is_open = due and steady_from <= late
+            m = channels[0]
+            spectra.step(e.sos, e.rest, filters[0][:m], made[:m], spectrum[0][:m], phase[0], e.turn, counts[0], is_open)
+            if e.has_benchmarks:
+                extra_x[0], extra_x[1] = true_alpha[k - 1], shown[k - 1, _VANE]
+                spectra.step(e.sos, e.rest, filters[2], extra_x, spectrum[2], phase[2], e.turn, counts[2], is_open)
+            if split_run > 0:
+                if counts[1, 0] == 0.0:
+                    split_from = t
+                split_x[:4], split_x[4:] = made[:4], made[7:9]
+                opens = due and split_from <= late
+                spectra.step(e.sos, e.rest, filters[1], split_x, spectrum[1], phase[1], e.turn, counts[1], opens)
+        split_run = split_run + 1 if is_split else 0
+
+        mean = vane_out[cg.SPEED_MEAN]
+        if counts[0, 1] + closed[0] == 0.0 or not mean > 0.0:
+            continue
+        if not abs(mean - speed) < 0.001 * mean:
+            speed = mean
+            weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, scale, tail)
+        for i in range(2):
+            independent[i] = counts[i, 1] * _DT * e.step
+            close[i] = counts[i, 1] * _DT >= e.segment
+        if not (k + 1 == n or close[0] or close[1]):
+            continue
+        ridge = lines * (counts[1, 1] + closed[1]) * e.vane_noise**2
+        ee.fit_methods(
+            spectrum[0], spectrum[1], e.derivative, scale, tail, ridge, independent, close, past, out, model, solved
+        )
+        if e.has_benchmarks:
+            _fit_benchmarks(e, spectrum[0], spectrum[2], counts[2, 1], extra_past, close[0], results, run)
+        for i in range(3):
+            if close[0 if i == 2 else i]:
+                closed[i] += counts[i, 1]
+                counts[i, 1] = 0.0
+                spectrum[i][:] = 0.0
+                phase[i] = 1.0
+    results.estimate[run, :_KINDS] = out[:, :, 0, :3]
+    results.error[run, :_KINDS] = out[:, :, 1, :3]
+    results.model[run, :_KINDS] = model
+    for kind in range(_KINDS):
+        for equation in range(2):
+            results.r2[run, kind, equation] = out[kind, equation, 0, 4 if kind == 4 else 3]
+            results.solved[run, kind, equation] = solved[kind, equation]
+
+
+# As in simulation/motion.py: after editing a kernel that is called from here, touch this file.
+@njit(cache=True)
+def fly_batch(
+    air: Air, sensors: Sensors, e: Estimation, state: Array, wind: Array, white: Array, results: Results
+) -> None:
+    """Fly, measure and estimate some flights of a case.
+
+    state (runs, 5) and wind (runs, points, 5): white noise of unit variance for the field; white (runs, noisy, ticks)
+    for the sensors. Fills `results`.
+    """
+    reach = sensors.distortion.shape[0] // 2
+    truth = np.empty((sensors.ticks + reach, len(COLUMNS)))
+    shown = np.empty((sensors.ticks, _SIGNALS))
+    field = np.zeros((wind.shape[1], 3))
+    for run in range(wind.shape[0]):
+        if air.field.sigmas[2] > 0.0:
+            fill(air.field, wind[run], state[run].copy(), air.first, field)
+        memory = at_rest(air.constants, air.tables, air.behind, field, air.first)
+        advance(air.constants, air.tables, air.vane, air.site, memory, air.command, field, air.first, EVERY, truth)
+        results.reached[run] = memory.x[ac.DISTANCE]
+        _measure(sensors, truth, white[run], shown)
+        _estimate(e, shown, truth[:, _TRUE_ALPHA], results, run)

@@ -1,0 +1,82 @@
+"""The rows of a campaign: one a flight and method."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from station.campaign.case import Setup, fly_case, prepare, reference
+from station.campaign.flight import Results
+from station.campaign.spec import METHODS, Case, Plan
+
+Array = NDArray[np.float64]
+
+
+def seeds(plan: Plan, flights: range) -> range:
+    """Every flight has its own."""
+    first = plan.campaign.seed * 1_000_003
+    return range(first + flights.start, first + flights.stop)
+
+
+_ready: dict[tuple[str, int], tuple[Setup, Array]] = {}
+"""The case that this process flew last, by specification and number: most batches are of one case."""
+
+
+def _prepared(plan: Plan, number: int) -> tuple[Setup, Array]:
+    key = (plan.text, number)
+    if key not in _ready:
+        setup = prepare(plan, plan.cases[number])
+        _ready.clear()
+        _ready[key] = setup, reference(plan, setup)
+    return _ready[key]
+
+
+def fly_rows(plan: Plan, flights: range) -> pa.Table:
+    """Fly some flights of a campaign, by their numbers; the same numbers give the same rows anywhere."""
+    runs = plan.campaign.runs
+    tables = []
+    for number in range(flights.start // runs, (flights.stop - 1) // runs + 1):
+        case = plan.cases[number]
+        setup, target = _prepared(plan, number)
+        mine = range(max(flights.start, number * runs), min(flights.stop, (number + 1) * runs))
+        for chunk, results in fly_case(setup, seeds(plan, mine)):
+            first = chunk.start - plan.campaign.seed * 1_000_003 - number * runs
+            tables.append(_table(plan, case, first, chunk, results, target))
+    return pa.concat_tables(tables).combine_chunks()
+
+
+def _table(plan: Plan, case: Case, first: int, chunk: range, results: Results, target: Array) -> pa.Table:
+    campaign = plan.campaign
+    slots = [METHODS.index(m) for m in campaign.methods]
+    n, m = len(chunk), len(slots)
+
+    def each(values: Array) -> Array:
+        """(runs, slots) -> rows, all methods of a flight together."""
+        return np.ascontiguousarray(values[:, slots]).reshape(-1)
+
+    columns: dict[str, pa.Array] = {
+        "case": pa.array(np.full(n * m, case.number, dtype=np.int32)),
+        "run": pa.array(np.repeat(np.arange(first, first + n, dtype=np.int32), m)),
+        "seed": pa.array(np.repeat(np.array(chunk, dtype=np.int64), m)),
+        "method": pa.array(list(campaign.methods) * n).dictionary_encode(),
+    }
+    for name, level in case.levels.items():
+        columns[name] = pa.array([level]).take(pa.array(np.zeros(n * m, dtype=np.int32)))
+    for equation in range(2):
+        for i in range(3):
+            name = campaign.parameters[3 * equation + i]
+            value = each(results.estimate[:, :, equation, i])
+            error = each(results.error[:, :, equation, i])
+            model = each(results.model[:, :, equation, i])
+            off = (value - target[equation, i]) / abs(target[equation, i])
+            bound = 2.0 * np.hypot(error, model)
+            columns[name] = pa.array(value)
+            columns[f"{name}_sd"] = pa.array(error)
+            columns[f"{name}_model"] = pa.array(model)
+            columns[f"{name}_bound"] = pa.array(bound)
+            columns[f"{name}_reference"] = pa.array(np.full(n * m, target[equation, i]))
+            columns[f"{name}_error"] = pa.array(off)
+            columns[f"{name}_covered"] = pa.array(np.abs(value - target[equation, i]) <= bound)
+        columns["r2_force" if equation == 0 else "r2_moment"] = pa.array(each(results.r2[:, :, equation]))
+    return pa.table(columns)

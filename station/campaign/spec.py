@@ -1,0 +1,268 @@
+"""A campaign's specification: TOML -> frozen Campaign and its cases.
+
+    [flight]     what every flight has in common
+    [factors]    lists of levels, each of a key of [flight]; every combination is a case of `runs` flights
+    [[inputs.NAME]]  manoeuvres that the flight's `input` names
+
+Anything else is as in profiles: quantities with their units, unknown keys refused.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, to_si
+from station.estimation.derivatives import KINDS
+from station.profile import (
+    Frozen,
+    Hertz,
+    Manoeuvre,
+    Metres,
+    MetresPerSecond,
+    Positive,
+    Seconds,
+    explain,
+    find,
+    load_aircraft,
+    nearest,
+    read_profile,
+)
+from station.rows import ProfileError
+
+TURBULENCE: Final = {"calm": 0.0, "light": 5.0, "moderate": 10.0, "severe": 20.0}
+"""Standard deviation of the vertical gust, ft/s: MIL-F-8785C's exceedance curves between 2,000 and 3,000 ft."""
+
+BENCHMARKS: Final = ("perfect", "raw")
+"""Regressors no station has or should use: the true angle of attack at the CG, and the vane as it is."""
+METHODS: Final = (*KINDS, *BENCHMARKS)
+
+
+def _turbulence(value: object) -> object:
+    if isinstance(value, str) and value in TURBULENCE:
+        return f"{TURBULENCE[value]} ft/s"
+    if isinstance(value, str) and not any(c.isdigit() for c in value):
+        raise PydanticCustomError(
+            "quantity",
+            "unknown turbulence {word}{near}; use {known} or a speed, for example {eg}",
+            {
+                "word": value,
+                "near": nearest(value, tuple(TURBULENCE)),
+                "known": ", ".join(TURBULENCE),
+                "eg": '"5 ft/s"',
+            },
+        )
+    return value
+
+
+class Scenario(Frozen):
+    """One kind of flight. Each key may be a factor."""
+
+    aircraft: str = "twin_otter"
+    lift: Literal["steady", "unsteady"] = "unsteady"
+    """steady: no memory, everything at the CG; unsteady: as the aircraft's profile says."""
+    speed: MetresPerSecond = to_si(110.0, "kt")
+    altitude: Metres = to_si(2500.0, "ft")
+    turbulence: Annotated[MetresPerSecond, Field(ge=0), BeforeValidator(_turbulence)] = 0.0
+    turbulence_start: Annotated[Seconds, Field(ge=0)] = 0.0
+    """After the record begins; 0: it was always there."""
+    input: str = ""
+    """Which of the inputs; the only one if left out."""
+    alpha: Literal["boom", "perfect", "vane", "distorted", "distorted gust"] = "boom"
+    """What is measured. boom: the profile's, which the estimators know. perfect: the angle of attack at the CG. vane:
+    that through the vane's dynamics. distorted: through `distortion` as well; distorted gust: the gust's part only."""
+    vane_frequency: Annotated[Hertz, Positive] | None = None
+    vane_damping: float | None = Field(default=None, gt=0, lt=2)
+    signal_to_noise: float | None = Field(default=None, gt=0)
+    """White noise on alpha_vane, q and elevator of their standard deviation over this; the noise of a good installation
+    on every channel if left out."""
+    CL_gust: float = 0.0
+    """Additional to CL_alpha, per rad of the gust's part of alpha. Cm alike."""
+    Cm_gust: float = 0.0
+
+
+class Distortion(Frozen):
+    """What the measured angle of attack is at each frequency: divided by `correction`, early by `lead`."""
+
+    frequency: tuple[Hertz, ...]
+    correction: tuple[float, ...]
+    lead: tuple[Seconds, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        return {k: tuple(v) if isinstance(v, list) else v for k, v in raw.items()} if isinstance(raw, dict) else raw
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        f = self.frequency
+        if not len(f) == len(self.correction) == len(self.lead) or any(b <= a for a, b in itertools.pairwise(f)):
+            raise PydanticCustomError("table", "frequency must rise, correction and lead have a value for each")
+        if min(self.correction, default=0.0) <= 0:
+            raise PydanticCustomError("table", "correction must be above 0")
+        return self
+
+
+class Claim(Frozen):
+    """Something that a study found, to be looked for in the results."""
+
+    figure: str
+    parameter: str
+    finds: Literal["less scatter", "more scatter", "more bias", "no more bias", "feasible", "not feasible"]
+    """With rising turbulence; or whether few enough flights (`limit`) leave the tolerance."""
+    limit: int = 20
+    """Exceedances of 200 flights that are still feasible."""
+    where: dict[str, Any] = Field(default={})
+    """Only cases with these levels."""
+    except_calm: bool = False
+
+
+_LISTS: Final = ("methods", "figures", "show", "claims")
+
+
+class Campaign(Frozen):
+    """A specification, and its cases: all combinations of the factors' levels."""
+
+    name: str
+    description: str = ""
+    seed: Annotated[int, Field(ge=0)] = 1
+    runs: Annotated[int, Field(gt=0)]
+    """Flights a case."""
+    methods: tuple[str, ...]
+    axes: Literal["wind", "body"] = "wind"
+    reference: Literal["truth", "calm"] = "truth"
+    """Errors are from the aircraft's own derivatives, or from what perfect sensors give in calm air."""
+    tolerance: Annotated[float, Positive] = 0.1
+    record: Annotated[Seconds, Positive] = 20.0
+    """Estimates are taken after so long."""
+    warm_up: Annotated[Seconds, Field(ge=0)] = 0.0
+    """Flown before the record, for the filters to settle."""
+    low: Annotated[Hertz, Positive] = 0.1
+    high: Annotated[Hertz, Positive] = 2.0
+    step: Annotated[Hertz, Positive] = 0.04
+    segments: bool = True
+    """As in flight, the transform begins anew every 1/step; false: one transform over the record."""
+    figures: tuple[Literal["estimates", "exceedances", "errors"], ...] = ()
+    show: tuple[str, ...] = ()
+    """Parameters in the figures; all if left out."""
+    flight: Scenario
+    factors: dict[str, tuple[Any, ...]] = Field(default={})
+    inputs: dict[str, tuple[Manoeuvre, ...]] = Field(default={})
+    """Their times count from the record's begin."""
+    distortion: Distortion | None = None
+    claims: tuple[Claim, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict):
+            return raw
+        raw = {k: tuple(v) if k in _LISTS and isinstance(v, list) else v for k, v in raw.items()}
+        for table in ("factors", "inputs"):
+            if isinstance(raw.get(table), dict):
+                raw[table] = {k: tuple(v) if isinstance(v, list) else v for k, v in raw[table].items()}
+        return raw
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        def unless(word: str, known: tuple[str, ...], what: str) -> None:
+            if word not in known:
+                raise PydanticCustomError(
+                    "signal", "unknown {what} {word}{near}", {"what": what, "word": word, "near": nearest(word, known)}
+                )
+
+        for method in self.methods:
+            unless(method, METHODS, "method")
+        for name, levels in self.factors.items():
+            unless(name, tuple(Scenario.model_fields), "factor")
+            if not levels or len(set(levels)) < len(levels):
+                raise PydanticCustomError("signal", "factor {name}: needs levels, each once", {"name": name})
+        for parameter in self.show:
+            unless(parameter, self.parameters, "parameter")
+        for claim in self.claims:
+            unless(claim.parameter, self.parameters, "parameter")
+            for name in claim.where:
+                unless(name, tuple(self.factors), "factor")
+        if self.high <= self.low:
+            raise PydanticCustomError("signal", "high must be above low")
+        return self
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return LONGITUDINAL if self.axes == "wind" else LONGITUDINAL_BODY
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One combination of levels, as the specification writes them, and the flight it makes."""
+
+    number: int
+    levels: dict[str, Any]
+    scenario: Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A campaign, its cases, and the text that it came from."""
+
+    campaign: Campaign
+    cases: tuple[Case, ...]
+    text: str
+    path: Path | None = None
+
+    @property
+    def flights(self) -> int:
+        return len(self.cases) * self.campaign.runs
+
+    @property
+    def ticks(self) -> int:
+        """50 Hz samples of one flight."""
+        return math.ceil((self.campaign.warm_up + self.campaign.record) * 50.0 - 1e-9)
+
+
+def load_plan(name: str) -> Plan:
+    """A campaign by name or path. Raises ProfileError."""
+    path = find("campaigns", name)
+    campaign = read_profile(Campaign, path)
+    wrong = partial(_wrong, path)
+    names = tuple(campaign.factors)
+    parsed = {n: [_level(path, n, level) for level in levels] for n, levels in campaign.factors.items()}
+    cases = []
+    for number, chosen in enumerate(itertools.product(*(range(len(campaign.factors[n])) for n in names))):
+        levels = {n: campaign.factors[n][i] for n, i in zip(names, chosen, strict=True)}
+        values = {n: parsed[n][i] for n, i in zip(names, chosen, strict=True)}
+        scenario = campaign.flight.model_copy(update=values)
+        cases.append(Case(number, levels, scenario))
+    known = tuple(campaign.inputs)
+    for scenario in {c.scenario for c in cases}:
+        aircraft = load_aircraft(scenario.aircraft, path)
+        if scenario.input and scenario.input not in known:
+            raise wrong("input", f"no inputs.{scenario.input}{nearest(scenario.input, known)}")
+        if not scenario.input and len(known) > 1:
+            raise wrong("flight.input", f"missing: which of {', '.join(known)}?")
+        if scenario.alpha.startswith("distorted") and campaign.distortion is None:
+            raise wrong("distortion", f'missing, with alpha = "{scenario.alpha}"')
+        if scenario.alpha == "boom" and aircraft.boom is None:
+            raise wrong("flight.alpha", f'aircraft {aircraft.name} has no boom: write alpha = "perfect" or "vane"')
+    return Plan(campaign, tuple(cases), path.read_text(encoding="utf-8"), path)
+
+
+def _wrong(path: Path, key: str, what: str) -> ProfileError:
+    return ProfileError(f"{path}: {key}: {what}")
+
+
+def _level(path: Path, name: str, level: Any) -> Any:
+    """A factor's level as the flight has it."""
+    try:
+        return getattr(Scenario.model_validate({name: level}), name)
+    except ValidationError as error:
+        raise ProfileError(
+            explain(path, Scenario, error).replace(f": {name}:", f": factors.{name}: {level!r}:", 1)
+        ) from None
