@@ -216,8 +216,8 @@ def step(
                 continue
             s[_WIND + i] += gain * (s[_VEL + i] + s[_VEL_FIX + i] - through_air[i] - s[_WIND + i])
 
-    # The mean vertical wind stays in: it is nil over a minute but for the gusts, and a share of them taken out here, ever
-    # another one, would be called motion and not carried from boom to tail.
+    # The mean vertical wind stays in: it is nil but for the gusts, and a changing share of them taken out here would be
+    # called motion and not carried from boom to tail.
     u, v, w = _unrotate(
         att,
         s[_VEL] + s[_VEL_FIX] - s[_WIND],

@@ -18,6 +18,8 @@ from station.estimation.conditioning import Array, Conditioner
 from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import ROW, Sides
 from station.estimation.inertial import Inertial
+from station.estimation.physical import Physical
+from station.estimation.physical_signals import Signals
 from station.estimation.turbulence import HIGH_HZ, LOW_HZ, Turbulence
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
@@ -45,7 +47,7 @@ METHODS: Final = {
         Method("VI", "extended Kalman filter"),
         Method("split", "motion and gust parts of the vane corrected apart", live=True),
         Method("split+gust", "split, with the tail meeting the gust later", live=True),
-        Method("physical", "wing, tail and gust as the regressors"),
+        Method("physical", "wing, tail and gust as the regressors, with uncertain constants", live=True),
         Method("oe", "output error"),
         Method("fe", "filter error"),
         Method("sidpac", "II with SIDPAC's settings"),
@@ -73,6 +75,8 @@ HELD_TICKS: Final = 3
 """An angle of attack from a vane or pitch rate held longer is not valid."""
 WAIT_TICKS: Final = 150
 """Without inertial data for so long after a start, the turbulence is judged by the vane alone."""
+WARM_TICKS: Final = 300
+"""Of the made-up flight that compiles: long enough for every method's first estimate."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -116,7 +120,12 @@ class Estimator:
         self._vane = Vane(aircraft, dt)
         self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
         self._sides = Sides(aircraft, imu_position, dt, axes == "body")
-        self._derivatives = Derivatives(aircraft, card, self._noise, methods, names, dt, forgetting_s)
+        simple = tuple(name for name in methods if name != "physical")
+        self._derivatives = Derivatives(aircraft, card, self._noise, simple, names, dt, forgetting_s)
+        self._physical = (
+            Physical(aircraft, card, self._noise, names, dt, forgetting_s) if "physical" in methods else None
+        )
+        self._signals = Signals(aircraft, dt)
         boom = aircraft.boom
         self._zero = boom.zero if boom else 0.0
         self._scale = boom.steady_calibration if boom else 1.0
@@ -150,7 +159,7 @@ class Estimator:
             forgetting_s=forgetting,
         )
         steady = {"airspeed": 50.0, "az": -9.81, "ax": 0.5, "v_north": 50.0, "mass": aircraft.inertia.mass}
-        for k in range(150):
+        for k in range(WARM_TICKS):
             wave = 0.02 * math.sin(0.1 * k)
             now = dict.fromkeys(cond.INPUTS, 0.0) | steady
             now |= {
@@ -165,6 +174,8 @@ class Estimator:
     def start_point(self) -> None:
         """A test point begins: empty the transforms; the filters stay warm."""
         self._derivatives.clear()
+        if self._physical:
+            self._physical.clear()
 
     def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]:
         """One frame in, the angle of attack and every method's estimates as of it out."""
@@ -184,7 +195,11 @@ class Estimator:
             why = ""
         self._derivatives.lacking = self._conditioner.lacking()
         alpha = self._alpha(frame.t_ns, u, usable, why)
-        return alpha, self._derivatives.estimate(frame.t_ns, self._mean_speed(), self._not_applicable())
+        applicable = self._not_applicable()
+        estimates = self._derivatives.estimate(frame.t_ns, self._mean_speed(), applicable)
+        if self._physical:
+            estimates += (self._physical.estimate(frame.t_ns),)
+        return alpha, estimates
 
     def _advance_to(self, t_ns: int, ticks: int, u: Array, is_fresh: bool) -> None:
         """Run the filters to `t_ns`, over missing frames if they are few."""
@@ -194,6 +209,7 @@ class Estimator:
             self._inertial.restart()
             self._vane.restart()
             self._sides.restart()
+            self._signals.restart()
             self._running = True
             self._ticks = self._fresh_run = self._split_run = 0
         else:
@@ -231,6 +247,11 @@ class Estimator:
             self._unexplained_mean += fade * off
             self._unexplained += fade * (off * off - self._unexplained)
 
+        inertial_speed = float(self._inertial.out[2])
+        if is_split and self._physical:
+            self._signals.step(float(out[cg.BOOM_GUST]), float(self._inertial.out[0]), speed, inertial_speed)
+        elif self._physical:
+            self._signals.restart()
         pressure, mass = self._conditioner.dynamic_pressure(), self._conditioner.mass()
         tick.assemble(u, self._motion, pressure, mass, out, self._row)
         made = self._sides.step(self._row)
@@ -239,6 +260,9 @@ class Estimator:
         self._ticks += 1
         if made and self._fresh_run >= 3 and self._ticks > SETTLE_TICKS and bool(np.isfinite(self._sides.out).all()):
             self._derivatives.add(self._sides.out, t, self._split_run > 0)
+            if self._physical and self._split_run > SETTLE_TICKS:
+                wind_sd = self._signals.wind_sd()
+                self._physical.add(self._signals.out[0], self._sides.out[:4], t, inertial_speed, wind_sd)
         self._split_run = self._split_run + 1 if is_split else 0
 
     def _mean_speed(self) -> float:

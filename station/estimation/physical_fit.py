@@ -5,10 +5,9 @@
     D  = x + g_t - e (W x + K g)(t - l_t/V) - (1 - e) A - 2 e (l_t/c) qhat
 
 D is what tail and wing do beyond the quasi-steady derivatives, which stay the tabulated ones. The constants that the
-profile gives (tail's share, arm and downwash, boom length, memories ...) are known to a prior standard deviation. Some are
-estimated along, as far as the gust moves them; the rest of each, and the others, are considered: they widen the total
-standard error. Residual spectra are log-quadratic in frequency and re-estimated (feasible GLS). estimator.md 2.2-2.4.
-SI, radians.
+profile gives (tail's share, arm and downwash, boom length, memories ...) are known to a prior standard deviation. Some
+are estimated along, as far as the gust moves them; the rest of each, and the others, are considered: they widen the
+total standard error. Residual spectra are log-quadratic in frequency and re-estimated (feasible GLS). SI, radians.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ CHANNELS: Final = SIGNALS + 4
 
 NUISANCES: Final = (
     *("tail share", "boom length", "vane skew", "span", "span, fast", "lift memory"),
-    *("downwash", "downwash delay", "tail arm", "vane gain", "upwash memory", "air-mass speed"),
+    *("downwash", "downwash delay", "tail arm", "vane gain", "upwash memory", "mean wind"),
 )
 """What else may be wrong: the constants of the profile, and the mean wind."""
 N: Final = len(NUISANCES)
@@ -59,6 +58,7 @@ _TABLES: Final = _KNOWN + N + 4
 CONSTANTS: Final = _TABLES + 32
 
 PASSES: Final = 4
+QUALITY: Final = 7
 ORDER: Final = 3.5
 """Residual energy is scaled by n/(n - ORDER): parameters used up by each equation."""
 
@@ -107,7 +107,8 @@ def _memory(amplitudes: Array, rates: Array, terms: int, s: complex) -> complex:
 def wiener(f: Complex, omega: Array, noise: float, gust_power: Array, rho: Array) -> float:
     """Share `rho` (frequencies,) of the gust's spectrum that is not noise, and `gust_power`, its smoothed energy.
 
-    `noise`: energy of the vane's noise on a line. Returns the share between 0.2 and 1.2 Hz squared: 0 calm, 1 turbulent.
+    `noise`: energy of the vane's noise on a line. Returns the share between 0.2 and 1.2 Hz squared: 0 calm, 1
+    turbulent.
     """
     lines = omega.shape[0]
     step = omega[1] - omega[0] if lines > 1 else 1.0
@@ -197,11 +198,12 @@ def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing
         base[8, 1, i] = 0.0
         base[8, 2, i] = a_h * further
         base[8, 3, i] = -a_h * lc * (further + d)
-        # gusts come earlier by a share of each delay where the air is faster than believed
-        sooner = s * tau * gc
-        da = met * sooner
+        # A mean wind wrong by a share of the speed is motion by -(theta - x) and a gust that meets boom and tail apart.
+        theta = speed / con[_HALF] * qh / s
+        w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
+        da = w_m * (x - theta) + met * (theta * to_boom - x * np.exp(-s * lead))
         base[11, 0, i] = da
-        base[11, 1, i] = s * (tau + late) * gt - (1.0 - e) * da - e * (to_tail * da + s * late * (dw + dk))
+        base[11, 1, i] = theta * (to_boom * to_tail - 1.0) - (1.0 - e) * da - e * to_tail * da
         base[11, 2, i] = 0.0
         base[11, 3, i] = 0.0
 
@@ -241,9 +243,7 @@ def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
 
 
 @njit(cache=True)
-def _design(
-    f: Complex, wing: Complex, base: Complex, con: Array, cla: float, cma: float, g: Complex
-) -> None:
+def _design(f: Complex, wing: Complex, base: Complex, con: Array, cla: float, cma: float, g: Complex) -> None:
     """`g` (2, PARAMETERS, frequencies): columns of CL and Cm, the six derivatives and all nuisances."""
     a_h, lc = con[_AH], con[_LC]
     for i in range(g.shape[2]):
@@ -257,6 +257,44 @@ def _design(
         for j in range(N):
             g[0, 6 + j, i] = cla * base[j, 0, i] + a_h * base[j, 1, i] + base[j, 2, i]
             g[1, 6 + j, i] = cma * base[j, 0, i] - a_h * lc * base[j, 1, i] + base[j, 3, i]
+
+
+@njit(cache=True)
+def _deviance(residual: Complex, omega: Array, smooth: Array) -> float:
+    """-2 log likelihood of a residual whose spectrum is log-quadratic, but for a constant."""
+    _residual_spectrum(residual, omega, smooth)
+    total = 0.0
+    for i in range(omega.shape[0]):
+        total += 2.0 * (math.log(smooth[i]) + (residual[i].real ** 2 + residual[i].imag ** 2) / smooth[i])
+    return total
+
+
+@njit(cache=True)
+def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Array) -> float:
+    """Deviance of z = c_alpha (x + g_cg) + c_q qhat + c_de de, generalised least squares; what split assumes."""
+    lines = omega.shape[0]
+    g = np.empty((3, lines), dtype=np.complex128)
+    for i in range(lines):
+        g[0, i], g[1, i], g[2, i] = f[X, i] + rho[i] * f[GC, i], f[QH, i], f[DE, i]
+    residual = z.copy()
+    smooth[:] = 1.0
+    inverse = np.empty((3, 3))
+    for k in range(PASSES):
+        m = np.zeros((3, 3))
+        rhs = np.zeros(3)
+        for i in range(lines):
+            for a in range(3):
+                rhs[a] += (g[a, i].real * z[i].real + g[a, i].imag * z[i].imag) / smooth[i]
+                for b in range(3):
+                    m[a, b] += (g[a, i].real * g[b, i].real + g[a, i].imag * g[b, i].imag) / smooth[i]
+        if not _invert(m, inverse):
+            return math.inf
+        theta = inverse @ rhs
+        for i in range(lines):
+            residual[i] = z[i] - (theta[0] * g[0, i] + theta[1] * g[1, i] + theta[2] * g[2, i])
+        if k < PASSES - 1:
+            _residual_spectrum(residual, omega, smooth)
+    return _deviance(residual, omega, smooth)
 
 
 @njit(cache=True)
@@ -278,10 +316,11 @@ def fit(
 ) -> bool:
     """Estimate from the spectra `f` (CHANNELS, frequencies) and the sums over segments closed before.
 
-    `derivative`: factor of Cm for its central difference; `noise`: energy of the vane's noise on a line; `share`: T df, of
-    independent lines. Edits `past` (PARAMETERS, 2 PARAMETERS + 1 + N): normal matrix, score cloud, right side,
+    `derivative`: factor of Cm for its central difference; `noise`: energy of the vane's noise on a line; `share`: T df,
+    of independent lines. Edits `past` (PARAMETERS, 2 PARAMETERS + 1 + N): normal matrix, score cloud, right side,
     cross terms; `close` adds this segment. Fills `theta` (PARAMETERS,), `stat` and `total` standard errors
-    (PARAMETERS,), `quality` (8,): residual and signal energy of CL and Cm, gust share, deviance of either equation.
+    (PARAMETERS,), `quality` (QUALITY,): residual and signal energy of CL and Cm, gust share, and the deviance of both
+    equations for this model and for the quasi-steady one on the same angle of attack.
     """
     lines = omega.shape[0]
     n = PARAMETERS
@@ -301,7 +340,7 @@ def fit(
         spectrum[1, i] = 0.1
     prior = np.zeros(n)
     for j in range(N):
-        prior[6 + j] = 1.0 / max(turbulent * con[_LEARNT + j], 1e-4 * con[_KNOWN + j]) ** 2
+        prior[6 + j] = 1.0 / max(turbulent * con[_LEARNT + j], 1e-4 * con[_KNOWN + j], 1e-9) ** 2
     independent = min(max(share, 1e-3), 1.0)
     m = np.empty((n, n))
     rhs = np.empty(n)
@@ -386,15 +425,16 @@ def fit(
             total_square += effect * effect * max(left, 0.0)
         total[a] = math.sqrt(total_square)
 
+    quality[:] = 0.0
     quality[4] = turbulent
     for q in range(2):
-        quality[q] = quality[2 + q] = quality[5 + q] = 0.0
         for i in range(lines):
-            power = residual[q, i].real ** 2 + residual[q, i].imag ** 2
-            quality[q] += power
             z = f[CL, i] if q == 0 else f[CM, i] * derivative[i]
+            quality[q] += residual[q, i].real ** 2 + residual[q, i].imag ** 2
             quality[2 + q] += z.real**2 + z.imag**2
-            quality[5 + q] += math.log(spectrum[q, i]) + power / spectrum[q, i]
+            y[q, i] = z
+        quality[5] += independent * _deviance(residual[q], omega, spectrum[q])
+        quality[6] += independent * _quasi_steady(f, rho, y[q], omega, spectrum[q])
     if close:
         for a in range(n):
             for b in range(n):
@@ -406,8 +446,9 @@ def fit(
     return math.isfinite(theta.sum())
 
 
-KNOWN: Final = (0.2, 6e-3, 4e-3, 1.0, 1.0, 0.3, 0.2, 15e-3, 0.09, 0.0115, 0.4, 0.02)
-"""Prior standard deviation of each nuisance; of the tail's share and downwash relative to their value, delays in s."""
+KNOWN: Final = (0.2, 6e-3, 4e-3, 1.0, 1.0, 0.3, 0.2, 15e-3, 0.09, 0.0115, 0.4, 0.0)
+"""Prior standard deviation of each nuisance; of the tail's share and downwash relative to their value, delays in s.
+The mean wind's comes with the data (set_wind)."""
 LEARNT: Final = (0.2, 6e-3, 4e-3, 1.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """How much of it turbulence is let move: 0 is only considered."""
 
@@ -436,6 +477,11 @@ def constants(aircraft: Aircraft) -> Array:
             con[_TABLES + 8 * k : _TABLES + 8 * k + count] = response.a[:count]
             con[_TABLES + 8 * k + 4 : _TABLES + 8 * k + 4 + count] = response.b[:count]
     return con
+
+
+def set_wind(con: Array, share: float) -> None:
+    """Let the mean wind be known to this share of the speed (standard deviation)."""
+    con[_KNOWN + N - 1] = share
 
 
 def why_not(aircraft: Aircraft) -> str:

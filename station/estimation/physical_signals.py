@@ -1,4 +1,4 @@
-"""Where the gust is at every tick: at the wing's leading edge, at the CG, at the tail, and what wing and tail make of it.
+"""Where the gust is at every tick, at the wing's leading edge, the CG and the tail, and what the wing makes of it.
 
 From the gust at the boom (alpha.py; still seen through the vane) and the inertial angle of attack x,
 
@@ -6,9 +6,9 @@ From the gust at the boom (alpha.py; still seen through the vane) and the inerti
     g_p = (w(t - t_p) - x u_g(t - t_p))/V,   p at the leading edge, the CG, the tail; t_p = (x_vane - x_p)/V_i
     Wx  = W{x},   Kg = K{g_le},   and both of l_t/V_i ago: their downwash is at the tail now
 
-The wind is carried, not the angle: what arrives meets the speed of that moment. Delays follow the inertial speed (the air's
-mean motion does not carry it past the aircraft), memories the airspeed. The vane's own lag is undone with the time that the
-gust takes from the boom, by a finite impulse response. estimator.md 2.1. SI, radians.
+The wind is carried, not the angle: what arrives meets the speed of that moment. Delays follow the inertial speed (gusts
+do not carry themselves past the aircraft), memories the airspeed. The vane's own lag is undone with the time that the
+gust takes from the boom, by a finite impulse response. SI, radians.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
 from station.estimation.alpha import _delayed, _remember
+from station.estimation.inertial import WIND_S
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
 X, WX, KG, GC, GT, DW, DK, DX, KL, KM, DKL, DKM = range(12)
-"""Inertial angle of attack; wing incidence from motion and gust; gust at CG and tail; Wx, Kg and x of l_t/V ago; Kg after
-the span's slow and fast lag, and both of l_t/V ago."""
+"""Inertial angle of attack; wing incidence from motion and gust; gust at CG and tail; Wx, Kg and x of l_t/V ago; Kg
+after the span's slow and fast lag, and both of l_t/V ago."""
 SIGNALS: Final = 12
 
 TAPS: Final = 16
@@ -42,14 +43,17 @@ SPAN_SLOW: Final = 2.0
 SPAN_FAST: Final = 7.0
 """Corner of the lift's lag behind a gust that varies along the span, V/b."""
 
+LENGTH_M: Final = 533.4
+"""Of the turbulence (MIL-F-8785C above 2000 ft): how long gusts last that the mean wind is averaged over."""
+
 # ring
 _W, _U, _RWX, _RKG, _RX, _RKL, _RKM, _COLUMNS = range(8)
 # params
 _BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK = range(7)
 _WA, _WB, _KA, _KB, PARAMS = 7, 11, 15, 19, 23
 # state
-_COUNT, _VF, _UG, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 11
-STATE: Final = 15
+_COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 12
+STATE: Final = 16
 
 
 def vane_inverse(frequency_hz: float, damping: float, dt: float) -> Array:
@@ -125,6 +129,7 @@ def step(
         # As if the present state had lasted, with no gust.
         s[_VF] = speed
         s[_UG] = 0.0
+        s[_UU] = 0.0
         s[_XIN] = alpha_i
         for j in range(n_w):
             s[_WS + j] = alpha_i
@@ -133,12 +138,13 @@ def step(
         s[_GIN] = s[_SLOW] = s[_FAST] = 0.0
         for i in range(n):
             for c in range(_COLUMNS):
-                ring[i, c] = alpha_i if c == _RWX or c == _RX else 0.0
+                ring[i, c] = alpha_i if c in (_RWX, _RX) else 0.0
     for i in range(SIGNALS):
         out[0, i] = out[1, i]
     gain = 1.0 - math.exp(-dt / SMOOTH_S)
     s[_VF] += gain * (speed - s[_VF])
     s[_UG] += gain * (speed - inertial_speed - s[_UG])
+    s[_UU] += max(dt / WIND_S, 1.0 / (count + 1.0)) * (s[_UG] ** 2 - s[_UU])
     v = s[_VF]
     carried = max(inertial_speed, 1.0) * dt
     ring[at, _W] = boom_gust * v + alpha_i * s[_UG]
@@ -209,6 +215,13 @@ class Signals:
         """Begin anew from the next sample."""
         self._state[_COUNT] = 0.0
         self.out[:] = math.nan
+
+    def wind_sd(self) -> float:
+        """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
+        s = self._state
+        lasting = LENGTH_M / max(float(s[_VF]), 1.0)
+        seconds = min(float(s[_COUNT]) * self._dt, 2.0 * WIND_S)
+        return math.sqrt(max(float(s[_UU]), 0.0) * 2.0 / (seconds / lasting + 2.0))
 
     def step(self, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float) -> None:
         """One tick; see the kernel."""

@@ -1,0 +1,217 @@
+"""Method `physical`: delays, memories and transforms against scipy, streaming against batch, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lsim, lti
+
+from station.conventions import SIGNALS, TICK_NS
+from station.estimation import physical_fit as pf
+from station.estimation import physical_signals as ps
+from station.estimation.methods import Estimator
+from station.estimation.physical import SEGMENT, Equations, transform
+from station.estimation.spectra import grid
+from station.profile import Aircraft, Card, load_aircraft
+from station.rows import Frame, MethodEstimate, Status
+from station.simulation import fly
+from station.simulation.sensors import STANDARD
+
+DT = 0.02
+NAMES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
+
+
+def card(sigma: float = 5.0, warm_up: float = 40.0, **keys: object) -> Card:
+    doublet = {"kind": "doublet", "start": f"{warm_up + 2} s", "width": "1.3 s", "amplitude": "3.5 deg"}
+    flight = {"gust_sigma": f"{sigma} ft/s", "speed": "110 kt", "altitude": "2500 ft"}
+    given = {"name": "t", "aircraft": "a", "rig": "b", "manoeuvres": [doublet], "flight": flight}
+    return Card.model_validate({**given, "warm_up": f"{warm_up} s", **keys})
+
+
+def changed(aircraft: Aircraft, part: str, **keys: object) -> Aircraft:
+    return aircraft.model_copy(update={part: getattr(aircraft, part).model_copy(update=keys)})
+
+
+def frames(shown: dict[str, np.ndarray]) -> list[Frame]:
+    n = len(shown["q"])
+    rows = np.stack([shown.get(name, np.full(n, math.nan)) for name in SIGNALS], axis=1).tolist()
+    zeros = (0,) * len(SIGNALS)
+    return [Frame(k * TICK_NS, k, tuple(row), tuple(map(float, zeros)), zeros) for k, row in enumerate(rows)]
+
+
+def flown(aircraft: Aircraft, c: Card, seconds: float, seed: int = 1, real: Aircraft | None = None) -> list[Frame]:
+    return frames(fly(real or aircraft, STANDARD, c, seconds, seed)[0])
+
+
+def last(estimator: Estimator, given: list[Frame]) -> MethodEstimate:
+    for frame in given:
+        _, estimates = estimator.step(frame)
+    return estimates[-1]
+
+
+def signals(aircraft: Aircraft, gust: np.ndarray, motion: np.ndarray, speed: float) -> np.ndarray:
+    made, rows = ps.Signals(aircraft, DT), []
+    for g, x in zip(gust, motion, strict=True):
+        made.step(float(g), float(x), speed, speed)
+        rows.append(made.out[1].copy())
+    return np.array(rows).T
+
+
+def test_the_vane_is_undone_and_the_gust_arrives_in_time() -> None:
+    aircraft, speed, f = load_aircraft("twin_otter"), 56.6, 0.9
+    boom, arm = aircraft.boom, aircraft.unsteady.tail_arm
+    assert boom is not None
+    t = np.arange(2000) * DT
+    wn = 2 * math.pi * boom.vane_frequency
+    s = 2j * math.pi * f
+    seen = wn**2 / (s**2 + 2 * boom.vane_damping * wn * s + wn**2)
+    gust = 0.01 * (seen * np.exp(s * t)).real
+    out = signals(aircraft, gust, np.full_like(t, 0.05), speed)
+
+    def at(x: float) -> np.ndarray:
+        return 0.01 * (np.exp(s * (t - (boom.vane_x - x) / speed))).real
+
+    for name, place in ((ps.GC, 0.0), (ps.GT, -arm)):
+        np.testing.assert_allclose(out[name, 500:], at(place)[500:], atol=2e-5)
+    edge = at(aircraft.geometry.chord / 4)
+    response = aircraft.unsteady.lift_gust
+    assert response is not None
+    per_second = speed / aircraft.unsteady.reference_chord
+    for a, b in zip(response.a, response.b, strict=True):
+        # 1 - a s/(s + b) for each term, by an independent simulation
+        rate = b * per_second
+        edge = edge - a * lsim(lti([1.0, 0.0], [1.0, rate]), at(aircraft.geometry.chord / 4), t)[1]
+    np.testing.assert_allclose(out[ps.KG, 500:], edge[500:], atol=6e-5)
+
+
+def test_motion_has_its_memory_and_its_downwash_comes_a_tail_arm_later() -> None:
+    aircraft, speed = load_aircraft("twin_otter"), 56.6
+    t = np.arange(1500) * DT
+    motion = 0.05 + 0.03 * np.sin(2 * math.pi * 0.7 * t) * (t > 1)
+    out = signals(aircraft, np.zeros_like(t), motion, speed)
+    response = aircraft.unsteady.lift_motion
+    assert response is not None
+    wing = motion.copy()
+    for a, b in zip(response.a, response.b, strict=True):
+        rate = b * speed / aircraft.unsteady.reference_chord
+        wing -= a * lsim(lti([1.0, 0.0], [1.0, rate]), motion - motion[0], t)[1]
+    np.testing.assert_allclose(out[ps.WX], wing, atol=1e-9)
+    late = aircraft.unsteady.tail_arm / speed
+    np.testing.assert_allclose(out[ps.DW, 200:], np.interp(t[200:] - late, t, out[ps.WX]), atol=5e-5)
+    np.testing.assert_allclose(out[ps.GC], 0.0, atol=1e-15)
+
+
+def test_the_carried_wind_meets_the_speed_of_its_arrival() -> None:
+    """The same wind at twice the speed on arrival is half the angle; a steady headwind gust alone is no incidence."""
+    aircraft = load_aircraft("twin_otter")
+    made = ps.Signals(aircraft, DT)
+    for _ in range(400):
+        made.step(0.0, 0.05, 60.0, 50.0)  # 10 m/s of headwind gust, vane shows no vertical gust
+    assert made.out[1, ps.GC] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_streaming_equals_batch() -> None:
+    """The estimate of the running sums is that of the whole record's filters and transforms (scipy) at once."""
+    aircraft, c = load_aircraft("twin_otter_martos"), card()
+    given = flown(aircraft, c, c.warm_up + SEGMENT / c.step + 0.1)
+    estimator = Estimator(aircraft, c, methods=("physical",))
+    physical = estimator._physical
+    assert physical is not None
+    kept, speeds, opens = [], [], None
+    add = physical.add
+
+    def watched(row: np.ndarray, sides: np.ndarray, t: float, speed: float, wind_sd: float) -> None:
+        nonlocal opens
+        if opens is None and t >= c.warm_up:
+            opens = len(kept)
+        kept.append(np.concatenate((row, sides)))
+        speeds.append((speed, wind_sd))
+        add(row, sides, t, speed, wind_sd)
+
+    physical.add = watched  # type: ignore[method-assign]
+    last(estimator, given)
+    assert opens is not None
+    streamed = physical.solution
+    n = round(SEGMENT / c.step / DT)
+    spectrum = transform(np.array(kept[: opens + n]).T, grid(c.low, c.high, c.step), DT, opens)
+    mean, wind_sd = np.mean([v for v, _ in speeds[opens : opens + n]]), speeds[opens + n - 1][1]
+    equations = Equations(aircraft, grid(c.low, c.high, c.step), DT, math.radians(0.05))
+    batch = equations.solve(spectrum, n, n * DT * c.step, float(mean), wind_sd)
+    assert batch is not None
+    assert streamed is not None
+    np.testing.assert_allclose(streamed.theta, batch.theta, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(streamed.stat, batch.stat, rtol=1e-8)
+    np.testing.assert_allclose(streamed.total, batch.total, rtol=1e-8)
+
+
+def test_the_same_frames_give_the_same_bits() -> None:
+    aircraft, c = load_aircraft("twin_otter"), card(warm_up=5.0)
+    given = flown(aircraft, c, 20.0)
+    one, two = (last(Estimator(aircraft, c, methods=("physical",)), given) for _ in range(2))
+    assert one == two
+    assert any(p.status is Status.ESTIMATED for p in one.parameters)
+
+
+def test_segments_add_up() -> None:
+    """Two segments give smaller errors than one, and the estimate goes on from the first."""
+    aircraft = load_aircraft("twin_otter")
+    c = card(warm_up=20.0)
+    again = c.manoeuvres[0].model_copy(update={"repeat": 30.0})
+    c = c.model_copy(update={"manoeuvres": (again,)})
+    given = flown(aircraft, c, 81.0)
+    estimator = Estimator(aircraft, c, methods=("physical",))
+    first = last(estimator, given[:2551])
+    one = estimator._physical.solution.stat[:6].copy()
+    second = last(estimator, given[2551:])
+    ratio = [b.sd / a.sd for a, b in zip(first.parameters, second.parameters, strict=True)]
+    assert np.mean(ratio) < 0.98
+    stat = np.mean(estimator._physical.solution.stat[:6] / one)
+    assert stat < 0.9
+    for p in second.parameters:
+        assert p.value == pytest.approx(aircraft.value(p.name), abs=3 * p.sd)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"memory": False}, "quasi-steady"),
+        ({"tail_lift_slope": 0.0}, "tail_lift_slope"),
+        ({"lift_gust": None, "lift_motion": None}, "unsteady.lift_motion, unsteady.lift_gust"),
+    ],
+)
+def test_an_aircraft_without_the_constants_is_refused(change: dict[str, object], why: str) -> None:
+    aircraft = changed(load_aircraft("twin_otter"), "unsteady", **change)
+    found = last(Estimator(aircraft, card(0.0, 1.0), methods=("physical",)), flown(aircraft, card(0.0, 1.0), 4.0))
+    assert not found.applicable
+    assert why in found.why
+    assert all(p.status is Status.INVALID and math.isnan(p.value) for p in found.parameters)
+
+
+def test_no_input_no_estimate() -> None:
+    aircraft = load_aircraft("twin_otter")
+    c = card(0.0, 5.0).model_copy(update={"manoeuvres": ()})
+    found = last(Estimator(aircraft, c, methods=("physical",)), flown(aircraft, c, 30.0))
+    assert all(p.status is Status.UNESTIMATED and p.why == "no elevator input" for p in found.parameters)
+
+
+def test_the_data_prefer_the_model_that_is_true() -> None:
+    aircraft, c = load_aircraft("twin_otter"), card(warm_up=20.0)
+    unsteady = last(Estimator(aircraft, c, methods=("physical",)), flown(aircraft, c, 50.1))
+    assert unsteady.applicable
+    steady = changed(aircraft, "unsteady", memory=False)
+    found = last(Estimator(aircraft, c, methods=("physical",)), flown(aircraft, c, 50.1, real=steady))
+    assert not found.applicable
+    assert "quasi-steady" in found.why
+
+
+def test_constants_come_from_the_profile() -> None:
+    """Another tail gives other regressors: the same data, other derivatives."""
+    aircraft, c = load_aircraft("twin_otter"), card(warm_up=20.0)
+    given = flown(aircraft, c, 50.1)
+    one = last(Estimator(aircraft, c, methods=("physical",)), given)
+    other = changed(aircraft, "unsteady", tail_arm=1.15 * aircraft.unsteady.tail_arm)
+    two = last(Estimator(other, c, methods=("physical",)), given)
+    assert abs(two.parameters[4].value / one.parameters[4].value - 1) > 0.003
+    assert len(pf.constants(aircraft)) == pf.CONSTANTS
