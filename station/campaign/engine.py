@@ -34,6 +34,7 @@ BATCH_S: Final = 4000.0
 """Seconds of flight in a batch: half a second of work or more on any machine."""
 ATTEMPTS: Final = 5
 """Workers may die on a batch so many times before it is taken for the batch's fault."""
+_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 RESULT: Final = "flights.parquet"
 _PARTS: Final = "parts"
 _MANIFEST: Final = "campaign.json"
@@ -157,9 +158,9 @@ def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
     if not missing:
         return
     planned = batches(plan)
-    # Compiled once, before many processes would do it side by side.
-    fly_rows(plan, range(planned[missing[0]].start, planned[missing[0]].start + 1))
     attempts = dict.fromkeys(missing, 0)
+    # A process is a core's worth of work: threads of the linear algebra would only stand in each other's way.
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
     while missing:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(missing)), mp_context=context) as pool:
