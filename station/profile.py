@@ -433,7 +433,7 @@ class Rig(Frozen):
                     name=f"{device.name}.{s.name}",
                     signals=tuple(s.signals),
                     rate_hz=s.rate,
-                    stale_after_s=min(max(0.1, 2.2 / s.rate), 3.0),
+                    stale_after_s=min(max(0.2, 2.2 / s.rate), 3.0),
                     device=device.name,
                     latency_s=s.latency,
                     stamp_resolution_s=s.stamp_resolution,
