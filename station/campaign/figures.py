@@ -41,7 +41,7 @@ def draw(plan: Plan, result: Path, out: Path) -> list[str]:
 
 def _groups(plan: Plan, apart: tuple[str, ...]) -> Iterator[tuple[dict[str, Any], list[Case]]]:
     """Cases that differ in the factors `apart` only."""
-    names = [n for n in plan.campaign.factors if n not in apart]
+    names = [n for n in plan.campaign.varied if n not in apart]
     seen: list[dict[str, Any]] = []
     for case in plan.cases:
         levels = {n: case.levels[n] for n in names}

@@ -2,6 +2,7 @@
 
     [flight]     what every flight has in common
     [factors]    lists of levels, each of a key of [flight]; every combination is a case of `runs` flights
+    [[variants]] keys of [flight] that change together; every one is flown with every combination
     [[inputs.NAME]]  manoeuvres that the flight's `input` names
 
 Anything else is as in profiles: quantities with their units, unknown keys refused.
@@ -124,7 +125,7 @@ class Claim(Frozen):
     except_calm: bool = False
 
 
-_LISTS: Final = ("methods", "figures", "show", "claims")
+_LISTS: Final = ("methods", "figures", "show", "variants", "claims")
 
 
 class Campaign(Frozen):
@@ -154,6 +155,7 @@ class Campaign(Frozen):
     """Parameters in the figures; all if left out."""
     flight: Scenario
     factors: dict[str, tuple[Any, ...]] = Field(default={})
+    variants: tuple[dict[str, Any], ...] = ()
     inputs: dict[str, tuple[Manoeuvre, ...]] = Field(default={})
     """Their times count from the record's begin."""
     distortion: Distortion | None = None
@@ -184,15 +186,25 @@ class Campaign(Frozen):
             unless(name, tuple(Scenario.model_fields), "factor")
             if not levels or len(set(levels)) < len(levels):
                 raise PydanticCustomError("signal", "factor {name}: needs levels, each once", {"name": name})
+        for variant in self.variants:
+            for name in variant:
+                unless(name, tuple(Scenario.model_fields), "factor")
+            if set(variant) != set(self.variants[0]) or set(variant) & set(self.factors):
+                raise PydanticCustomError("signal", "variants: every one needs the same keys, and none of the factors'")
         for parameter in self.show:
             unless(parameter, self.parameters, "parameter")
         for claim in self.claims:
             unless(claim.parameter, self.parameters, "parameter")
             for name in claim.where:
-                unless(name, tuple(self.factors), "factor")
+                unless(name, self.varied, "factor")
         if self.high <= self.low:
             raise PydanticCustomError("signal", "high must be above low")
         return self
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Keys of the flight that differ from case to case."""
+        return (*self.factors, *(self.variants[0] if self.variants else ()))
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -232,14 +244,11 @@ def load_plan(name: str) -> Plan:
     path = find("campaigns", name)
     campaign = read_profile(Campaign, path)
     wrong = partial(_wrong, path)
-    names = tuple(campaign.factors)
-    parsed = {n: [_level(path, n, level) for level in levels] for n, levels in campaign.factors.items()}
-    cases = []
-    for number, chosen in enumerate(itertools.product(*(range(len(campaign.factors[n])) for n in names))):
-        levels = {n: campaign.factors[n][i] for n, i in zip(names, chosen, strict=True)}
-        values = {n: parsed[n][i] for n, i in zip(names, chosen, strict=True)}
-        scenario = campaign.flight.model_copy(update=values)
-        cases.append(Case(number, levels, scenario))
+    cases: list[Case] = []
+    for levels in itertools.product(*campaign.factors.values(), campaign.variants or ({},)):
+        chosen = {**dict(zip(campaign.factors, levels, strict=False)), **levels[-1]}
+        values = {name: _level(path, name, level) for name, level in chosen.items()}
+        cases.append(Case(len(cases), chosen, campaign.flight.model_copy(update=values)))
     known = tuple(campaign.inputs)
     for scenario in {c.scenario for c in cases}:
         aircraft = load_aircraft(scenario.aircraft, path)
