@@ -150,8 +150,9 @@ class Flown:
         return MethodResult(status, why, found, self._fit(estimate, record), dict(self.settings))
 
     def alpha(self, method: str, record: FlightRecord) -> Array | None:
-        """The angle of attack (n,) that a method regresses on; None for III and V, whose delays are not rebuilt."""
-        if method in ("III", "V") or not self.alphas:
+        """The angle of attack (n,) that a method regresses on; None for III and V, whose delays are not rebuilt, and
+        for physical, which has none."""
+        if method in ("III", "V", "physical") or not self.alphas:
             return None
         if method == "II":
             angle = np.array([a.vane + a.zero + a.upwash + a.rate for a in self.alphas])
@@ -314,13 +315,17 @@ def _as_json(result: MethodResult) -> dict[str, Any]:
 
 
 def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
-    """split+gust where there is gust energy and it could be fitted, else the first of PREFERRED that applies."""
-    gusts = results.get("split+gust")
-    if gusts and gusts.status == "ok" and level not in ("calm", "unknown"):
-        estimated = sum(p.status is Status.ESTIMATED for p in gusts.parameters)
-        split = results.get("split")
-        if not split or estimated >= sum(p.status is Status.ESTIMATED for p in split.parameters):
-            return "split+gust"
+    """The first that applies and gives as much as split does: physical, which is not applicable where the data prefer
+    the quasi-steady model; split+gust where there is gust energy; else the first of PREFERRED."""
+
+    def estimated(name: str) -> int:
+        found = results.get(name)
+        return sum(p.status is Status.ESTIMATED for p in found.parameters) if found and found.status == "ok" else 0
+
+    if 0 < estimated("physical") >= estimated("split"):
+        return "physical"
+    if level not in ("calm", "unknown") and 0 < estimated("split+gust") >= estimated("split"):
+        return "split+gust"
     return next((n for n in PREFERRED if n in results and results[n].status == "ok"), None)
 
 

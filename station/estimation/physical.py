@@ -160,6 +160,7 @@ class Physical:
         self._segment = round(SEGMENT / card.step / dt)
         self._keep = math.exp(-self._segment * dt / forgetting_s)
         self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise["alpha_vane"])
+        self._has_inertia = aircraft.inertia.iyy is not None
         self._known = [abs(aircraft.value(n)) for n in names]
         self._row = np.zeros(pf.CHANNELS)
         self._from_s = 0.0
@@ -226,6 +227,10 @@ class Physical:
         for i, name in enumerate(self._names):
             this, reason = status, why
             r2 = solution.r2[i // 3]
+            if i >= 3 and not self._has_inertia:
+                reason = "the aircraft profile gives no iyy"
+                parameters.append(ParamEstimate(name, math.nan, math.nan, Status.INVALID, reason))
+                continue
             if status is Status.ESTIMATED and r2 < MIN_R2:
                 this, reason = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
             elif status is Status.ESTIMATED and not 2.0 * errors[i] <= max(abs(values[i]), self._known[i]):

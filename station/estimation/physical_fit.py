@@ -51,7 +51,7 @@ N: Final = len(NUISANCES)
 PARAMETERS: Final = 6 + N
 
 # constants
-_AH, _E, _LC, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, _CLA, _CMA, _LEARNT = range(13)
+_AH, _E, _LC, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, _CLA, _CMA, _MOMENT, _LEARNT = range(14)
 _KNOWN: Final = _LEARNT + N
 _NW, _NK, _NM, _NG = range(_KNOWN + N, _KNOWN + N + 4)
 _TABLES: Final = _KNOWN + N + 4
@@ -63,7 +63,7 @@ ORDER: Final = 3.5
 """Residual energy is scaled by n/(n - ORDER): parameters used up by each equation."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _invert(m: Array, inverse: Array) -> bool:
     """inverse <- m^-1 by Gauss-Jordan on the scaled matrix, m symmetric positive; False if singular."""
     n = m.shape[0]
@@ -94,7 +94,7 @@ def _invert(m: Array, inverse: Array) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _memory(amplitudes: Array, rates: Array, terms: int, s: complex) -> complex:
     """Frequency response of an indicial response; `s`: per chord travelled."""
     h = 1.0 + 0.0j
@@ -103,7 +103,7 @@ def _memory(amplitudes: Array, rates: Array, terms: int, s: complex) -> complex:
     return h
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def wiener(f: Complex, omega: Array, noise: float, gust_power: Array, rho: Array) -> float:
     """Share `rho` (frequencies,) of the gust's spectrum that is not noise, and `gust_power`, its smoothed energy.
 
@@ -131,7 +131,7 @@ def wiener(f: Complex, omega: Array, noise: float, gust_power: Array, rho: Array
     return share * share if step > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing: Complex, base: Complex) -> None:
     """What the equations are made of, without the derivatives.
 
@@ -208,7 +208,7 @@ def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing
         base[11, 3, i] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
     """Log-quadratic spectrum of a residual, by gamma regression from a logarithmic start -> `smooth` (frequencies,)."""
     lines = omega.shape[0]
@@ -242,7 +242,7 @@ def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
         smooth[i] = math.exp(beta[0] + beta[1] * z[i, 1] + beta[2] * z[i, 2])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _design(f: Complex, wing: Complex, base: Complex, con: Array, cla: float, cma: float, g: Complex) -> None:
     """`g` (2, PARAMETERS, frequencies): columns of CL and Cm, the six derivatives and all nuisances."""
     a_h, lc = con[_AH], con[_LC]
@@ -259,7 +259,7 @@ def _design(f: Complex, wing: Complex, base: Complex, con: Array, cla: float, cm
             g[1, 6 + j, i] = cma * base[j, 0, i] - a_h * lc * base[j, 1, i] + base[j, 3, i]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _deviance(residual: Complex, omega: Array, smooth: Array) -> float:
     """-2 log likelihood of a residual whose spectrum is log-quadratic, but for a constant."""
     _residual_spectrum(residual, omega, smooth)
@@ -269,7 +269,7 @@ def _deviance(residual: Complex, omega: Array, smooth: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Array) -> float:
     """Deviance of z = c_alpha (x + g_cg) + c_q qhat + c_de de, generalised least squares; what split assumes."""
     lines = omega.shape[0]
@@ -297,7 +297,7 @@ def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Arra
     return _deviance(residual, omega, smooth)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fit(
     f: Complex,
     omega: Array,
@@ -339,6 +339,9 @@ def fit(
         y[1, i] = f[CM, i] * derivative[i] + con[_LC] * tail
         spectrum[1, i] = 0.1
     prior = np.zeros(n)
+    equations = 2 if con[_MOMENT] > 0.0 else 1
+    if equations == 1:
+        prior[3:6] = 1.0
     for j in range(N):
         prior[6 + j] = 1.0 / max(turbulent * con[_LEARNT + j], 1e-4 * con[_KNOWN + j], 1e-9) ** 2
     independent = min(max(share, 1e-3), 1.0)
@@ -353,7 +356,7 @@ def fit(
             rhs[a] = past[a, 2 * n]
             for b in range(a + 1):
                 m[a, b] = past[a, b]
-        for q in range(2):
+        for q in range(equations):
             for i in range(lines):
                 weight = 2.0 * independent / spectrum[q, i]
                 for a in range(n):
@@ -372,7 +375,7 @@ def fit(
             theta[a] = 0.0
             for b in range(n):
                 theta[a] += inverse[a, b] * rhs[b]
-        for q in range(2):
+        for q in range(equations):
             for i in range(lines):
                 left = y[q, i]
                 for a in range(n):
@@ -388,7 +391,7 @@ def fit(
     for a in range(n):
         for j in range(N):
             cross[a, j] = past[a, 2 * n + 1 + j]
-    for q in range(2):
+    for q in range(equations):
         for i in range(lines):
             weight = 2.0 * independent / spectrum[q, i]
             re, im = weight * residual[q, i].real, weight * residual[q, i].imag
@@ -427,7 +430,7 @@ def fit(
 
     quality[:] = 0.0
     quality[4] = turbulent
-    for q in range(2):
+    for q in range(equations):
         for i in range(lines):
             z = f[CL, i] if q == 0 else f[CM, i] * derivative[i]
             quality[q] += residual[q, i].real ** 2 + residual[q, i].imag ** 2
@@ -463,6 +466,7 @@ def constants(aircraft: Aircraft) -> Array:
     con[_BOOM], con[_LE] = boom.vane_x, g.chord / 4
     con[_CHORD], con[_HALF] = unsteady.reference_chord or g.chord, g.chord / 2
     con[_KF], con[_KW] = boom.upwash_body, boom.upwash_wing
+    con[_MOMENT] = float(aircraft.inertia.iyy is not None)
     con[_CLA], con[_CMA] = aircraft.value("CL_alpha") or 5.0, aircraft.value("Cm_alpha") or -1.0
     for at, values in ((_KNOWN, KNOWN), (_LEARNT, LEARNT)):
         con[at : at + N] = values
@@ -492,7 +496,6 @@ def why_not(aircraft: Aircraft) -> str:
     missing = [
         name
         for name, there in (
-            ("inertia.iyy", aircraft.inertia.iyy),
             ("boom", aircraft.boom),
             ("unsteady.tail_lift_slope", unsteady.tail_lift_slope),
             ("unsteady.tail_arm", unsteady.tail_arm),

@@ -80,7 +80,7 @@ def vane_inverse(frequency_hz: float, damping: float, dt: float) -> Array:
     return np.ascontiguousarray(lstsq(matrix, np.array(wanted).T)[0].T)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _through(table: Array, ring: Array, at: int, column: int, ticks: float) -> float:
     """`column` of the ring `ticks` ago with the vane's lag undone."""
     n = ring.shape[0]
@@ -95,7 +95,7 @@ def _through(table: Array, ring: Array, at: int, column: int, ticks: float) -> f
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lag(state: float, before: float, now: float, x: float) -> float:
     """First-order lag, exact for an input that goes straight from `before` to `now` in x time constants."""
     decay = math.exp(-x)
@@ -103,7 +103,7 @@ def _lag(state: float, before: float, now: float, x: float) -> float:
     return decay * state + (mean - decay) * before + (1.0 - mean) * now
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(
     par: Array,
     table: Array,

@@ -20,6 +20,8 @@ AIRCRAFT = load_aircraft("twin_otter")
 RECORDS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "twin_otter"
 ALPHA_AND_MOMENT = [0, 3, 4, 5]
 """CL_alpha, Cm_alpha, Cm_q, Cm_de."""
+QUASI_STEADY = tuple(m for m in LIVE if m != "physical")
+"""`physical` estimates other numbers: those of the profile, not those of equation error in calm air."""
 
 
 def card(sigma_ft_s=0.0, flown=True, **more):
@@ -116,11 +118,11 @@ def test_calm_air_split_is_within_a_few_per_cent_of_the_profile():
 
 
 def test_light_turbulence_split_lies_nearest_to_calm_air():
-    errors = {m: [] for m in LIVE}
+    errors = {m: [] for m in QUASI_STEADY}
     for seed in (1, 2, 3, 4):
         methods, _ = run(make(), flight(5.0, seed=seed)[0])
-        for name, method in methods.items():
-            errors[name].append(error_percent(method)[ALPHA_AND_MOMENT])
+        for name in QUASI_STEADY:
+            errors[name].append(error_percent(methods[name])[ALPHA_AND_MOMENT])
     rmse = {m: float(np.sqrt(np.mean(np.square(e), axis=0)).mean()) for m, e in errors.items()}
     assert rmse["split"] < min(rmse["II"], rmse["III"], rmse["V"])
     assert rmse["split+gust"] < 0.5 * rmse["split"]
@@ -141,7 +143,7 @@ def test_three_standard_errors_cover_the_calm_values_in_turbulence():
     inside = []
     for seed in (1, 2, 3, 4):
         methods, _ = run(make(), flight(5.0, seed=seed)[0])
-        inside += [np.abs(values(methods[m]) - calm_reference()) < 3 * sds(methods[m]) for m in LIVE]
+        inside += [np.abs(values(methods[m]) - calm_reference()) < 3 * sds(methods[m]) for m in QUASI_STEADY]
     assert np.mean(inside) > 0.95
 
 
