@@ -21,7 +21,7 @@ import typer
 from numpy.typing import NDArray
 from typer.exceptions import TyperException
 
-from station import postflight
+from station import diagnosing, postflight
 from station.bus import Bus
 from station.campaign import verb as campaigns
 from station.clock import Clock, SystemClock
@@ -31,6 +31,7 @@ from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationEr
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 app.add_typer(postflight.app)
+app.add_typer(diagnosing.app)
 app.add_typer(campaigns.app)
 
 ENDPOINTS_WITHIN_S = 60.0

@@ -1,0 +1,73 @@
+"""The extended aircraft as a profile file, written beside the old one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from station.conventions import from_si
+from station.profile import Aircraft, Instrument, load_aircraft
+from station.rows import LogError, UsageError
+
+UNIT_OF: Final[Mapping[str, str]] = {
+    "wing_area": "m2", "span": "m", "chord": "m", "mass": "kg", "ixx": "kg m2", "iyy": "kg m2", "izz": "kg m2",
+    "ixz": "kg m2", "vane_x": "m", "vane_y": "m", "vane_z": "m", "zero": "rad", "vane_frequency": "Hz",
+    "flexure": "deg/g", "tail_arm": "m", "reference_chord": "m", "time_constant": "s", "rate_limit": "rad/s",
+    "position_limit": "rad", "latency": "s", "lag": "s", "reference_speed": "m/s", "air_density": "kg/m3",
+    "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
+}  # fmt: skip
+"""Keys of an aircraft that carry a unit."""
+
+_STILL: Final = Instrument().model_dump()
+
+
+def to_toml(aircraft: Aircraft, heading: str) -> str:
+    """A profile's text, in SI; `heading` comes first, as comments."""
+    lines = [f"# {line}" for line in heading.splitlines()]
+    raw = aircraft.model_dump(exclude_none=True)
+    plain = {k: v for k, v in raw.items() if not isinstance(v, dict)}
+    lines += [f"{key} = {_value(key, value)}" for key, value in plain.items() if not _empty(value)]
+    for section, content in raw.items():
+        if not isinstance(content, dict) or not content:
+            continue
+        lines += ["", f"[{section}]"]
+        for key, value in content.items():
+            if isinstance(value, dict):
+                still = _STILL if section == "instruments" else {}
+                value = {k: v for k, v in value.items() if not _empty(v) and v != still.get(k)}
+            if not _empty(value):
+                lines.append(f"{key} = {_value(key, value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _empty(value: Any) -> bool:
+    return value == "" or value == () or value == {}
+
+
+def _value(key: str, value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {_value(k, v)}" for k, v in value.items()) + " }"
+    if isinstance(value, (tuple, list)):
+        return "[" + ", ".join(_value(key, v) for v in value) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    number = repr(float(value))
+    if key in UNIT_OF:
+        return f'"{from_si(float(value), UNIT_OF[key])!r} {UNIT_OF[key]}"'
+    return number
+
+
+def write_profile(aircraft: Aircraft, path: Path, heading: str) -> None:
+    """Write a profile that reads back the same. Raises UsageError where a file is already, LogError where it fails."""
+    if path.exists():
+        raise UsageError(f"{path}: is there already: an extended profile never replaces a file; name another")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(to_toml(aircraft, heading), encoding="utf-8")
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error}") from error
+    load_aircraft(str(path))

@@ -1,0 +1,216 @@
+"""Candidates fitted to all manoeuvres together: effects, what is allowed for, and the gust's strength, by likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.discrepancy.effects import BY_ID, Allowance, Term, allowances, extended
+from station.discrepancy.reference import Reference
+from station.discrepancy.residuals import Spectra
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+
+INDEPENDENT: Final = 0.87
+"""Independent values per frequency: the taper makes neighbours alike. (sum w2)2 / (n sum w4) of a 25 % Tukey window."""
+STEPS: Final = 6
+_DONE: Final = 0.02
+"""A Gauss-Newton step is the last when it moves the cost by less."""
+_HALVINGS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A candidate at its best. `cost` is -2 log likelihood with penalties; lower is better."""
+
+    values: Mapping[str, float]
+    sds: Mapping[str, float]
+    moved: Array
+    """The quantities allowed for, (a,)."""
+    gust: tuple[float, ...]
+    """Standard deviation of the vertical gust, m/s, by manoeuvre."""
+    cost: float
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(self.values)
+
+
+def whitened(reference: Reference, z: Spectra) -> Array:
+    """(..., N) real, each of variance 1 in calm air: real and imaginary parts by frequency, then the steady parts."""
+    bins = np.einsum("mij,...jm->...mi", reference.bins.rotate, z.bins) * math.sqrt(2)
+    flat = bins.reshape(*bins.shape[:-2], -1)
+    steady = np.einsum("ij,...j->...i", reference.steady.rotate[0].real, z.steady)
+    return np.concatenate([flat.real, flat.imag, steady], axis=-1)
+
+
+def turbulent_share(reference: Reference) -> Array:
+    """(N,) variance per (m/s)2 of gust of each whitened value."""
+    flat = reference.bins.turbulent.ravel()
+    return np.concatenate([flat, flat, reference.steady.turbulent[0]])
+
+
+def trust(reference: Reference) -> Array:
+    """(N,) how many independent values each whitened value counts for."""
+    flat = np.full(reference.bins.turbulent.size, INDEPENDENT)
+    return np.concatenate([flat, flat, np.ones(len(reference.steady.turbulent[0]))])
+
+
+def gust_variance(y: Array, share: Array, counts: Array, start: float) -> float:
+    """The most likely variance of the gust, (m/s)2, by Fisher scoring."""
+    u = start
+    for _ in range(12):
+        scale = 1 + u * share
+        slope = float((counts * (share / scale - y * y * share / scale**2)).sum())
+        curve = float((counts * (share / scale) ** 2).sum())
+        new = max(u - slope / curve, 0.0)
+        if abs(new - u) < 1e-3 * u + 1e-9:
+            return new
+        u = new
+    return u
+
+
+class Problem:
+    """All manoeuvres of a diagnosis and one base aircraft; candidates are effects on top of it."""
+
+    def __init__(self, references: Sequence[Reference], aircraft: Aircraft) -> None:
+        self.references = tuple(references)
+        self.aircraft = aircraft
+        self.allowed: tuple[Allowance, ...] = allowances(aircraft)
+        self.shares = [turbulent_share(r) for r in self.references]
+        self.counts = [trust(r) for r in self.references]
+        self._columns: dict[str, list[Array]] = {}
+        self._base = self.at({})
+
+    def at(self, values: Mapping[str, float]) -> list[Array]:
+        """Whitened differences for effects, by manoeuvre."""
+        candidate = extended(self.aircraft, values)
+        return self._differences(candidate)
+
+    def _differences(self, candidate: Aircraft) -> list[Array]:
+        out = []
+        for r in self.references:
+            own = candidate.model_copy(update={"air_density": r.record.density})
+            out.append(whitened(r, r.differences(own)))
+        return out
+
+    def effect_columns(self, term: Term, values: Mapping[str, float], here: list[Array] | None = None) -> list[Array]:
+        """Change of the differences per unit of an effect's value, at a candidate, by manoeuvre."""
+        if not values and term.id in self._columns:
+            return self._columns[term.id]
+        here = here if here is not None else (self.at(values) if values else self._base)
+        moved = {**values, term.id: values.get(term.id, 0.0) + term.step}
+        columns = [(a - b) / term.step for a, b in zip(self.at(moved), here, strict=True)]
+        if not values:
+            self._columns[term.id] = columns
+        return columns
+
+    def allowed_columns(self, values: Mapping[str, float], here: list[Array]) -> list[Array]:
+        """Change per standard deviation of each quantity allowed for, (a, N) by manoeuvre.
+
+        Made anew where an effect changes what the derivatives multiply."""
+        relinear = any(BY_ID[n].relinear for n in values)
+        base = self._columns_of_allowed({}, self._base, False)
+        return self._columns_of_allowed(values, here, True) if relinear else base
+
+    def _columns_of_allowed(self, values: Mapping[str, float], here: list[Array], anew: bool) -> list[Array]:
+        candidate = extended(self.aircraft, values)
+        rows = []
+        for allowance in self.allowed:
+            key = f"allowed {allowance.name}"
+            if key in self._columns and not (anew and allowance.relinear):
+                rows.append(self._columns[key])
+                continue
+            moved = self._differences(allowance.extend(candidate, allowance.sd))
+            row = [a - b for a, b in zip(moved, here, strict=True)]
+            if not anew:
+                self._columns[key] = row
+            rows.append(row)
+        return [np.stack([row[k] for row in rows]) for k in range(len(self.references))]
+
+    # --- fitting
+
+    def solve(
+        self, y: list[Array], effects: list[Array], allowed: list[Array], gust: Sequence[float], rounds: int = 3
+    ) -> tuple[Array, Array, tuple[float, ...], float]:
+        """Linear step: y + effects' d + allowed' a with the gust re-estimated; per manoeuvre y (N,), effects (e, N),
+        allowed (a, N). Returns d with a, their covariance, the gusts' standard deviations and the cost."""
+        e = effects[0].shape[0]
+        p = e + allowed[0].shape[0]
+        penalty = np.concatenate([np.zeros(e), np.ones(p - e)])
+        columns = [np.concatenate(pair) for pair in zip(effects, allowed, strict=True)]
+        u = [g * g for g in gust]
+        x, inverse = np.zeros(p), np.eye(p)
+        for _ in range(rounds):
+            normal, right = np.diag(penalty), np.zeros(p)
+            for k, (data, column) in enumerate(zip(y, columns, strict=True)):
+                weighted = column * (self.counts[k] / (1 + u[k] * self.shares[k]))
+                normal += weighted @ column.T
+                right -= weighted @ data
+            scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
+            inverse = np.linalg.pinv(normal * scale[:, None] * scale, rcond=1e-10, hermitian=True)
+            inverse = inverse * scale[:, None] * scale
+            x = inverse @ right
+            u = [
+                gust_variance(data + x @ column, self.shares[k], self.counts[k], u[k])
+                for k, (data, column) in enumerate(zip(y, columns, strict=True))
+            ]
+        cost = self.cost([data + x @ column for data, column in zip(y, columns, strict=True)], u, x[e:])
+        return x, inverse, tuple(math.sqrt(v) for v in u), cost
+
+    def cost(self, left: list[Array], u: Sequence[float], moved: Array) -> float:
+        """-2 log likelihood of what is left, with the price of what was moved."""
+        total = float(moved @ moved)
+        for k, data in enumerate(left):
+            scale = 1 + u[k] * self.shares[k]
+            total += float((self.counts[k] * (np.log(scale) + data * data / scale)).sum())
+        return total
+
+    def null(self) -> Fit:
+        """Nothing but what is allowed for."""
+        gust = [r.gust_guess for r in self.references]
+        none = [np.zeros((0, len(y))) for y in self._base]
+        x, _, found, cost = self.solve(self._base, none, self.allowed_columns({}, self._base), gust, 5)
+        return Fit({}, {}, x, found, cost)
+
+    def refit(self, ids: Sequence[str], start: Mapping[str, float], gust: Sequence[float]) -> Fit:
+        """Gauss-Newton for these effects together from a start, each within its physical range."""
+        terms = [BY_ID[i] for i in ids]
+        values = {t.id: min(max(float(start.get(t.id, 0.0)), t.low), t.high) for t in terms}
+        here = self.at(values)
+        best: Fit | None = None
+        for _ in range(STEPS):
+            effects = [self.effect_columns(t, values, here) for t in terms]
+            stacked = [np.stack([c[k] for c in effects]) for k in range(len(self.references))]
+            allowed = self.allowed_columns(values, here)
+            x, inverse, gust, _ = self.solve(here, stacked, allowed, gust)
+            none = [np.zeros((0, len(y))) for y in here]
+            if best is None:
+                moved, _, g, cost = self.solve(here, none, allowed, gust)
+                best = Fit(dict(values), {}, moved, g, cost)
+            sds = {t.id: math.sqrt(max(inverse[j, j], 0.0)) for j, t in enumerate(terms)}
+            best = Fit(best.values, sds, best.moved, best.gust, best.cost)
+            step = 1.0
+            gained = 0.0
+            for _ in range(_HALVINGS):
+                trial = {
+                    t.id: min(max(values[t.id] + step * float(x[j]), t.low), t.high) for j, t in enumerate(terms)
+                }
+                there = self.at(trial)
+                moved, _, g, cost = self.solve(there, none, allowed, gust, 2)
+                if cost < best.cost:
+                    gained = best.cost - cost
+                    best = Fit(trial, sds, moved, g, cost)
+                    values, here, gust = trial, there, g
+                    break
+                step *= 0.5
+            if gained < _DONE:
+                break
+        assert best is not None
+        return best

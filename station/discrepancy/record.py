@@ -1,0 +1,199 @@
+"""A manoeuvre as diagnosis takes it: a recording's signals on one uniform grid, long gaps refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import SIGNALS, from_si
+from station.profile import Aircraft
+from station.rows import UsageError
+from station.simulation.aircraft import atmosphere
+
+Array = NDArray[np.float64]
+
+NEEDED: Final = ("alpha_vane", "q", "theta", "ax", "az", "airspeed", "elevator")
+OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "r", "thrust")
+"""Used where they are there throughout; without velocity the motion is integrated from the accelerometers."""
+SHORTEST_S: Final = 6.0
+PIECE_S: Final = 45.0
+LONGEST_S: Final = 75.0
+BRIDGED_S: Final = 0.25
+_EXCITED: Final = math.radians(0.3)
+"""Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
+_STRAIGHT: Final = math.radians(4.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One manoeuvre: `signals` (n,) each, SI, every `dt` seconds; "v_along" is the ground speed along the mean heading.
+
+    `density` (kg/m3) and `height` (m) are means. `missing` are the optional signals that are not there.
+    """
+
+    name: str
+    dt: float
+    start_s: float
+    signals: Mapping[str, Array]
+    density: float
+    height: float
+    missing: tuple[str, ...] = ()
+    held: Mapping[str, int] | None = None
+    """Signals that repeat their values, and for how many samples (median)."""
+    imu: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the rig says the imu is, from the CG in body axes, m."""
+    stated: Mapping[str, float] = field(default_factory=dict)
+    """The noise that the rig states, SI."""
+
+    @property
+    def n(self) -> int:
+        return len(self.signals["q"])
+
+    @property
+    def seconds(self) -> float:
+        return self.n * self.dt
+
+
+def manoeuvres(
+    name: str,
+    t_s: Array,
+    columns: Mapping[str, Array],
+    aircraft: Aircraft,
+    spans: Sequence[tuple[float, float]] = (),
+) -> list[Record]:
+    """A recording cut into manoeuvres: the marked `spans` (s), else pieces of about PIECE_S.
+
+    Pieces with gaps or without excitation are left out. Raises UsageError where none remains, saying why.
+    """
+    lacking = [s for s in NEEDED if s not in columns or not np.isfinite(columns[s]).any()]
+    if lacking:
+        raise UsageError(f"{name}: cannot be diagnosed: it has no {', '.join(lacking)}")
+    if len(t_s) < 10:
+        raise UsageError(f"{name}: {len(t_s)} rows are too few")
+    dt = float(np.median(np.diff(t_s)))
+    if dt > 0.2:
+        raise UsageError(f"{name}: {1 / dt:.2g} Hz is too slow: 5 Hz are needed")
+    first, last = float(t_s[0]), float(t_s[-1])
+    if not spans:
+        pieces = 1 if last - first <= LONGEST_S else round((last - first) / PIECE_S)
+        edges = np.linspace(first, last, pieces + 1)
+        spans = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    found, refused = [], ""
+    for k, (start, end) in enumerate(spans):
+        label = name if len(spans) == 1 else f"{name} #{k + 1}"
+        try:
+            found.append(_piece(label, t_s, columns, aircraft, start, end, dt))
+        except UsageError as refusal:
+            refused = str(refusal)
+    if not found:
+        raise UsageError(refused)
+    return found
+
+
+def _piece(
+    name: str, t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft, start: float, end: float, dt: float
+) -> Record:
+    rows = np.flatnonzero((t_s >= start - 1e-9) & (t_s <= end + 1e-9))
+    usable = np.all([np.isfinite(columns[s][rows]) for s in NEEDED], axis=0)
+    if not usable.any():
+        raise UsageError(f"{name}: no instant from {start:g} to {end:g} s has all of {', '.join(NEEDED)}")
+    rows = rows[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1]
+    times = t_s[rows]
+    grid = times[0] + dt * np.arange(math.floor((times[-1] - times[0]) / dt + 1e-6) + 1)
+    if len(grid) * dt < SHORTEST_S:
+        raise UsageError(f"{name}: {len(grid) * dt:.1f} s are too short: {SHORTEST_S:g} s are needed")
+    signals: dict[str, Array] = {}
+    missing = []
+    for s in (*NEEDED, *OPTIONAL, "dynamic_pressure"):
+        column = columns.get(s)
+        values = None if column is None else _on_grid(column[rows], times, grid, s == "psi")
+        if values is None:
+            if s in NEEDED:
+                raise UsageError(f"{name}: {s} has a gap of more than {BRIDGED_S:g} s")
+            missing.append(s)
+        else:
+            signals[s] = values
+    if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
+        raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
+    held = {s: run for s in ("v_down", "v_north") if s in signals and (run := _held(signals[s])) > 1}
+    density, height = _air(columns, rows, signals, aircraft)
+    if "dynamic_pressure" not in signals:
+        signals["dynamic_pressure"] = 0.5 * density * signals["airspeed"] ** 2
+    _along(signals)
+    if "v_along" not in signals:
+        missing.append("v_along")
+    return Record(name, dt, float(grid[0]), signals, density, height, tuple(missing), held)
+
+
+def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | None:
+    """On the grid by straight lines; None where a gap is longer than BRIDGED_S."""
+    good = np.isfinite(column)
+    if good.sum() < 2:
+        return None
+    t, x = times[good], column[good]
+    if max(float(np.diff(t).max()), t[0] - grid[0], grid[-1] - t[-1]) > BRIDGED_S + (grid[1] - grid[0]):
+        return None
+    made: Array = np.interp(grid, t, np.unwrap(x) if wraps else x)
+    return made
+
+
+def _held(x: Array) -> int:
+    """Median number of samples for which a value repeats."""
+    changes = np.flatnonzero(np.diff(x) != 0)
+    return int(np.median(np.diff(changes))) if len(changes) > 3 else 1
+
+
+def _air(
+    columns: Mapping[str, Array], rows: NDArray[np.int64], signals: Mapping[str, Array], aircraft: Aircraft
+) -> tuple[float, float]:
+    """Mean density (kg/m3) and height (m), from static air data, altitude or dynamic pressure, in this order."""
+
+    def mean(name: str) -> float:
+        column = columns.get(name)
+        return float("nan") if column is None or not np.isfinite(column[rows]).any() else float(np.nanmean(column[rows]))
+
+    pressure, temperature, altitude = mean("static_pressure"), mean("air_temperature"), mean("altitude")
+    if math.isfinite(pressure) and math.isfinite(temperature):
+        density = pressure / (287.05287 * temperature)
+        height = altitude if math.isfinite(altitude) else (1 - (pressure / 101325.0) ** (1 / 5.255876)) * 288.15 / 0.0065
+    elif math.isfinite(altitude):
+        density, height = float(atmosphere(altitude)[2]), altitude
+    elif "dynamic_pressure" in signals:
+        density = float(np.mean(2 * signals["dynamic_pressure"] / signals["airspeed"] ** 2))
+        height = (1 - (density / 1.225) ** (1 / 4.255876)) * 288.15 / 0.0065
+    else:
+        density, height = aircraft.air_density or 1.225, 0.0
+    return aircraft.air_density or density, height
+
+
+def _along(signals: dict[str, Array]) -> None:
+    """Ground speed along the mean heading in place of v_north and v_east, where the heading is steady."""
+    north, east = signals.pop("v_north", None), signals.pop("v_east", None)
+    heading = signals.pop("psi", None)
+    if north is None or east is None:
+        return
+    if heading is None:
+        heading = np.unwrap(np.arctan2(east, north))
+    if np.ptp(heading) > _STRAIGHT:
+        return
+    mean = float(np.mean(heading))
+    signals["v_along"] = north * math.cos(mean) + east * math.sin(mean)
+
+
+def describe_missing(record: Record) -> str:
+    """What cannot be judged for want of signals; empty where nothing is missing."""
+    words = []
+    if "v_down" in record.missing:
+        words.append("no vertical velocity: gust and inertial motion are not told apart below 0.1 Hz, velocity not judged")
+    if "v_along" in record.missing:
+        words.append("no ground speed along a steady heading: horizontal accelerations are not checked against it")
+    if "thrust" in record.missing:
+        words.append("no thrust: taken as constant")
+    return "; ".join(words)
+
+

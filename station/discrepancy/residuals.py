@@ -1,0 +1,341 @@
+"""Seven series in which measured and predicted flight are compared, and their spectra.
+
+Three compare instruments with each other, without aerodynamics: attitude against the integral of the pitch rate,
+vertical and horizontal speed against the integrals of the accelerations. One compares the vane with what the inertial
+motion would show there; what is left is the gust. Lift, moment and drag compare forces with the aircraft's model, the
+gust of the vane included. Integrals, not derivatives: noise that is white in a sensor stays bounded.
+
+An effect is removed from the measured signals (the inverse of what the sensor did) or put into the model; both come
+from the aircraft's profile, so a candidate is nothing but another profile. Each series stays in the unit of its
+sensor's noise whatever the candidate scales: otherwise a scale would explain by shrinking the noise.
+
+All functions take leading axes: signals of (..., n) give series of (..., 7, n).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from station.conventions import G0
+from station.discrepancy.play import play
+from station.profile import Aircraft, Boom, Indicial, Instrument
+from station.simulation.boom import NO_BOOM
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Signals = Mapping[str, Any]
+
+SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
+THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
+LOW_HZ: Final = 0.1
+HIGH_HZ: Final = 3.0
+BRIDGE_S: Final = 3.6
+"""The ends are joined over this time, so that filters by Fourier transform see no step."""
+CUT_S: Final = 2.0
+TAPER: Final = 0.25
+GUST_PASS_HZ: Final = (4.0, 6.0)
+"""The gust from the vane is passed up to the first and stopped from the second."""
+CORRECTION_STOP_HZ: Final = (6.0, 9.0)
+"""Corrections that would raise noise (lags, play) are passed up to the first and stopped from the second."""
+PLAY_DITHER: Final = 4.0
+"""Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """How a manoeuvre is processed: the same for what was measured and for every simulated flight beside it."""
+
+    dt: float
+    n: int
+    bridge: int
+    speed: float
+    """Mean airspeed, m/s: of delays that are distances."""
+    gusty: bool
+    """Whether the vane's leftover is a gust that acts on the aircraft, or noise that does not."""
+    judged: tuple[int, ...]
+    """The series that can be judged."""
+    imu: tuple[float, float, float]
+    thrust: float
+    """N, where none is measured."""
+    nominal: Aircraft
+    elevator_noise: float
+    rebuilt: bool = False
+    """The vertical speed is integrated from the accelerations."""
+
+    @property
+    def omega(self) -> Array:
+        """rad/s of the transform over n + bridge samples."""
+        w: Array = 2 * np.pi * fft.rfftfreq(self.n + self.bridge, self.dt)
+        return w
+
+    @property
+    def cut(self) -> int:
+        return round(min(CUT_S, 0.08 * self.n * self.dt) / self.dt)
+
+    @property
+    def bins(self) -> NDArray[np.int64]:
+        """Numbers of the frequencies judged, in the transform of the cut series."""
+        f = fft.rfftfreq(self.n - 2 * self.cut, self.dt)
+        high = min(HIGH_HZ, 0.35 / self.dt)
+        return np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= high))
+
+    @property
+    def frequencies(self) -> Array:
+        f: Array = fft.rfftfreq(self.n - 2 * self.cut, self.dt)[self.bins]
+        return f
+
+
+def setting_of(
+    dt: float, n: int, speed: float, gusty: bool, judged: tuple[int, ...], imu: tuple[float, float, float],
+    thrust: float, nominal: Aircraft, elevator_noise: float, rebuilt: bool,
+) -> Setting:  # fmt: skip
+    """A Setting whose transform has a fast length."""
+    least = min(round(BRIDGE_S / dt), n // 2)
+    bridge = int(fft.next_fast_len(n + least, real=True)) - n
+    return Setting(dt, n, bridge, speed, gusty, judged, imu, thrust, nominal, elevator_noise, rebuilt)
+
+
+def _bridged(x: Array, bridge: int) -> Array:
+    """(..., n) -> (..., n + bridge): from the end back to the start along half a cosine."""
+    part = 0.5 - 0.5 * np.cos(np.pi * (np.arange(bridge) + 1) / (bridge + 1))
+    edge = min(5, x.shape[-1])
+    end, start = x[..., -edge:].mean(-1, keepdims=True), x[..., :edge].mean(-1, keepdims=True)
+    return np.concatenate([x, end + (start - end) * part], axis=-1)
+
+
+def transform(x: Array, s: Setting) -> Complex:
+    """Transform of a series with its ends joined."""
+    out: Complex = fft.rfft(_bridged(x, s.bridge), axis=-1)
+    return out
+
+
+def back(x: Complex, s: Setting) -> Array:
+    out: Array = fft.irfft(x, s.n + s.bridge, axis=-1)[..., : s.n]
+    return out
+
+
+def _pass(omega: Array, band: tuple[float, float]) -> Array:
+    """1 below the first frequency (Hz), 0 above the second, half a cosine between."""
+    part = np.clip((omega / (2 * np.pi) - band[0]) / (band[1] - band[0]), 0, 1)
+    out: Array = 0.5 + 0.5 * np.cos(np.pi * part)
+    return out
+
+
+def indicial(response: Indicial | None, omega: Array, chords_per_s: float) -> Complex:
+    """Frequency response of 1 - sum a exp(-b t)."""
+    out = np.ones(len(omega), dtype=complex)
+    if response is not None:
+        for a, b in zip(response.a, response.b, strict=True):
+            out -= a * 1j * omega / (1j * omega + b * chords_per_s)
+    return out
+
+
+def _derivative(x: Array, dt: float) -> Array:
+    """Central differences of fourth order, of second order at the ends."""
+    out = np.gradient(x, dt, axis=-1)
+    out[..., 2:-2] = (8 * (x[..., 3:-1] - x[..., 1:-3]) - (x[..., 4:] - x[..., :-4])) / (12 * dt)
+    return out
+
+
+def _integral(x: Array, dt: float) -> Array:
+    out = np.zeros_like(x)
+    np.cumsum(0.5 * dt * (x[..., 1:] + x[..., :-1]), axis=-1, out=out[..., 1:])
+    # Euler-Maclaurin: the trapezium's error is dt2/12 of the change of slope.
+    slope = _derivative(x, dt)
+    return out - dt**2 / 12 * (slope - slope[..., :1])
+
+
+PRESENT: Final = {
+    "v_along": "v_north",
+}
+"""Series' signals that stand for an instrument of another name."""
+
+
+def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
+    return aircraft.instruments.get(PRESENT.get(name, name))
+
+
+def corrected(signals: Signals, aircraft: Aircraft, s: Setting) -> dict[str, Array]:
+    """The signals with the profile's instrument errors taken out."""
+    out = dict(signals)
+    for name, x in signals.items():
+        found = instrument_of(aircraft, name)
+        if found is None:
+            continue
+        x = np.asarray(x)
+        if found.bias:
+            x = x - found.bias
+        if found.latency or found.lag:
+            w = s.omega
+            inverse = np.exp(1j * w * found.latency)
+            if found.lag:
+                inverse = inverse * (1 + 1j * w * found.lag) * _pass(w, CORRECTION_STOP_HZ)
+            x = back(transform(x, s) * inverse, s)
+        if found.gain != 1:
+            x = x / found.gain
+        if found.backlash:
+            dither = PLAY_DITHER * s.elevator_noise
+            moved = play(x, found.backlash + dither) - play(x, dither)
+            # The play stands between sensor and surface: the surface follows the sensor late.
+            x = x + back(transform(moved, s) * _pass(s.omega, CORRECTION_STOP_HZ), s)
+        out[name] = x
+    return out
+
+
+def series(signals: Signals, aircraft: Aircraft, s: Setting) -> Array:
+    """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
+
+    rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is.
+    """
+    x = corrected(signals, aircraft, s)
+    theta, q, v, qbar, de = x["theta"], x["q"], x["airspeed"], x["dynamic_pressure"], x["elevator"]
+    imu = tuple(a + b for a, b in zip(s.imu, aircraft.imu_offset, strict=True))
+    qdot = _derivative(q, s.dt)
+    ax = x["ax"] - qdot * imu[2] + q * q * imu[0]
+    az = x["az"] + qdot * imu[0] + q * q * imu[2]
+    bank = x.get("phi")
+    turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
+    level = 1.0 if bank is None else np.cos(bank)
+    cos, sin = np.cos(theta), np.sin(theta)
+    climb = _integral(az * cos * level - ax * sin + G0, s.dt)
+    along = _integral(ax * cos + az * sin * level, s.dt)
+    down = _without_line(climb) if s.rebuilt else x["v_down"]
+    out = np.empty((*q.shape[:-1], 7, s.n))
+    out[..., THETA, :] = theta - _integral(turned, s.dt)
+    out[..., DOWN, :] = down - climb
+    out[..., NORTH, :] = x["v_along"] - along if "v_along" in x else 0.0
+
+    w, v0 = s.omega, s.speed
+    boom = aircraft.boom or NO_BOOM
+    unsteady = aircraft.unsteady
+    chord = aircraft.geometry.chord
+    chords = v0 / (unsteady.reference_chord or chord)
+    alpha_i = theta + np.arcsin(np.clip(down / v, -1, 1))
+    alpha_spectrum = transform(alpha_i, s)
+    vane_response = _vane_response(boom, w)
+    inside = (1 + boom.upwash_body) * transform(alpha_i - q * boom.vane_x / v, s)
+    inside += boom.upwash_wing * indicial(unsteady.upwash_motion, w, chords) * alpha_spectrum
+    if boom.flexure:
+        inside += boom.flexure * transform(az, s)
+    vane = x["alpha_vane"] - back(inside * vane_response, s) - boom.zero
+    gain_vane = _gain(aircraft, "alpha_vane")
+    out[..., VANE, :] = vane * gain_vane
+
+    gust = np.zeros((*alpha_spectrum.shape,), dtype=complex)
+    if s.gusty:
+        met = (1 + boom.upwash_body) * np.exp(1j * w * boom.vane_x / v0)
+        met = met + boom.upwash_wing * indicial(unsteady.upwash_gust, w, chords) * np.exp(0.25j * w * chord / v0)
+        gust = transform(vane, s) / (vane_response * met) * _pass(w, GUST_PASS_HZ)
+    _forces(out, x, (ax, az, qdot), alpha_i, alpha_spectrum, gust, aircraft, s, de, v, qbar, chords)
+    return out
+
+
+def _forces(
+    out: Array, x: Mapping[str, Array], motion: tuple[Array, Array, Array], alpha_i: Array, alpha_spectrum: Complex,
+    gust: Complex, aircraft: Aircraft, s: Setting, de: Array, v: Array, qbar: Array, chords: float,
+) -> None:  # fmt: skip
+    """Lift, moment and drag into `out`: the coefficients measured less those of the model."""
+    ax, az, qdot = motion
+    w, v0, q = s.omega, s.speed, x["q"]
+    value, unsteady = aircraft.value, aircraft.unsteady
+    area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
+    mass, inertia = aircraft.inertia.mass, aircraft.inertia.iyy or 1.0
+    thrust = x.get("thrust", s.thrust)
+    gust_series = back(gust, s)
+    alpha = alpha_i + gust_series
+    force = qbar * area
+    cx = (mass * ax - thrust * math.cos(aircraft.thrust_angle)) / force
+    cz = (mass * az + thrust * math.sin(aircraft.thrust_angle)) / force
+    sin, cos = np.sin(alpha), np.cos(alpha)
+    cl, cd = cx * sin - cz * cos, -cx * cos - cz * sin
+    cm = (inertia * qdot - thrust * aircraft.thrust_pitch_arm) / (force * chord)
+
+    reference = aircraft.reference_speed or v0
+    qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
+    faster = v / reference
+    cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de + value("CL_gust") * gust_series
+    cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de + value("Cm_gust") * gust_series
+    cl_slope, cm_slope, cl_q, cm_q = value("CL_alpha"), value("Cm_alpha"), value("CL_q"), value("Cm_q")
+    if unsteady.memory:
+        share, arm, e = unsteady.tail_lift_slope, unsteady.tail_arm / chord, unsteady.downwash
+        late = np.exp(-1j * w * unsteady.tail_arm / v0)
+        wing = indicial(unsteady.lift_motion, w, chords) * alpha_spectrum
+        wing += indicial(unsteady.lift_gust, w, chords) * np.exp(0.25j * w * chord / v0) * gust
+        tail = alpha_spectrum + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
+        tail_series = back(tail - e * late * wing, s) + q * unsteady.tail_arm / v
+        wing_series = back(wing, s)
+        cl_model = cl_model + (cl_slope - share * (1 - e)) * wing_series + share * tail_series
+        cm_model = cm_model + (cm_slope + share * arm * (1 - e)) * wing_series - share * arm * tail_series
+        cl_q -= 2 * share * arm * (1 + e)
+        cm_q += 2 * share * arm**2 * (1 + e)
+    else:
+        cl_model = cl_model + cl_slope * alpha
+        cm_model = cm_model + cm_slope * alpha
+    cl_model = cl_model + cl_q * qhat
+    cm_model = cm_model + cm_q * qhat
+    for power in (2, 3):
+        cl_model = cl_model + value(f"CL_alpha{power}") * alpha**power
+        cm_model = cm_model + value(f"Cm_alpha{power}") * alpha**power
+    if aircraft.drag is not None:
+        cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
+    else:
+        cd_model = value("CD_0") + value("CD_V") * faster + value("CD_alpha") * alpha
+
+    nominal = s.nominal.inertia
+    lighter = nominal.mass / mass
+    pressure = _gain(aircraft, "dynamic_pressure")
+    out[..., LIFT, :] = (cl - cl_model) * lighter * _gain(aircraft, "az") / pressure
+    out[..., DRAG, :] = (cd - cd_model) * lighter * _gain(aircraft, "ax") / pressure
+    easier = (nominal.iyy or 1.0) / inertia
+    out[..., MOMENT, :] = (cm - cm_model) * easier * _gain(aircraft, "q") / pressure
+
+
+def _gain(aircraft: Aircraft, name: str) -> float:
+    found = aircraft.instruments.get(name)
+    return found.gain if found else 1.0
+
+
+def _vane_response(boom: Boom, omega: Array) -> Complex:
+    wn = 2 * math.pi * boom.vane_frequency
+    out: Complex = wn**2 / (wn**2 - omega**2 + 2j * boom.vane_damping * wn * omega)
+    return out
+
+
+def _without_line(x: Array) -> Array:
+    out: Array = signal.detrend(x, axis=-1)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Spectra:
+    """`bins` (..., k, m): transforms at m frequencies of the k series judged, scaled so that a white series of variance
+    s2 has a mean |bin|2 of s2; `steady` (..., k): what the transform leaves out, slope times length for the integrated
+    series, mean for the others."""
+
+    bins: Complex
+    steady: Array
+
+    def minus(self, other: Spectra) -> Spectra:
+        return Spectra(self.bins - other.bins, self.steady - other.steady)
+
+
+def spectra(differences: Array, s: Setting) -> Spectra:
+    """Of series (..., 7, n): ends cut, line removed, tapered, transformed."""
+    c = s.cut
+    y = differences[..., list(s.judged), c : s.n - c]
+    n = y.shape[-1]
+    t = np.linspace(-0.5, 0.5, n)
+    mean = y.mean(-1)
+    slope = (y * t).sum(-1) / (t * t).sum()
+    y = y - mean[..., None] - slope[..., None] * t
+    window = signal.windows.tukey(n, TAPER)
+    bins = fft.rfft(y * window, axis=-1)[..., s.bins] / math.sqrt(float((window**2).sum()))
+    integrated = np.array([j in (THETA, DOWN, NORTH) for j in s.judged])
+    return Spectra(bins, np.where(integrated, slope, mean))
