@@ -155,6 +155,8 @@ class Unsteady(Frozen):
     """How far behind the CG a gust meets the tail, in tail arms: 0 as if the tail were at the CG."""
     downwash: float = Field(default=0.0, ge=0, lt=1)
     """d epsilon / d alpha (e)."""
+    downwash_delay: Seconds = 0.0
+    """How much later than tail_arm/V the downwash reaches the tail."""
     reference_chord: Annotated[Metres, Positive] | None = None
     """Chord that the times of the indicial responses are counted in; the geometry's if left out."""
     lift_motion: Indicial | None = None

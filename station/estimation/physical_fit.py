@@ -51,7 +51,7 @@ N: Final = len(NUISANCES)
 PARAMETERS: Final = 6 + N
 
 # constants
-_AH, _E, _LC, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, _CLA, _CMA, _MOMENT, _LEARNT = range(14)
+_AH, _E, _LC, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, _CLA, _CMA, _MOMENT, _WASH, _LEARNT = range(15)
 _KNOWN: Final = _LEARNT + N
 _NW, _NK, _NM, _NG = range(_KNOWN + N, _KNOWN + N + 4)
 _TABLES: Final = _KNOWN + N + 4
@@ -156,6 +156,7 @@ def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing
         wing[0, i] = a
         wing[1, i] = d
         to_tail = np.exp(-s * late)
+        washed = to_tail * np.exp(-s * con[_WASH])
         to_boom = np.exp(-s * tau)
         t = _TABLES
         met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * np.exp(s * lead)
@@ -175,7 +176,7 @@ def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing
         for j, g in feigned:
             da = met * g
             base[j, 0, i] = da
-            base[j, 1, i] = to_tail * g - (1.0 - e) * da - e * to_tail * da
+            base[j, 1, i] = to_tail * g - (1.0 - e) * da - e * washed * da
             base[j, 2, i] = 0.0
             base[j, 3, i] = 0.0
         # wing incidence with another memory, and the same of l_t/V ago
@@ -203,7 +204,7 @@ def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing
         w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
         da = w_m * (x - theta) + met * (theta * to_boom - x * np.exp(-s * lead))
         base[11, 0, i] = da
-        base[11, 1, i] = theta * (to_boom * to_tail - 1.0) - (1.0 - e) * da - e * to_tail * da
+        base[11, 1, i] = theta * (to_boom * to_tail - 1.0) - (1.0 - e) * da - e * washed * da
         base[11, 2, i] = 0.0
         base[11, 3, i] = 0.0
 
@@ -466,6 +467,7 @@ def constants(aircraft: Aircraft) -> Array:
     con[_BOOM], con[_LE] = boom.vane_x, g.chord / 4
     con[_CHORD], con[_HALF] = unsteady.reference_chord or g.chord, g.chord / 2
     con[_KF], con[_KW] = boom.upwash_body, boom.upwash_wing
+    con[_WASH] = unsteady.downwash_delay
     con[_MOMENT] = float(aircraft.inertia.iyy is not None)
     con[_CLA], con[_CMA] = aircraft.value("CL_alpha") or 5.0, aircraft.value("Cm_alpha") or -1.0
     for at, values in ((_KNOWN, KNOWN), (_LEARNT, LEARNT)):

@@ -49,8 +49,8 @@ LENGTH_M: Final = 533.4
 # ring
 _W, _U, _RWX, _RKG, _RX, _RKL, _RKM, _COLUMNS = range(8)
 # params
-_BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK = range(7)
-_WA, _WB, _KA, _KB, PARAMS = 7, 11, 15, 19, 23
+_BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK, _WASH = range(8)
+_WA, _WB, _KA, _KB, PARAMS = 8, 12, 16, 20, 24
 # state
 _COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 12
 STATE: Final = 16
@@ -168,6 +168,7 @@ def step(
     ring[at, _RWX], ring[at, _RKG], ring[at, _RKL], ring[at, _RKM] = wing, met, s[_SLOW], s[_FAST]
 
     out[1, X], out[1, WX], out[1, KG], out[1, GC], out[1, GT] = alpha_i, wing, met, at_cg, at_tail
+    late += par[_WASH] / dt
     out[1, DW] = _delayed(ring, at, _RWX, late)
     out[1, DK] = _delayed(ring, at, _RKG, late)
     out[1, DX] = _delayed(ring, at, _RX, late)
@@ -183,7 +184,7 @@ def parameters(aircraft: Aircraft) -> Array:
     unsteady = aircraft.unsteady
     par[_BOOM] = aircraft.boom.vane_x if aircraft.boom else 0.0
     par[_LE] = aircraft.geometry.chord / 4
-    par[_TAIL] = unsteady.tail_arm
+    par[_TAIL], par[_WASH] = unsteady.tail_arm, unsteady.downwash_delay
     par[_CHORD] = unsteady.reference_chord or aircraft.geometry.chord
     par[_SPAN] = aircraft.geometry.span
     for response, amplitude, rate, terms in (

@@ -84,6 +84,7 @@ class Constants(NamedTuple):
     gust_arm: float
     """How far behind the CG the tail meets a gust, m."""
     downwash: float
+    downwash_delay: float
     actuator_lag: float
     actuator_rate: float
     actuator_limit: float
@@ -238,6 +239,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         tail_arm=unsteady.tail_arm,
         gust_arm=unsteady.tail_arm * unsteady.tail_penetration,
         downwash=unsteady.downwash,
+        downwash_delay=unsteady.downwash_delay,
         actuator_lag=aircraft.elevator.time_constant,
         actuator_rate=aircraft.elevator.rate_limit,
         actuator_limit=aircraft.elevator.position_limit,

@@ -130,7 +130,7 @@ def _stage(
         gust_at(field, first, late, 0),
         gust_at(field, first, late, 2),
     )
-    past, entry = _downwash_source(memory.wake, memory.marks[1], memory.marks[2], tail)
+    past, entry = _downwash_source(memory.wake, memory.marks[1], memory.marks[2], tail - c.downwash_delay * x[ac.U])
     ac.rates(c, tables.lift_motion, tables.lift_gust, x, command, air, gust, past, dx, aux)
     return entry
 
