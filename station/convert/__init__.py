@@ -6,12 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.io import whosmat
 
 from station.convert.delimited import read_csv, read_hfb
 from station.convert.export import Format, export
 from station.convert.fdata import read_fdata
+from station.convert.onspeed import is_onspeed, read_onspeed
 from station.convert.record import Record, Track, write_record
 from station.convert.ulog import read_ulog
+from station.convert.umn import VARIABLE as UMN_VARIABLE
+from station.convert.umn import read_umn
 from station.profile import Aircraft
 from station.rows import LogError
 
@@ -22,7 +26,27 @@ Reader = Callable[[Path, Aircraft], Record]
 Columns = tuple[str, Sequence[int], Mapping[str, Sequence[float]]]
 """Signals on one time base: name, times in ns, SI values by signal."""
 
-READERS: Mapping[str, Reader] = {".mat": read_fdata, ".csv": read_csv, ".asc": read_hfb, ".ulg": read_ulog}
+
+def _read_any_csv(path: Path, aircraft: Aircraft) -> Record:
+    """A CSV of the station's or of OnSpeed's, told by its first line."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            first = file.readline()
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    return read_onspeed(path, aircraft) if is_onspeed(first) else read_csv(path, aircraft)
+
+
+def _read_any_mat(path: Path, aircraft: Aircraft) -> Record:
+    """A .mat of SIDPAC's or of the University of Minnesota's, told by its variables."""
+    try:
+        structs = {name for name, _, kind in whosmat(path) if kind == "struct"}
+    except Exception:  # scipy raises whatever a broken file makes of it; read_fdata says it in words
+        structs = set()
+    return read_umn(path, aircraft) if UMN_VARIABLE in structs else read_fdata(path, aircraft)
+
+
+READERS: Mapping[str, Reader] = {".mat": _read_any_mat, ".csv": _read_any_csv, ".asc": read_hfb, ".ulg": read_ulog}
 
 
 def reader_of(source: str, read: Callable[[Path], Sequence[Columns]]) -> Reader:

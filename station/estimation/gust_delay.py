@@ -320,6 +320,7 @@ class _Model:
             raise NotIdentifiable("lead and upwash did not settle: the gusts do not fit the profile's aircraft")
         lines = TAPERS * len(self._lines.frequencies)
         excess = sum(self._solve(p, name, solved[name])[2] for name in names) / (len(names) * lines)
+        # Twice the likelihood's own variance: the rest is the linear model's, and so intervals cover (tests).
         covariance = np.linalg.inv(information) * max(excess, 1.0)
         delay_sd = math.sqrt(covariance[0, 0]) / self.speed
         slopes: dict[str, tuple[float, float]] = {}
