@@ -1,11 +1,17 @@
 """The command line as a user meets it: exit codes of contract.md, errors of one to three lines, JSON on stdout."""
 
 import json
+import subprocess
 import sys
 
+import msgspec
+import numpy as np
+import psutil
 import pytest
 
 from station.__main__ import main
+from station.log import metadata, read_rows, write_log
+from station.rows import AlphaEstimate
 
 
 @pytest.fixture
@@ -105,9 +111,31 @@ def test_recordings_are_never_overwritten(station, flight, tmp_path):
 def test_the_same_seed_flies_the_same_flight(station, flight, tmp_path):
     again = tmp_path / "again.mcap"
     assert station("simulate", "bench", "-o", again, "--duration", 30, "--seed", 3)[0] == 0
-    from station.log import read_rows
-
     assert list(map(repr, read_rows(again))) == list(map(repr, read_rows(flight)))
+
+
+def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(tmp_path):
+    words = ["run", "--duration", "4", "--json", "--view", "none", "--log", str(tmp_path)]
+    done = subprocess.run([sys.executable, "-m", "station", *words], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(lines) >= 3
+    assert {line["schema"] for line in lines} == {"station.run/1"}
+    assert all(link["alive"] for link in lines[-1]["links"].values())
+    assert not [
+        p for p in psutil.process_iter(["cmdline"]) if {"emulate", "--attached"} <= set(p.info["cmdline"] or ())
+    ]
+    (log,) = tmp_path.glob("*.mcap")
+    altered = tmp_path / "altered.mcap"
+    rows = list(read_rows(log))
+    k = next(i for i, row in enumerate(rows) if isinstance(row, AlphaEstimate) and i > len(rows) // 2)
+    rows[k] = msgspec.structs.replace(rows[k], vane=np.nextafter(rows[k].vane, 1.0))
+    write_log(altered, metadata(log).about, rows)
+    verify = [sys.executable, "-m", "station", "replay", "--verify"]
+    assert subprocess.run([*verify, str(log)], capture_output=True, timeout=120).returncode == 0
+    told = subprocess.run([*verify, str(altered)], capture_output=True, text=True, timeout=120)
+    assert told.returncode == 1
+    assert "1 different" in told.stdout
 
 
 def test_a_simulation_is_not_replayed(station, flight):

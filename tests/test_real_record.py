@@ -88,6 +88,20 @@ def test_derivatives_over_the_wires_are_those_of_the_file(flown):
             assert live[method][name].value == pytest.approx(p.value, rel=0.01), (method, name)
 
 
+def test_replay_gives_the_same_bits_while_both_cores_are_busy(flown):
+    _, log = flown
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        words = [sys.executable, "-m", "station", "replay", str(log), "--verify"]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=150)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ", 0 different" in done.stdout
+
+
 def test_signals_over_the_wires_are_those_of_the_file(flown):
     """Within the wires' steps: 0.005 deg of the boom box, 0.025 deg/s and 1 mg of the CAN bus, averaged over a tick."""
     from scipy.interpolate import CubicSpline
