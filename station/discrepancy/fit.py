@@ -32,7 +32,7 @@ class Fit:
     values: Mapping[str, float]
     sds: Mapping[str, float]
     moved: Array
-    """The quantities allowed for, (a,)."""
+    """The quantities allowed for, then the drift of each manoeuvre, each in its standard deviation, (a,)."""
     gust: tuple[float, ...]
     """Standard deviation of the vertical gust, m/s, by manoeuvre."""
     cost: float
@@ -86,6 +86,7 @@ class Problem:
         self.shares = [turbulent_share(r) for r in self.references]
         self.counts = [trust(r) for r in self.references]
         self._columns: dict[str, list[Array]] = {}
+        self._drifts: list[Array] = []
         self._base = self.at({})
 
     def at(self, values: Mapping[str, float]) -> list[Array]:
@@ -94,11 +95,7 @@ class Problem:
         return self._differences(candidate)
 
     def _differences(self, candidate: Aircraft) -> list[Array]:
-        out = []
-        for r in self.references:
-            own = candidate.model_copy(update={"air_density": r.record.density})
-            out.append(whitened(r, r.differences(own)))
-        return out
+        return [whitened(r, r.differences(candidate)) for r in self.references]
 
     def effect_columns(self, term: Term, values: Mapping[str, float], here: list[Array] | None = None) -> list[Array]:
         """Change of the differences per unit of an effect's value, at a candidate, by manoeuvre."""
@@ -132,7 +129,21 @@ class Problem:
             if not anew:
                 self._columns[key] = row
             rows.append(row)
-        return [np.stack([row[k] for row in rows]) for k in range(len(self.references))]
+        if not self._drifts:
+            self._drifts = [
+                whitened(r, r.differences(self.aircraft, r.drift_sd)) - y
+                for r, y in zip(self.references, self._base, strict=True)
+            ]
+        out = []
+        for k, drift in enumerate(self._drifts):
+            own = np.zeros((len(self.references), len(drift)))
+            own[k] = drift
+            out.append(np.concatenate([np.stack([row[k] for row in rows]), own]))
+        return out
+
+    def drift(self, fit: Fit, k: int) -> float:
+        """The drift that a fit gives to a manoeuvre, m/s."""
+        return float(fit.moved[len(self.allowed) + k]) * self.references[k].drift_sd
 
     # --- fitting
 

@@ -77,7 +77,7 @@ class Gain:
 def complete(problem: Problem, fit: Fit) -> Aircraft:
     """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
     aircraft = extended(problem.aircraft, fit.values)
-    for allowance, moved in zip(problem.allowed, fit.moved, strict=True):
+    for allowance, moved in zip(problem.allowed, fit.moved, strict=False):
         aircraft = allowance.extend(aircraft, allowance.sd * float(moved))
     return aircraft
 
@@ -86,7 +86,7 @@ def left_over(problem: Problem, found: Found) -> Leftover:
     """The tests of what is left after the accepted effects."""
     fit = found.accepted
     aircraft = complete(problem, fit)
-    left = [_differences(r, aircraft) for r in problem.references]
+    left = [r.differences(aircraft, problem.drift(fit, k)) for k, r in enumerate(problem.references)]
     worst = (0.0, 0, (0.0, 0.0))
     totals: dict[int, tuple[float, float]] = {}
     for reference, gust, z in zip(problem.references, fit.gust, left, strict=True):
@@ -111,10 +111,6 @@ def left_over(problem: Problem, found: Found) -> Leftover:
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
     return Leftover(worst[0], score, SERIES[row], SIGNALS_OF[row], band, like, by_series)
-
-
-def _differences(reference: Reference, aircraft: Aircraft) -> Spectra:
-    return reference.differences(aircraft.model_copy(update={"air_density": reference.record.density}))
 
 
 def _log_p(total: float, count: float) -> float:
@@ -210,7 +206,9 @@ def gain(problem: Problem, held_out: Sequence[Reference], found: Found) -> Gain 
     blocks: list[tuple[float, float, float]] = []
     by_record = []
     for r in held_out:
-        y = {n: whitened(r, _differences(r, a)) for n, a in (("before", before_aircraft), ("after", after_aircraft))}
+        drift = _drift(r, after_aircraft)
+        before = whitened(r, r.differences(before_aircraft, drift))
+        y = {"before": before, "after": whitened(r, r.differences(after_aircraft, drift))}
         u = _gust(r, y["after"])
         scale = 1 + u * turbulent_share(r)
         m, k = r.bins.turbulent.shape
@@ -248,6 +246,14 @@ def _gust(reference: Reference, y: Array) -> float:
     return gust_variance(y, turbulent_share(reference), trust(reference), reference.gust_guess**2)
 
 
+def _drift(reference: Reference, aircraft: Aircraft) -> float:
+    """The most likely drift of a manoeuvre, everything else frozen, m/s: it is of the air, not of the model."""
+    y = whitened(reference, reference.differences(aircraft))
+    column = whitened(reference, reference.differences(aircraft, reference.drift_sd)) - y
+    weighted = column * trust(reference) / (1 + _gust(reference, y) * turbulent_share(reference))
+    return -reference.drift_sd * float(weighted @ y) / (1 + float(weighted @ column))
+
+
 def rivals_of(found: Found, effect: str) -> tuple[str, ...]:
     """Effects that could stand in this one's place."""
     out: dict[str, None] = {}
@@ -262,7 +268,7 @@ def rivals_of(found: Found, effect: str) -> tuple[str, ...]:
 
 def channel_error(reference: Reference, aircraft: Aircraft) -> dict[str, float]:
     """Whitened-in-its-own-right rms of each series: what is left over the standard deviation of its own noise."""
-    z = _differences(reference, aircraft)
+    z = reference.differences(aircraft)
     inverse = np.linalg.inv(reference.bins.rotate)
     calm = np.einsum("mij,mkj->mik", inverse, np.conj(inverse))
     out = {}

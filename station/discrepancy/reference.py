@@ -50,6 +50,8 @@ STATED: Final[Mapping[str, float]] = {
 """Noise where a rig states none: a good flight-test installation."""
 _SEED: Final = 7_340_001
 """Of the first gust field: far from the seeds that flights are given."""
+_THROUGH: Final = "through the air mass"
+LEAST_DRIFT: Final = 0.05
 _ALIAS: Final = {"v_along": "v_north"}
 _QUICK_ACTUATOR: Final = Actuator().model_copy(
     update={"time_constant": 0.02, "rate_limit": 1e3, "position_limit": 1.5}
@@ -92,10 +94,13 @@ class Reference:
     """Standard deviations found, SI."""
     gust_guess: float
     """Rough standard deviation of the vertical gust, m/s."""
+    drift_sd: float
+    """Standard deviation of `drift` of residuals.series, m/s."""
 
-    def differences(self, aircraft: Aircraft) -> Spectra:
-        """What was measured less what that aircraft predicts, in the series judged."""
-        return spectra(series(self.record.signals, aircraft, self.setting), self.setting).minus(self.mean)
+    def differences(self, aircraft: Aircraft, drift: float = 0.0) -> Spectra:
+        """What was measured less what that aircraft predicts, in the series judged; `drift` as in residuals.series."""
+        own = aircraft.model_copy(update={"air_density": self.record.density})
+        return spectra(series(self.record.signals, own, self.setting, drift), self.setting).minus(self.mean)
 
 
 def bare(aircraft: Aircraft) -> Aircraft:
@@ -109,6 +114,8 @@ class Flights:
 
     nominal: Mapping[str, Array]
     turbulent: Mapping[str, Array]
+    drift: Array
+    """(FLIGHTS, 1): speed through the air mass less the mean airspeed, m/s."""
     trim_thrust: float
 
 
@@ -123,7 +130,10 @@ def fly(record: Record, aircraft: Aircraft, seed: int = 0) -> Flights:
     deflection = _deflection(record)
     nominal = _fly(plain, record, speed, deflection, 0.0, seed)
     gusts = [_fly(plain, record, speed, deflection, SIGMA, _SEED + seed + k) for k in range(FLIGHTS)]
-    return Flights(nominal, {name: np.stack([g[name] for g in gusts]) for name in nominal}, trim.trim_thrust)
+    turbulent = {name: np.stack([g[name] for g in gusts]) for name in nominal}
+    drift = (turbulent.pop(_THROUGH) - turbulent["airspeed"]).mean(-1, keepdims=True)
+    del nominal[_THROUGH]
+    return Flights(nominal, turbulent, drift, trim.trim_thrust)
 
 
 def reference(
@@ -135,13 +145,12 @@ def reference(
     plain = bare(flown)
     flights = flights or fly(record, aircraft, seed)
     nominal, turbulent = flights.nominal, flights.turbulent
-    speed = float(np.mean(record.signals["airspeed"]))
     judged = tuple(j for j, name in enumerate(SERIES) if not _unjudged(name, record, plain))
     stated = {name: record.stated.get(_ALIAS.get(name, name)) or STATED[name] for name in STATED}
 
     def setting(gusty: bool, subject: Aircraft, elevator_noise: float) -> Setting:
         return setting_of(
-            record.dt, record.n, speed, gusty, judged, record.imu, flights.trim_thrust, subject, elevator_noise,
+            record.dt, record.n, gusty, judged, record.imu, flights.trim_thrust, subject, elevator_noise,
             "v_down" not in record.signals,
         )  # fmt: skip
 
@@ -149,7 +158,8 @@ def reference(
     gusty = guess > CALM_BELOW
     own = setting(gusty, plain, noise["elevator"])
     mean = spectra(series(nominal, plain, own), own)
-    gust_part = spectra(series(turbulent, plain, own), own).minus(mean)
+    drift = flights.drift
+    gust_part = spectra(series(turbulent, plain, own, drift), own).minus(mean)
     draws = _noisy(nominal, noise, record.dt, np.random.default_rng([seed, 17]), DRAWS)
     noise_part = spectra(series(draws, plain, own), own).minus(mean)
     calm = _covariance(noise_part.bins)
@@ -167,6 +177,7 @@ def reference(
         nominal,
         noise,
         guess,
+        LEAST_DRIFT + float(drift.std()) * guess / SIGMA,
     )
 
 
@@ -205,7 +216,7 @@ def _fly(
     simulation = Simulation(quick, flight, (), record.imu, deflection=deflection)
     truth = simulation.advance(math.ceil(record.n * record.dt / DT) + 1)
     t = record.dt * np.arange(record.n)
-    out = {}
+    out = {_THROUGH: np.interp(t, truth["time"], np.hypot(truth["v_north"], truth["v_down"]))}
     for name in record.signals:
         column = truth["v_north" if name == "v_along" else name]
         out[name] = np.interp(t, truth["time"], column)
@@ -292,7 +303,7 @@ def _levels(
 ) -> tuple[dict[str, float], float]:
     """Noise by signal, and the gust's standard deviation: each allows for the other."""
     measured = series(record.signals, s.nominal, s)[VANE]
-    model = series(flights.turbulent, aircraft, s)[:, VANE]
+    model = series(flights.turbulent, aircraft, s, flights.drift)[:, VANE]
     n = record.n
     f = fft.rfftfreq(n, record.dt)
     band = (f >= 1.0) & (f <= min(5.0, 0.4 / record.dt))

@@ -55,8 +55,6 @@ class Setting:
     dt: float
     n: int
     bridge: int
-    speed: float
-    """Mean airspeed, m/s: of delays that are distances."""
     gusty: bool
     """Whether the vane's leftover is a gust that acts on the aircraft, or noise that does not."""
     judged: tuple[int, ...]
@@ -93,13 +91,13 @@ class Setting:
 
 
 def setting_of(
-    dt: float, n: int, speed: float, gusty: bool, judged: tuple[int, ...], imu: tuple[float, float, float],
+    dt: float, n: int, gusty: bool, judged: tuple[int, ...], imu: tuple[float, float, float],
     thrust: float, nominal: Aircraft, elevator_noise: float, rebuilt: bool,
 ) -> Setting:  # fmt: skip
     """A Setting whose transform has a fast length."""
     least = min(round(BRIDGE_S / dt), n // 2)
     bridge = int(fft.next_fast_len(n + least, real=True)) - n
-    return Setting(dt, n, bridge, speed, gusty, judged, imu, thrust, nominal, elevator_noise, rebuilt)
+    return Setting(dt, n, bridge, gusty, judged, imu, thrust, nominal, elevator_noise, rebuilt)
 
 
 def _bridged(x: Array, bridge: int) -> Array:
@@ -128,12 +126,12 @@ def _pass(omega: Array, band: tuple[float, float]) -> Array:
     return out
 
 
-def indicial(response: Indicial | None, omega: Array, chords_per_s: float) -> Complex:
+def indicial(response: Indicial | None, omega: Array, chords_per_s: Array) -> Complex:
     """Frequency response of 1 - sum a exp(-b t)."""
     out = np.ones(len(omega), dtype=complex)
     if response is not None:
         for a, b in zip(response.a, response.b, strict=True):
-            out -= a * 1j * omega / (1j * omega + b * chords_per_s)
+            out = out - a * 1j * omega / (1j * omega + b * chords_per_s)
     return out
 
 
@@ -189,9 +187,11 @@ def corrected(signals: Signals, aircraft: Aircraft, s: Setting) -> dict[str, Arr
     return out
 
 
-def series(signals: Signals, aircraft: Aircraft, s: Setting) -> Array:
+def series(signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array = 0.0) -> Array:
     """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
 
+    `drift` (m/s, scalar or (..., 1)) is how much faster the aircraft moves through the air mass than its mean airspeed
+    says: a gust along the path that lasts as long as the manoeuvre hides in the mean. Units of the result:
     rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is.
     """
     x = corrected(signals, aircraft, s)
@@ -212,15 +212,18 @@ def series(signals: Signals, aircraft: Aircraft, s: Setting) -> Array:
     out[..., DOWN, :] = down - climb
     out[..., NORTH, :] = x["v_along"] - along if "v_along" in x else 0.0
 
-    w, v0 = s.omega, s.speed
+    w = s.omega
+    v0 = v.mean(-1, keepdims=True) + drift
+    base = x.get("v_along", v)
+    inertial = base - base.mean(-1, keepdims=True) + v0
     boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
     chord = aircraft.geometry.chord
     chords = v0 / (unsteady.reference_chord or chord)
-    alpha_i = theta + np.arcsin(np.clip(down / v, -1, 1))
+    alpha_i = theta + np.arcsin(np.clip(down / inertial, -1, 1))
     alpha_spectrum = transform(alpha_i, s)
     vane_response = _vane_response(boom, w)
-    inside = (1 + boom.upwash_body) * transform(alpha_i - q * boom.vane_x / v, s)
+    inside = (1 + boom.upwash_body) * transform(alpha_i - q * boom.vane_x / inertial, s)
     inside += boom.upwash_wing * indicial(unsteady.upwash_motion, w, chords) * alpha_spectrum
     if boom.flexure:
         inside += boom.flexure * transform(az, s)
@@ -233,19 +236,20 @@ def series(signals: Signals, aircraft: Aircraft, s: Setting) -> Array:
         met = (1 + boom.upwash_body) * np.exp(1j * w * boom.vane_x / v0)
         met = met + boom.upwash_wing * indicial(unsteady.upwash_gust, w, chords) * np.exp(0.25j * w * chord / v0)
         gust = transform(vane, s) / (vane_response * met) * _pass(w, GUST_PASS_HZ)
-    _forces(out, x, (ax, az, qdot), alpha_i, alpha_spectrum, gust, aircraft, s, de, v, qbar, chords)
+    _forces(out, x, (ax, az, qdot), alpha_i, alpha_spectrum, gust, aircraft, s, de, v, qbar, v0)
     return out
 
 
 def _forces(
     out: Array, x: Mapping[str, Array], motion: tuple[Array, Array, Array], alpha_i: Array, alpha_spectrum: Complex,
-    gust: Complex, aircraft: Aircraft, s: Setting, de: Array, v: Array, qbar: Array, chords: float,
+    gust: Complex, aircraft: Aircraft, s: Setting, de: Array, v: Array, qbar: Array, v0: Array,
 ) -> None:  # fmt: skip
     """Lift, moment and drag into `out`: the coefficients measured less those of the model."""
     ax, az, qdot = motion
-    w, v0, q = s.omega, s.speed, x["q"]
+    w, q = s.omega, x["q"]
     value, unsteady = aircraft.value, aircraft.unsteady
     area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
+    chords = v0 / (unsteady.reference_chord or chord)
     mass, inertia = aircraft.inertia.mass, aircraft.inertia.iyy or 1.0
     thrust = x.get("thrust", s.thrust)
     gust_series = back(gust, s)
@@ -257,7 +261,7 @@ def _forces(
     cl, cd = cx * sin - cz * cos, -cx * cos - cz * sin
     cm = (inertia * qdot - thrust * aircraft.thrust_pitch_arm) / (force * chord)
 
-    reference = aircraft.reference_speed or v0
+    reference = aircraft.reference_speed or v.mean(-1, keepdims=True)
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
     faster = v / reference
     cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de + value("CL_gust") * gust_series
@@ -265,7 +269,7 @@ def _forces(
     cl_slope, cm_slope, cl_q, cm_q = value("CL_alpha"), value("Cm_alpha"), value("CL_q"), value("Cm_q")
     if unsteady.memory:
         share, arm, e = unsteady.tail_lift_slope, unsteady.tail_arm / chord, unsteady.downwash
-        late = np.exp(-1j * w * unsteady.tail_arm / v0)
+        late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
         wing = indicial(unsteady.lift_motion, w, chords) * alpha_spectrum
         wing += indicial(unsteady.lift_gust, w, chords) * np.exp(0.25j * w * chord / v0) * gust
         tail = alpha_spectrum + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)

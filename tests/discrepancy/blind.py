@@ -33,7 +33,7 @@ NOISE = {
     "airspeed": 0.3 * FT, "v_down": 0.1 * FT, "v_north": 0.1 * FT, "v_east": 0.1 * FT, "elevator": 0.02 * DEG,
 }  # fmt: skip
 QUANTUM = {"alpha_vane": 0.005 * DEG, "elevator": 0.005 * DEG, "airspeed": 0.01, "v_down": 0.01, "v_north": 0.01}
-ALSO = ("dynamic_pressure", "psi", "altitude", "static_pressure", "air_temperature")
+ALSO = ("thrust", "dynamic_pressure", "psi", "altitude", "static_pressure", "air_temperature")
 BIASES = {"theta": 0.1 * DEG, "az": 0.005 * G0, "ax": 0.003 * G0, "q": 0.05 * DEG}
 MODEL_BIASES = {"CL_0": 0.01, "Cm_0": 0.005, "CD_0": 0.003}
 
@@ -43,7 +43,7 @@ DETECTABLE = {
     "accelerometer.position": (0.47 * FT, 0.49 * FT), "accelerometer.scale": (0.012, 0.013),
     "accelerometer.delay": (4.3e-3, 2.5e-3), "q.delay": (1.1e-3, 1.3e-3), "q.scale": (0.0072, 0.0086),
     "imu.delay": (1.1e-3, 1.5e-3), "elevator.lag": (1.2e-3, 1.9e-3), "elevator.scale": (0.38, 0.38),
-    "elevator.backlash": (0.025 * DEG, 0.031 * DEG), "dynamic_pressure.scale": (0.022, 0.035),
+    "elevator.backlash": (0.035 * DEG, 0.035 * DEG), "dynamic_pressure.scale": (0.022, 0.035),
     "mass.scale": (0.049, 0.049), "inertia.scale": (0.11, 0.044), "cg.shift": (0.18 * FT, 0.2 * FT),
     "aero.icing": (0.76, 0.78), "aero.alpha_squared": (2.7, 2.8), "velocity.delay": (6.5e-3, 6.3e-3),
     "gust.tail_penetration": (math.inf, 0.025),
@@ -81,6 +81,8 @@ class Case:
     """The sensors' true noise over what the rig states."""
     derivative_sd: float = 0.0
     """The true derivatives are drawn with this relative standard deviation."""
+    thrust: bool = True
+    """Whether thrust is measured."""
 
 
 def aircraft():
@@ -171,7 +173,7 @@ def _sense(case: Case, truth, biases, kind: str, k: int) -> Record:
             mean = (1 - a) * lag / DT
             x = lfilter([1 - mean, mean - a], [1, -a], x - x[0]) + x[0]
         elif lag < 0:
-            x = x + lag * np.gradient(x, DT)
+            x = x - lag * np.gradient(x, DT)
         x = gains.get(name, 1.0) * x[::4] + zeros.get(name, 0.0)
         if name == "q":
             x = x + case.outside.get("g_sensitivity", 0.0) * truth["az"][::4] / G0
@@ -185,22 +187,24 @@ def _sense(case: Case, truth, biases, kind: str, k: int) -> Record:
         columns[name] = quantum * np.round(x / quantum) if quantum else x
     density = truth["static_pressure"].mean() / (287.05287 * truth["air_temperature"].mean())
     columns["dynamic_pressure"] = 0.5 * density * columns["airspeed"] ** 2
+    if not case.thrust:
+        del columns["thrust"]
     found = manoeuvres(kind, 0.02 * np.arange(len(columns["q"])), columns, aircraft())
     assert len(found) == 1
     return Record(**{**{f: getattr(found[0], f) for f in Record.__slots__}, "imu": IMU, "stated": NOISE})
 
 
 @lru_cache(maxsize=8)
-def flights(kind: str) -> Flights:
+def flights(kind: str, thrust: bool) -> Flights:
     """The simulated flights beside a manoeuvre kind: the same for all cases, which differ little in their input."""
-    return fly(fly_case(Case(seed=1), kind, 0), aircraft())
+    return fly(fly_case(Case(seed=1, thrust=thrust), kind, 0), aircraft())
 
 
 def prepared(case: Case) -> tuple[list[Reference], list[Reference]]:
     """A case's manoeuvres, to fit and held out."""
     out = []
     for k, kind in enumerate((*case.fit_on, *case.hold_out)):
-        out.append(reference(fly_case(case, kind, k), aircraft(), flights=flights(kind)))
+        out.append(reference(fly_case(case, kind, k), aircraft(), flights=flights(kind, case.thrust)))
     return out[: len(case.fit_on)], out[len(case.fit_on) :]
 
 
