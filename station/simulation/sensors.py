@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNAL_INDEX, to_si
-from station.profile import Rig
+from station.profile import Instrument, Rig
 from station.simulation.boom import lag
 
 
@@ -60,6 +60,18 @@ STANDARD: Final[Mapping[str, Sensor]] = MappingProxyType(
 def sensors_of(rig: Rig) -> dict[str, Sensor]:
     """The rig's channels as the aligned frame shows them: noisy; latency is taken out by the alignment."""
     return {name: Sensor(noise) for name, noise in rig.noise_si().items()}
+
+
+def with_errors(sensors: Mapping[str, Sensor], errors: Mapping[str, Instrument]) -> dict[str, Sensor]:
+    """The channels with what a diagnosis found wrong with them (a profile's instruments) but for play."""
+    made = dict(sensors)
+    for name, e in errors.items():
+        if name in made:
+            s = made[name]
+            made[name] = replace(
+                s, gain=s.gain * e.gain, bias=s.bias + e.bias, lag=s.lag + e.lag, latency=s.latency + e.latency
+            )
+    return made
 
 
 @njit(cache=True)

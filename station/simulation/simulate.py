@@ -20,7 +20,7 @@ from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import GustField, dryden, field_constants
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import COLUMNS, DT, EVERY, Site, Tables, advance, at_rest
-from station.simulation.sensors import Channel, Sensor, sensors_of
+from station.simulation.sensors import Channel, Sensor, sensors_of, with_errors
 
 ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
@@ -172,6 +172,8 @@ def fly(
         channels, place = sensors_of(sensors), sensors.imu_position
     else:
         channels = {name: sensors.get(name, Sensor()) for name in SIGNALS}
+    channels = with_errors(channels, aircraft.instruments)
+    place = (place[0] + aircraft.imu_offset[0], place[1] + aircraft.imu_offset[1], place[2] + aircraft.imu_offset[2])
     seed = card.flight.seed if seed is None else seed
     simulation = Simulation(aircraft, card.flight, card.manoeuvres, place, seed)
     exact = simulation.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
