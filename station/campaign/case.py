@@ -54,9 +54,13 @@ def flown_aircraft(scenario: Scenario, beside: Path | None = None) -> Aircraft:
 
 
 def known_aircraft(scenario: Scenario, flown: Aircraft) -> Aircraft:
-    """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth."""
+    """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth.
+
+    Without memory of the lift the upwash still has its own.
+    """
     boom: Boom | None = flown.boom if scenario.alpha == "boom" else None
-    return flown.model_copy(update={"boom": boom})
+    unsteady = flown.unsteady.model_copy(update={"memory": True})
+    return flown.model_copy(update={"boom": boom, "unsteady": unsteady})
 
 
 def sensors_flown(scenario: Scenario) -> dict[str, Sensor]:
@@ -184,7 +188,7 @@ def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[
 
 
 def _fly_chunk(setup: Setup, chunk: range, wind: Array, white: Array) -> Results:
-    """Random numbers are drawn as GustField and Channel draw them: a stream for the field, one for each noisy signal."""
+    """Random numbers are drawn as GustField and Channel draw them: a stream for the field, one for each noisy one."""
     n = len(chunk)
     state = np.zeros((n, 5))
     for i, seed in enumerate(chunk):

@@ -35,6 +35,8 @@ BATCH_S: Final = 4000.0
 ATTEMPTS: Final = 5
 """Workers may die on a batch so many times before it is taken for the batch's fault."""
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+CONNECT_S: Final = 10.0
+"""How long a scheduler may take to answer."""
 RESULT: Final = "flights.parquet"
 _PARTS: Final = "parts"
 _MANIFEST: Final = "campaign.json"
@@ -207,7 +209,7 @@ def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
     missing = store.missing()
     planned = batches(plan)
     try:
-        client = distributed.Client(scheduler, timeout=10, set_as_default=False)
+        client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise StationError(
             f"no Dask scheduler answers at {scheduler}: {str(error) or type(error).__name__:.120}\n"
@@ -223,7 +225,9 @@ def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
             return future
 
         most = 2 * max(1, sum(w["nthreads"] for w in client.scheduler_info(n_workers=-1)["workers"].values()))
-        coming = distributed.as_completed([submit(i) for _, i in zip(range(most), waiting, strict=False)])
+        coming = distributed.as_completed(
+            [submit(i) for _, i in zip(range(most), waiting, strict=False)], loop=client.loop
+        )
         for future in coming:
             i = numbers.pop(future.key)
             try:

@@ -1,0 +1,205 @@
+"""Batches, kills, resumption and a real Dask cluster: the rows are the same, and none is lost or flown twice."""
+
+from __future__ import annotations
+
+import errno
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from station.campaign import engine
+from station.campaign.engine import Store, batches, fly_dask, fly_local
+from station.campaign.rows import fly_rows
+from station.campaign.spec import Plan, load_plan
+from station.rows import LogError, StationError, UsageError
+
+SPEC = """
+name = "t"
+runs = 10
+methods = ["II", "split"]
+record = "6 s"
+[flight]
+[factors]
+turbulence = ["calm", "light", "severe"]
+[[inputs.doublet]]
+kind = "doublet"
+start = "1 s"
+width = "1 s"
+amplitude = "2 deg"
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+    """Thirty flights, four a batch: batches cross from case to case."""
+    monkeypatch.setattr(engine, "BATCH_S", 24.0)
+    path = tmp_path / "t.toml"
+    path.write_text(SPEC, encoding="utf-8")
+    return load_plan(str(path))
+
+
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory: pytest.TempPathFactory) -> pa.Table:
+    path = tmp_path_factory.mktemp("spec") / "t.toml"
+    path.write_text(SPEC, encoding="utf-8")
+    return fly_rows(load_plan(str(path)), range(30))
+
+
+def rows(store: Store) -> pa.Table:
+    return pq.read_table(store.finish()).replace_schema_metadata(None)
+
+
+class Stopped(Exception):
+    """In place of a kill of the whole command."""
+
+
+def stop_after(flights: int) -> Callable[[int], None]:
+    kept = [0]
+
+    def done(n: int) -> None:
+        kept[0] += n
+        if kept[0] >= flights:
+            raise Stopped
+
+    return done
+
+
+def test_a_row_a_flight_and_method(wanted: pa.Table) -> None:
+    assert wanted.num_rows == 60
+    assert len(set(wanted["seed"].to_pylist())) == 30
+    assert set(wanted["method"].to_pylist()) == {"II", "split"}
+    assert wanted["turbulence"].to_pylist()[::20] == ["calm", "light", "severe"]
+    one = wanted.slice(40, 1).to_pylist()[0]
+    off = one["Cm_alpha"] - one["Cm_alpha_reference"]
+    assert one["Cm_alpha_error"] == pytest.approx(off / abs(one["Cm_alpha_reference"]))
+    assert one["Cm_alpha_bound"] == pytest.approx(2 * (one["Cm_alpha_sd"] ** 2 + one["Cm_alpha_model"] ** 2) ** 0.5)
+    assert one["Cm_alpha_covered"] == (abs(off) <= one["Cm_alpha_bound"])
+
+
+def test_processes_give_the_rows_of_one_and_resume_flies_only_what_is_missing(
+    plan: Plan, wanted: pa.Table, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert len(batches(plan)) == 8
+    store = Store(out, plan, resume=False)
+    with pytest.raises(Stopped):
+        fly_local(plan, store, 2, stop_after(8))
+    kept = 30 - store.flights_missing()
+    assert 8 <= kept < 30
+    with pytest.raises(UsageError, match="--resume"):
+        Store(out, plan, resume=False)
+    again = Store(out, plan, resume=True)
+    flown: list[int] = []
+    fly_local(plan, again, 1, flown.append)
+    assert sum(flown) == 30 - kept
+    assert rows(again).equals(wanted)
+    assert Store(out, plan, resume=True).missing() == []
+    assert not multiprocessing.active_children()
+
+
+def test_a_killed_worker_costs_its_batch_which_is_flown_again(plan: Plan, wanted: pa.Table, tmp_path: Path) -> None:
+    store = Store(tmp_path / "out", plan, resume=False)
+    flown: list[int] = []
+
+    def done(n: int) -> None:
+        flown.append(n)
+        if len(flown) == 1:
+            os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
+
+    fly_local(plan, store, 2, done)
+    assert sum(flown) == 30
+    assert rows(store).equals(wanted)
+
+
+def test_a_part_cut_short_is_flown_again(plan: Plan, tmp_path: Path) -> None:
+    store = Store(tmp_path / "out", plan, resume=False)
+    store.keep(2, fly_rows(plan, batches(plan)[2]))
+    assert 2 not in store.missing()
+    part = next((tmp_path / "out" / "parts").glob("*.parquet"))
+    part.write_bytes(part.read_bytes()[:-7])
+    assert 2 in store.missing()
+
+
+def test_another_specification_does_not_go_on(plan: Plan, tmp_path: Path) -> None:
+    Store(tmp_path / "out", plan, resume=False)
+    other = Plan(plan.campaign, plan.cases, plan.text + "# changed", plan.path)
+    with pytest.raises(UsageError, match="another specification"):
+        Store(tmp_path / "out", other, resume=True)
+
+
+def test_a_full_disk_ends_it_and_keeps_the_finished_rows(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Store(tmp_path / "out", plan, resume=False)
+    store.keep(0, fly_rows(plan, batches(plan)[0]))
+    write = pq.write_table
+
+    def full(table: pa.Table, path: Path, **keys: Any) -> None:
+        write(table.slice(0, 1), path)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pq, "write_table", full)
+    with pytest.raises(LogError, match=r"the disk is full.*\n.*--resume"):
+        fly_local(plan, store, 1, lambda n: None)
+    monkeypatch.undo()
+    monkeypatch.setattr(engine, "BATCH_S", 24.0)
+    assert Store(tmp_path / "out", plan, resume=True).missing() == list(range(1, 8))
+    assert not list((tmp_path / "out" / "parts").glob("*.partial"))
+
+
+def test_a_scheduler_that_is_not_there(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "CONNECT_S", 1.0)
+    store = Store(tmp_path / "out", plan, resume=False)
+    with pytest.raises(StationError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9") as caught:
+        fly_dask(plan, store, "tcp://127.0.0.1:9", lambda n: None)
+    assert len(str(caught.value).splitlines()) <= 3
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A scheduler and two workers on loopback."""
+    told = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    serve = [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0"]
+    work = [sys.executable, "-m", "dask", "worker", "--scheduler-file", str(told), "--host", "127.0.0.1"]
+    alone = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    children = [subprocess.Popen([*serve, "--no-dashboard", "--scheduler-file", str(told)], **quiet)]  # type: ignore[call-overload]
+    children += [subprocess.Popen([*work, *alone], **quiet) for _ in range(2)]  # type: ignore[call-overload]
+    try:
+        for _ in range(600):
+            if told.exists() and told.stat().st_size:
+                break
+            time.sleep(0.05)
+        yield json.loads(told.read_text())["address"], children[1:]
+    finally:
+        for child in reversed(children):
+            child.kill()
+            child.wait()
+
+
+def test_a_cluster_gives_the_same_rows_though_a_worker_is_killed(
+    plan: Plan, wanted: pa.Table, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen[bytes]]]
+) -> None:
+    address, workers = cluster
+    store = Store(tmp_path / "out", plan, resume=False)
+    flown: list[int] = []
+
+    def done(n: int) -> None:
+        flown.append(n)
+        if len(flown) == 2:
+            workers[0].kill()
+
+    fly_dask(plan, store, address, done)
+    assert sum(flown) == 30
+    assert rows(store).equals(wanted)
