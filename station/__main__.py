@@ -34,7 +34,8 @@ app.add_typer(postflight.app)
 app.add_typer(diagnosing.app)
 app.add_typer(campaigns.app)
 
-ENDPOINTS_WITHIN_S = 60.0
+ENDPOINTS_WITHIN_S = 120.0
+"""The first flight on a machine compiles the simulation."""
 TIMED_TICKS = 90_000
 """Half an hour of ticks, whose timing is told at the end."""
 
@@ -225,7 +226,7 @@ def _endpoints(child: subprocess.Popen[str], wanted: set[str]) -> dict[str, str]
             told = json.loads(line)
             if "device" in told:
                 endpoints[told["device"]] = told["endpoint"]
-            if wanted <= endpoints.keys():
+            if "start_ns" in told and wanted <= endpoints.keys():
                 return endpoints
     finally:
         watchdog.cancel()

@@ -311,7 +311,7 @@ class Aligner:
         rows = []
         for name, b in self._buffers.items():
             window_s = max(0.4, 6e-9 * b.period_ns)
-            age_s = (now_ns - b.last_arrival_ns) * 1e-9 if b.last_arrival_ns is not None else NAN
+            age_s = max(now_ns - b.last_arrival_ns, 0) * 1e-9 if b.last_arrival_ns is not None else NAN
             rows.append(
                 StreamHealth(
                     stream=name,
