@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ, TICK_NS
 from station.estimation import postflight
+from station.estimation.kinematics import kinematics
 from station.estimation.methods import LIVE, METHODS, Estimator
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable
+from station.instruments import instruments_json
 from station.log import Table
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Quality, Status, UsageError
@@ -67,24 +69,22 @@ def identify(
             f"{log or 'log'}: no data from {start:g} to {end:g} s: the recording has {first:g} to {last:g} s"
         )
     try:
-        record = FlightRecord.of(
-            cut.t_s,
-            cut.columns,
-            aircraft,
-            quality=cut.quality,
-            extra=cut.extra,
-            imu_position=imu_position,
-            noise=noise,
-        )
-    except NotIdentifiable as refusal:
-        raise UsageError(f"{log or 'log'}: {refusal}") from refusal
-    live = tuple(n for n in wanted if n in LIVE)
+        record, refusal = flight_record(cut, aircraft, imu_position, noise)
+    except NotIdentifiable as why:
+        raise UsageError(f"{log or 'log'}: {why}") from why
+    # The whole flight's instruments are looked at where everything is asked for, or nothing else can be had.
+    instruments = instruments_json(kinematics(record), record) if "all" in methods or refusal else {}
+    if refusal and all(section["status"] != "ok" for section in instruments.values()):
+        raise UsageError(f"{log or 'log'}: {refusal}")
+    live = tuple(n for n in wanted if n in LIVE and not refusal)
     flown = fly(table, record, live, start, axes, card, imu_position, noise, force) if live else None
     gust = flown.gust_vertical(record) if flown else None
     level, std = record.turbulence(gust)
     results: dict[str, MethodResult] = {}
     for name in wanted:
-        if name in LIVE and flown is not None:
+        if refusal:
+            results[name] = not_applicable(refusal, names(axes))
+        elif name in LIVE and flown is not None:
             results[name] = flown.result(name, record, axes)
         elif name in postflight.POSTFLIGHT:
             results[name] = postflight.run(name, record, axes)
@@ -101,7 +101,35 @@ def identify(
         "methods": {name: _as_json(r) for name, r in results.items()},
         "recommended": _recommended(results, level),
         "consistency": _consistency(results, axes),
+        **instruments,
     }
+
+
+def flight_record(
+    cut: Table,
+    aircraft: Aircraft,
+    imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    noise: Mapping[str, float] | None = None,
+) -> tuple[FlightRecord, str]:
+    """The record of a table, and why no derivative can come of it ("" if one may): a record without elevator or an
+    aircraft without aerodynamic data still has kinematics. Raises NotIdentifiable."""
+    refusal = ""
+    columns = cut.columns
+    if aircraft.kinematics_only:
+        refusal = f"the profile of {aircraft.name} has no aerodynamic data: no derivatives, kinematics only"
+    if "elevator" not in columns or not np.isfinite(columns["elevator"]).any():
+        refusal = refusal or "the record has no elevator"
+        columns = {**columns, "elevator": np.zeros(len(cut.t_s))}
+    record = FlightRecord.of(
+        cut.t_s,
+        columns,
+        aircraft,
+        quality={n: q for n, q in cut.quality.items() if n in cut.columns and (n != "elevator" or not refusal)},
+        extra=cut.extra,
+        imu_position=imu_position,
+        noise=noise,
+    )
+    return record, refusal
 
 
 def _wanted(methods: Sequence[str]) -> tuple[str, ...]:

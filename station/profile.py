@@ -216,6 +216,8 @@ class Aircraft(Frozen):
     drag: Drag | None = None
     unsteady: Unsteady = Unsteady(memory=False)
     elevator: Actuator = Actuator()
+    kinematics_only: bool = False
+    """Geometry and mass are placeholders: instruments can be calibrated with such a profile, derivatives not found."""
     instruments: dict[str, Instrument] = {}
     """Errors of sensors that the rig does not know of, by signal: a diagnosis writes them, the simulation flies them."""
     imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)

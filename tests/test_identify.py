@@ -217,9 +217,27 @@ def test_usage_errors() -> None:
     with pytest.raises(UsageError, match=r"no data from 30 to 40 s: the recording has 0 to 23\.98 s"):
         identify(flown, AIRCRAFT, start_s=30.0, end_s=40.0)
     columns = flight()
-    del columns["elevator"]
+    del columns["elevator"], columns["theta"]
     with pytest.raises(UsageError, match="the record has no elevator"):
         identify(record(columns), AIRCRAFT)
+
+
+def test_without_elevator_or_aerodynamic_data_the_kinematics_are_left() -> None:
+    bare = AIRCRAFT.model_copy(update={"kinematics_only": True})
+    no_elevator = flight()
+    del no_elevator["elevator"]
+    for columns, aircraft, why in ((no_elevator, AIRCRAFT, "no elevator"), (flight(), bare, "no aerodynamic data")):
+        found = identify(record(columns, aircraft), aircraft)
+        assert found["recommended"] is None
+        for method in found["methods"].values():
+            assert method["status"] == "not_applicable"
+            assert why in method["why"]
+            assert all(p["estimate"] is None and p["status"] == "invalid" for p in method["parameters"].values())
+        assert found["compatibility"]["status"] == "ok"
+        assert found["compatibility"]["residual_rms"]["theta"] < 1e-3
+        assert found["vane_calibration"]["status"] == "not_applicable"
+        assert "v_down" in found["vane_calibration"]["why"]
+        json.dumps(found, allow_nan=False)
 
 
 def test_uneven_times_are_interpolated_and_said() -> None:

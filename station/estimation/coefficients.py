@@ -104,19 +104,20 @@ def coefficients(motion: Mapping[str, Array], airframe: Airframe, alpha: Array, 
         cm = (a.iyy * qdot + a.ixz * (p * p - r * r) + gyroscopic(a) * p * r) * force / a.chord
         cn = (a.izz * rdot - a.ixz * (pdot - q * r) + (a.iyy - a.ixx) * p * q) * force / a.span
         half = 0.5 / v
-    sin, cos = np.sin(alpha), np.cos(alpha)
+        lift, drag = cx * np.sin(alpha) - cz * np.cos(alpha), -cx * np.cos(alpha) - cz * np.sin(alpha)
+        phat, qhat, rhat = p * a.span * half, q * a.chord * half, r * a.span * half
     return Coefficients(
         CX=cx,
         CY=cy,
         CZ=cz,
-        CL=cx * sin - cz * cos,
-        CD=-cx * cos - cz * sin,
+        CL=lift,
+        CD=drag,
         Cl=cl,
         Cm=cm,
         Cn=cn,
-        phat=p * a.span * half,
-        qhat=q * a.chord * half,
-        rhat=r * a.span * half,
+        phat=phat,
+        qhat=qhat,
+        rhat=rhat,
     )
 
 

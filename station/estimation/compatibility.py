@@ -62,6 +62,9 @@ NEEDS: Final = {
 }
 TOLD: Final = 0.5
 """A number whose standard deviation is above this share of its prior's is not told by the record."""
+EXPLAINED: Final = 0.8
+NOISY: Final = 3.0
+"""Residual over the white noise of the signal, up to which it is only noise."""
 MIN_S: Final = 3.0
 MAX_S: Final = 120.0
 """Open-loop integration of real gyros goes astray beyond."""
@@ -263,8 +266,9 @@ class _Reconstruction:
         """Levenberg-Marquardt steps, the residual variances renewed at each. Raises NotIdentifiable."""
         p = self._start()
         centre = np.array([1.0 if name.endswith("scale") else 0.0 for name in self.names])
-        tightness = np.concatenate([1 / self._prior**2, np.zeros(STATES)])
-        centre = np.concatenate([centre, np.zeros(STATES)])
+        # A state that no output shows, heading for one, stays where it began.
+        tightness = np.concatenate([1 / self._prior**2, [1e-4] * 3, [0.1] * 3])
+        centre = np.concatenate([centre, p[-STATES:]])
         residual = self._residuals(p)
         damping = 1e-3
         for iteration in range(1, ITERATIONS + 1):
@@ -289,6 +293,16 @@ class _Reconstruction:
             if gain < SETTLED:
                 return self._result(p, residual, tightness, iteration)
         raise NotIdentifiable("the reconstruction does not settle: the record is not one consistent motion")
+
+    def _unexplained(self, residual: Array) -> dict[str, str]:
+        """Air data that the motion explains badly, though they are not merely noisy, and why that matters."""
+        found = {}
+        for (name, measured), left in zip(self._measured.items(), residual, strict=True):
+            share = 1 - float(np.mean(left**2)) / max(float(np.var(measured)), 1e-30)
+            noisy = np.mean(left**2) <= NOISY**2 * _white_variance(measured)
+            if name in ("airspeed", "beta", "alpha") and share < EXPLAINED and not noisy:
+                found[name] = f"gusts: the motion explains {max(share, 0.0):.0%} of {name}"
+        return found
 
     def _input_noise(self, p: Array, weighted: Array) -> Array:
         """Covariance of the score due to the noise of rates and accelerations, which integration carries into all later
@@ -324,11 +338,14 @@ class _Reconstruction:
         spread = spread + self._input_noise(p, weighted)
         inverse = np.linalg.inv(information)
         sd = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
+        gusty = self._unexplained(residual)
         found = []
         for name, value, error, prior in zip(self.names, p.tolist(), sd.tolist(), self._prior.tolist(), strict=False):
-            told = error <= TOLD * prior
-            why = "" if told else "the record does not tell it: vary attitude, load factor and speed"
-            status = Status.ESTIMATED if told else Status.UNESTIMATED
+            status, why = Status.ESTIMATED, ""
+            if error > TOLD * prior:
+                status, why = Status.UNESTIMATED, "the record does not tell it: vary attitude, load factor and speed"
+            elif NEEDS.get(name) in gusty or (name == "wind_down" and "alpha" in gusty):
+                status, why = Status.UNESTIMATED, gusty.get(NEEDS[name]) or gusty["alpha"]
             found.append(ParamEstimate(name, value, error, status, why))
         value_of = {e.name: e.value for e in found}
         made = self._model(p)

@@ -25,7 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from station.estimation.regression import NotIdentifiable, autocorrelation, least_squares
+from station.estimation.regression import NotIdentifiable, least_squares
 
 Array = NDArray[np.float64]
 
@@ -200,7 +200,7 @@ def _whitened(x: Array, coefficients: Array) -> Array:
 def _autoregression(residual: Array) -> Array:
     """(1, a1 ... ap): the filter that whitens a series, Yule-Walker, order by Akaike's criterion."""
     e = residual - residual.mean()
-    r = autocorrelation(e)
+    r = np.array([e[: len(e) - k] @ e[k:] for k in range(ORDERS[-1] + 1)]) / len(e)
     best, made = math.inf, np.array([1.0])
     for order in ORDERS:
         a = solve_toeplitz(r[:order], r[1 : order + 1])

@@ -1,0 +1,99 @@
+"""The kinematic part of an identification as JSON: instrument errors, vane calibration, gust delay."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from station.estimation.compatibility import Compatibility
+from station.estimation.gust_delay import GustDelay, Lead
+from station.estimation.kinematics import Kinematics
+from station.estimation.record import FlightRecord
+from station.estimation.vane_calibration import CALM_R2, VaneCalibration
+
+CI95: Final = 1.96
+AGREED_SD: Final = 3.0
+
+
+def instruments_json(made: Kinematics, record: FlightRecord) -> dict[str, Any]:
+    """`compatibility`, `vane_calibration` and `gust_delay`, each with its status; numbers in SI, rad."""
+    return {
+        "compatibility": _section(made.compatibility, record, made.closed, _compatibility),
+        "vane_calibration": _section(made.vane, record, made.rows, _vane),
+        "gust_delay": _section(made.delay, record, made.rows, _delay),
+    }
+
+
+def _section(part: Any, record: FlightRecord, rows: slice, tell: Any) -> dict[str, Any]:
+    if isinstance(part, str):
+        return {"status": "not_applicable", "why": part}
+    interval = [float(record.t_s[rows.start]), float(record.t_s[rows.stop - 1])]
+    return {"status": "ok", "why": "", "interval_s": interval, **tell(part, record)}
+
+
+def _number(value: float, sd: float, status: str = "estimated", why: str = "") -> dict[str, Any]:
+    interval = [value - CI95 * sd, value + CI95 * sd]
+    return {"estimate": value, "std_error": sd, "ci95": interval, "status": status, "why": why}
+
+
+def _compatibility(part: Compatibility, _: FlightRecord) -> dict[str, Any]:
+    return {
+        "parameters": {p.name: _number(p.value, p.sd, p.status.value, p.why) for p in part.parameters},
+        "residual_rms": dict(part.residual_rms),
+        "iterations": part.iterations,
+    }
+
+
+def _vane(part: VaneCalibration, record: FlightRecord) -> dict[str, Any]:
+    boom = record.aircraft.boom
+    assumes = ["no mean vertical wind"]
+    if boom is None:
+        assumes.append("vane at the CG: for one x ahead, slow pitching adds x/V to the delay")
+    told = "" if part.is_calm else f"gusts: the motion explains {max(part.r2, 0.0):.0%} of the reading"
+    status = "estimated" if part.is_calm else "unestimated"
+    made: dict[str, Any] = {
+        "parameters": {
+            "zero": _number(part.zero.value, part.zero.sd, status, told),
+            "scale": _number(part.scale.value, part.scale.sd, status, told),
+            "delay": _number(part.delay.value, part.delay.sd, status, told),
+        },
+        "units": {"zero": "rad", "scale": "1", "delay": "s"},
+        "method": "least squares" if part.is_calm else "generalised least squares",
+        "calm_above_r2": CALM_R2,
+        "r2": part.r2,
+        "rms_before_rad": part.rms_before,
+        "rms_after_rad": part.rms_after,
+        "assumes": assumes,
+    }
+    if boom is not None:
+        made["profile"] = {"zero": boom.zero, "scale": 1 / boom.steady_calibration, "vane_x_m": boom.vane_x}
+    return made
+
+
+def _delay(part: GustDelay, record: FlightRecord) -> dict[str, Any]:
+    boom = record.aircraft.boom
+    made = {
+        "parameters": _lead(part.joint),
+        "by_equation": {name: _lead(lead) for name, lead in part.apart.items()},
+        "equations_agree": part.agree,
+        "speed_mps": part.speed,
+        "band_hz": list(part.band_hz),
+        "residual_over_noise": part.joint.excess,
+    }
+    if not part.agree:
+        made["meaning"] = "lift and moment ask for different delays: not the vane, but the tail or the wing's memory"
+    if boom is not None:
+        profile = {"delay": boom.vane_x / part.speed, "upwash": boom.upwash_body + boom.upwash_wing}
+        made["profile"] = profile
+        made["profile_fits"] = bool(
+            abs(part.joint.delay_s - profile["delay"]) <= AGREED_SD * part.joint.delay_sd + 0.002
+            and abs(part.joint.upwash - profile["upwash"]) <= AGREED_SD * part.joint.upwash_sd
+        )
+    return made
+
+
+def _lead(lead: Lead) -> dict[str, Any]:
+    return {
+        "delay": _number(lead.delay_s, lead.delay_sd),
+        "distance": _number(lead.distance_m, lead.distance_sd),
+        "upwash": _number(lead.upwash, lead.upwash_sd),
+    }
