@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
+from station.estimation import physical_columns as pc
 from station.estimation import physical_fit as pf
 from station.estimation.physical_signals import SIGNALS
 from station.estimation.spectra import HIGH_PASS_HZ, HIGH_PASS_ORDER, Transform, central_difference_factor, grid
@@ -36,8 +37,6 @@ MIN_PERIODS: Final = 0.5
 """Of the lowest frequency, before anything counts as estimated."""
 EXCITED: Final = 10.0
 """Elevator energy in the band over that of its noise."""
-SMALL_RECORD: Final = 1.15
-"""On statistical standard errors: coverage of 95 % intervals 0.955 instead of 0.92 (estimator.md 1)."""
 MIN_R2: Final = 0.3
 WORSE: Final = 6.0
 """Deviance by which the quasi-steady model must fit better before it is preferred."""
@@ -45,7 +44,7 @@ WORSE: Final = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """An estimate: CL_alpha, CL_q, CL_de, Cm_alpha, Cm_q, Cm_de, then the nuisances of physical_fit."""
+    """An estimate: CL_alpha, CL_q, CL_de, Cm_alpha, Cm_q, Cm_de, then the nuisances of physical_columns."""
 
     theta: Array
     """(PARAMETERS,)"""
@@ -68,10 +67,10 @@ class Equations:
         """`vane_noise`: standard deviation, rad."""
         self._omega = 2.0 * np.pi * frequencies_hz
         self._derivative = central_difference_factor(frequencies_hz, dt)
-        self._constants = pf.constants(aircraft)
+        self._constants = pc.constants(aircraft)
         body = aircraft.boom.upwash_body if aircraft.boom else 0.0
         self._noise = (vane_noise / (1.0 + body)) ** 2
-        self._past = np.zeros((pf.PARAMETERS, 2 * pf.PARAMETERS + 1 + pf.N))
+        self._past = np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N))
         self._preference = 0.0
 
     def clear(self) -> None:
@@ -92,9 +91,9 @@ class Equations:
         `share`: T df, of independent lines; `speed`: mean, m/s; `wind_sd`: standard error of the mean wind, m/s;
         `close` adds the segment to those before.
         """
-        theta, stat, total = np.zeros(pf.PARAMETERS), np.zeros(pf.PARAMETERS), np.zeros(pf.PARAMETERS)
+        theta, stat, total = np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS)
         quality, rho = np.zeros(pf.QUALITY), np.zeros(len(self._omega))
-        pf.set_wind(self._constants, wind_sd / speed)
+        pc.set_wind(self._constants, wind_sd / speed)
         solved = pf.fit(
             spectrum,
             self._omega,
@@ -145,7 +144,7 @@ class Physical:
         forgetting_s: float = math.inf,
     ) -> None:
         """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives."""
-        self.why_not = pf.why_not(aircraft)
+        self.why_not = pc.why_not(aircraft)
         """Why the method cannot be applied to this aircraft; "" if it can."""
         if not self.why_not and names[0].startswith("CZ"):
             self.why_not = "estimates wind-axes derivatives only"
@@ -156,13 +155,13 @@ class Physical:
         self._step_hz = card.step
         self._minimum = MIN_PERIODS / card.low
         self._frequencies = grid(card.low, card.high, card.step)
-        self._transform = Transform(pf.CHANNELS, self._frequencies, dt)
+        self._transform = Transform(pc.CHANNELS, self._frequencies, dt)
         self._segment = round(SEGMENT / card.step / dt)
         self._keep = math.exp(-self._segment * dt / forgetting_s)
         self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise["alpha_vane"])
         self._has_inertia = aircraft.inertia.iyy is not None
         self._known = [abs(aircraft.value(n)) for n in names]
-        self._row = np.zeros(pf.CHANNELS)
+        self._row = np.zeros(pc.CHANNELS)
         self._from_s = 0.0
         self._speed_sum = 0.0
         self._closed = 0
@@ -211,7 +210,7 @@ class Physical:
             self._speed_sum = 0.0
 
     def _elevator_energy(self) -> float:
-        elevator = self._transform.spectrum[pf.DE]
+        elevator = self._transform.spectrum[pc.DE]
         return float(np.vdot(elevator, elevator).real)
 
     def estimate(self, t_ns: int) -> MethodEstimate:

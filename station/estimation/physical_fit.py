@@ -1,13 +1,10 @@
-"""Generalised least squares of both longitudinal equations on wing, tail and gust, with uncertain constants.
+"""Generalised least squares of both longitudinal equations (physical_columns.py) with uncertain constants.
 
-    CL = CL_alpha A + CL_q qhat + CL_de de + a_h D,        A = Wx + Kg
-    Cm = Cm_alpha A + Cm_q qhat + Cm_de de - a_h (l_t/c) D
-    D  = x + g_t - e (W x + K g)(t - l_t/V) - (1 - e) A - 2 e (l_t/c) qhat
-
-D is what tail and wing do beyond the quasi-steady derivatives, which stay the tabulated ones. The constants that the
-profile gives (tail's share, arm and downwash, boom length, memories ...) are known to a prior standard deviation. Some
-are estimated along, as far as the gust moves them; the rest of each, and the others, are considered: they widen the
-total standard error. Residual spectra are log-quadratic in frequency and re-estimated (feasible GLS). SI, radians.
+The constants that the profile gives (tail's share, arm and downwash, boom length, memories ...) are known to a prior
+standard deviation. Some are estimated along, as far as the gust moves them; the rest of each, and the others, are
+considered: they widen the total standard error. Residual spectra are log-quadratic in frequency and re-estimated
+(feasible GLS). The statistical error is the larger of the parametric one and a sum of score products over neighbouring
+lines (Newey and West 1987). SI, radians.
 """
 
 from __future__ import annotations
@@ -19,48 +16,39 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.estimation.physical_signals import (
-    DK,
-    DKL,
-    DKM,
-    DW,
-    DX,
-    GC,
-    GT,
-    KG,
-    KL,
-    KM,
-    SIGNALS,
-    WX,
-    X,
+from station.estimation.physical_columns import (
+    A_H,
+    ARM,
+    CL,
+    CL_ALPHA,
+    CM,
+    CM_ALPHA,
+    DE,
+    HAS_MOMENT,
+    KNOWN_AT,
+    LEARNT_AT,
+    N_LEARNT,
+    PARAMETERS,
+    QH,
+    N,
+    columns,
+    design,
+    wiener,
 )
-from station.profile import Aircraft
+from station.estimation.physical_signals import GC, X
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-QH, DE, CL, CM = SIGNALS, SIGNALS + 1, SIGNALS + 2, SIGNALS + 3
-CHANNELS: Final = SIGNALS + 4
-
-NUISANCES: Final = (
-    *("tail share", "boom length", "vane skew", "span", "span, fast", "lift memory"),
-    *("downwash", "downwash delay", "tail arm", "vane gain", "upwash memory", "mean wind"),
-)
-"""What else may be wrong: the constants of the profile, and the mean wind."""
-N: Final = len(NUISANCES)
-PARAMETERS: Final = 6 + N
-
-# constants
-_AH, _E, _LC, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, _CLA, _CMA, _MOMENT, _WASH, _LEARNT = range(15)
-_KNOWN: Final = _LEARNT + N
-_NW, _NK, _NM, _NG = range(_KNOWN + N, _KNOWN + N + 4)
-_TABLES: Final = _KNOWN + N + 4
-CONSTANTS: Final = _TABLES + 32
 
 PASSES: Final = 4
 QUALITY: Final = 7
 ORDER: Final = 3.5
 """Residual energy is scaled by n/(n - ORDER): parameters used up by each equation."""
+SMALL_RECORD: Final = 1.2
+"""On statistical standard errors: weights and errors come from the residuals of one short record. From Monte Carlo, so
+that 95 % intervals cover 95 %."""
+SECOND_ORDER: Final = 1.7
+"""On them within the total ones: several constants wrong at once do more than the sum of each. From Monte Carlo."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -95,121 +83,6 @@ def _invert(m: Array, inverse: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _memory(amplitudes: Array, rates: Array, terms: int, s: complex) -> complex:
-    """Frequency response of an indicial response; `s`: per chord travelled."""
-    h = 1.0 + 0.0j
-    for j in range(terms):
-        h -= amplitudes[j] * s / (s + rates[j])
-    return h
-
-
-@njit(cache=True, error_model="numpy")
-def wiener(f: Complex, omega: Array, noise: float, gust_power: Array, rho: Array) -> float:
-    """Share `rho` (frequencies,) of the gust's spectrum that is not noise, and `gust_power`, its smoothed energy.
-
-    `noise`: energy of the vane's noise on a line. Returns the share between 0.2 and 1.2 Hz squared: 0 calm, 1
-    turbulent.
-    """
-    lines = omega.shape[0]
-    step = omega[1] - omega[0] if lines > 1 else 1.0
-    total = 0.0
-    count = 0
-    for i in range(lines):
-        hz = omega[i] / (2.0 * math.pi)
-        width = min(max(5.0 * hz, 2.0), 6.0)
-        energy, weight = 0.0, 0.0
-        for j in range(lines):
-            w = math.exp(-0.5 * ((i - j) / width) ** 2)
-            weight += w
-            energy += w * (f[GC, j].real ** 2 + f[GC, j].imag ** 2)
-        gust_power[i] = energy / weight
-        rho[i] = min(max(1.0 - 1.5 * noise / gust_power[i], 0.0), 1.0) if gust_power[i] > 0.0 else 0.0
-        if 0.2 - 1e-9 <= hz <= 1.2 + 1e-9:
-            total += rho[i]
-            count += 1
-    share = total / count if count > 0 else 0.0
-    return share * share if step > 0.0 else 0.0
-
-
-@njit(cache=True, error_model="numpy")
-def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing: Complex, base: Complex) -> None:
-    """What the equations are made of, without the derivatives.
-
-    `wing` (2, frequencies): A and D. `base` (N, 4, frequencies): of each nuisance dA, dD, and what it adds to CL and
-    Cm besides.
-    """
-    a_h, e, lc = con[_AH], con[_E], con[_LC]
-    late = con[_LT] / speed
-    tau = con[_BOOM] / speed
-    lead = con[_LE] / speed
-    chords = speed / con[_CHORD]
-    for i in range(omega.shape[0]):
-        w = omega[i]
-        s = 1j * w
-        r = rho[i]
-        x, qh = f[X, i], f[QH, i]
-        wx, kg, gc, gt = f[WX, i], r * f[KG, i], r * f[GC, i], r * f[GT, i]
-        dw, dk, dx = f[DW, i], r * f[DK, i], f[DX, i]
-        kl, km, dkl, dkm = r * f[KL, i], r * f[KM, i], r * f[DKL, i], r * f[DKM, i]
-        a = wx + kg
-        d = x + gt - e * (dw + dk) - (1.0 - e) * a - 2.0 * e * lc * qh
-        wing[0, i] = a
-        wing[1, i] = d
-        to_tail = np.exp(-s * late)
-        washed = to_tail * np.exp(-s * con[_WASH])
-        to_boom = np.exp(-s * tau)
-        t = _TABLES
-        met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * np.exp(s * lead)
-        f_m = _memory(con[t + 16 : t + 20], con[t + 20 : t + 24], int(con[_NM]), s / chords)
-        f_g = _memory(con[t + 24 : t + 28], con[t + 28 : t + 32], int(con[_NG]), s / chords)
-        # q at the boom as an angle: r q/V = (2 r/c) qhat
-        boom_rate = con[_BOOM] / con[_HALF] * qh
-        flow = (x - boom_rate) * to_boom
-        gain = (1.0 + con[_KF] + con[_KW]) / (1.0 + con[_KF])
-        # gust incidence at the CG that a constant's error feigns
-        feigned = (
-            (1, -s * gc + speed / con[_HALF] * qh * to_boom),
-            (2, s * (gain * flow + gc)),
-            (9, flow + gc),
-            (10, con[_KW] / (1.0 + con[_KF]) * ((f_m - 1.0) * x * to_boom - (f_g - 1.0) * gc)),
-        )
-        for j, g in feigned:
-            da = met * g
-            base[j, 0, i] = da
-            base[j, 1, i] = to_tail * g - (1.0 - e) * da - e * washed * da
-            base[j, 2, i] = 0.0
-            base[j, 3, i] = 0.0
-        # wing incidence with another memory, and the same of l_t/V ago
-        for j, da, late_da in ((3, kl - kg, dkl - dk), (4, km - kg, dkm - dk), (5, wx - x, dw - dx)):
-            base[j, 0, i] = da
-            base[j, 1, i] = -(1.0 - e) * da - e * late_da
-            base[j, 2, i] = 0.0
-            base[j, 3, i] = 0.0
-        for j, lift in (
-            (0, d),
-            (6, a_h * (a - dw - dk - 2.0 * lc * qh)),
-            (7, a_h * e * s * (dw + dk)),
-        ):
-            base[j, 0, i] = 0.0
-            base[j, 1, i] = 0.0
-            base[j, 2, i] = lift
-            base[j, 3, i] = -lc * lift
-        further = -s * late * gt + e * s * late * (dw + dk) - 2.0 * e * lc * qh
-        base[8, 0, i] = 0.0
-        base[8, 1, i] = 0.0
-        base[8, 2, i] = a_h * further
-        base[8, 3, i] = -a_h * lc * (further + d)
-        # A mean wind wrong by a share of the speed is motion by -(theta - x) and a gust that meets boom and tail apart.
-        theta = speed / con[_HALF] * qh / s
-        w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
-        da = w_m * (x - theta) + met * (theta * to_boom - x * np.exp(-s * lead))
-        base[11, 0, i] = da
-        base[11, 1, i] = theta * (to_boom * to_tail - 1.0) - (1.0 - e) * da - e * washed * da
-        base[11, 2, i] = 0.0
-        base[11, 3, i] = 0.0
-
-
-@njit(cache=True, error_model="numpy")
 def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
     """Log-quadratic spectrum of a residual, by gamma regression from a logarithmic start -> `smooth` (frequencies,)."""
     lines = omega.shape[0]
@@ -241,23 +114,6 @@ def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
                 beta[a] += inverse[a, b] * pull[b]
     for i in range(lines):
         smooth[i] = math.exp(beta[0] + beta[1] * z[i, 1] + beta[2] * z[i, 2])
-
-
-@njit(cache=True, error_model="numpy")
-def _design(f: Complex, wing: Complex, base: Complex, con: Array, cla: float, cma: float, g: Complex) -> None:
-    """`g` (2, PARAMETERS, frequencies): columns of CL and Cm, the six derivatives and all nuisances."""
-    a_h, lc = con[_AH], con[_LC]
-    for i in range(g.shape[2]):
-        for equation in range(2):
-            own, other = 3 * equation, 3 - 3 * equation
-            g[equation, own, i] = wing[0, i]
-            g[equation, own + 1, i] = f[QH, i]
-            g[equation, own + 2, i] = f[DE, i]
-            for k in range(3):
-                g[equation, other + k, i] = 0.0
-        for j in range(N):
-            g[0, 6 + j, i] = cla * base[j, 0, i] + a_h * base[j, 1, i] + base[j, 2, i]
-            g[1, 6 + j, i] = cma * base[j, 0, i] - a_h * lc * base[j, 1, i] + base[j, 3, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -327,7 +183,7 @@ def fit(
     n = PARAMETERS
     wing = np.empty((2, lines), dtype=np.complex128)
     base = np.empty((N, 4, lines), dtype=np.complex128)
-    g = np.empty((2, PARAMETERS, lines), dtype=np.complex128)
+    g = np.empty((2, 6 + N, lines), dtype=np.complex128)
     gust_power = np.empty(lines)
     turbulent = wiener(f, omega, noise, gust_power, rho)
     columns(f, omega, speed, con, rho, wing, base)
@@ -335,24 +191,24 @@ def fit(
     residual = np.empty((2, lines), dtype=np.complex128)
     spectrum = np.ones((2, lines))
     for i in range(lines):
-        tail = con[_AH] * wing[1, i]
+        tail = con[A_H] * wing[1, i]
         y[0, i] = f[CL, i] - tail
-        y[1, i] = f[CM, i] * derivative[i] + con[_LC] * tail
+        y[1, i] = f[CM, i] * derivative[i] + con[ARM] * tail
         spectrum[1, i] = 0.1
     prior = np.zeros(n)
-    equations = 2 if con[_MOMENT] > 0.0 else 1
+    equations = 2 if con[HAS_MOMENT] > 0.0 else 1
     if equations == 1:
         prior[3:6] = 1.0
-    for j in range(N):
-        prior[6 + j] = 1.0 / max(turbulent * con[_LEARNT + j], 1e-4 * con[_KNOWN + j], 1e-9) ** 2
+    for j in range(N_LEARNT):
+        prior[6 + j] = 1.0 / max(turbulent * con[LEARNT_AT + j], 1e-4 * con[KNOWN_AT + j], 1e-9) ** 2
     independent = min(max(share, 1e-3), 1.0)
     m = np.empty((n, n))
     rhs = np.empty(n)
     inverse = np.empty((n, n))
     theta[:] = 0.0
-    theta[0], theta[3] = con[_CLA], con[_CMA]
+    theta[0], theta[3] = con[CL_ALPHA], con[CM_ALPHA]
     for k in range(PASSES):
-        _design(f, wing, base, con, theta[0], theta[3], g)
+        design(f, wing, base, con, theta[0], theta[3], g)
         for a in range(n):
             rhs[a] = past[a, 2 * n]
             for b in range(a + 1):
@@ -395,7 +251,13 @@ def fit(
     for q in range(equations):
         for i in range(lines):
             weight = 2.0 * independent / spectrum[q, i]
-            re, im = weight * residual[q, i].real, weight * residual[q, i].imag
+            # A line that draws the fit to itself shows too small a residual: divide by what it leaves free.
+            pull = 0.0
+            for a in range(n):
+                for b in range(n):
+                    pull += inverse[a, b] * (g[q, a, i].real * g[q, b, i].real + g[q, a, i].imag * g[q, b, i].imag)
+            free = weight / max(1.0 - 0.5 * weight * pull, 0.2)
+            re, im = free * residual[q, i].real, free * residual[q, i].imag
             for a in range(n):
                 ga = g[q, a, i]
                 score[i, a] += ga.real * re + ga.imag * im
@@ -419,14 +281,19 @@ def fit(
                 if b == c:
                     spread += prior[b]
                 total_square += inverse[a, b] * spread * inverse[c, a]
-        stat[a] = math.sqrt(max(sandwich, total_square))
-        total_square = stat[a] ** 2
+        spread = math.sqrt(max(sandwich, total_square))
+        stat[a] = SMALL_RECORD * spread
+        total_square = (SECOND_ORDER * spread) ** 2
         for j in range(N):
             effect = 0.0
             for b in range(n):
                 effect -= inverse[a, b] * cross[b, j]
-            left = con[_KNOWN + j] ** 2 - (turbulent * con[_LEARNT + j]) ** 2
-            total_square += effect * effect * max(left, 0.0)
+            learnt = turbulent * con[LEARNT_AT + j] if j < N_LEARNT else 0.0
+            left = effect * effect * max(con[KNOWN_AT + j] ** 2 - learnt**2, 0.0)
+            total_square += left
+            if j == N - 1:
+                # The mean wind is no constant: it is as wrong as this record's gusts make it.
+                stat[a] = math.sqrt(stat[a] ** 2 + left)
         total[a] = math.sqrt(total_square)
 
     quality[:] = 0.0
@@ -448,62 +315,3 @@ def fit(
             for j in range(N):
                 past[a, 2 * n + 1 + j] = cross[a, j]
     return math.isfinite(theta.sum())
-
-
-KNOWN: Final = (0.2, 6e-3, 4e-3, 1.0, 1.0, 0.3, 0.2, 15e-3, 0.09, 0.0115, 0.4, 0.0)
-"""Prior standard deviation of each nuisance; of the tail's share and downwash relative to their value, delays in s.
-The mean wind's comes with the data (set_wind)."""
-LEARNT: Final = (0.2, 6e-3, 4e-3, 1.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-"""How much of it turbulence is let move: 0 is only considered."""
-
-
-def constants(aircraft: Aircraft) -> Array:
-    """The constants of `fit`, (CONSTANTS,); for an aircraft for which `why_not` gives no reason against it."""
-    con = np.zeros(CONSTANTS)
-    g, unsteady, boom = aircraft.geometry, aircraft.unsteady, aircraft.boom
-    assert boom is not None
-    con[_AH], con[_E] = unsteady.tail_lift_slope, unsteady.downwash
-    con[_LC], con[_LT] = unsteady.tail_arm / g.chord, unsteady.tail_arm
-    con[_BOOM], con[_LE] = boom.vane_x, g.chord / 4
-    con[_CHORD], con[_HALF] = unsteady.reference_chord or g.chord, g.chord / 2
-    con[_KF], con[_KW] = boom.upwash_body, boom.upwash_wing
-    con[_WASH] = unsteady.downwash_delay
-    con[_MOMENT] = float(aircraft.inertia.iyy is not None)
-    con[_CLA], con[_CMA] = aircraft.value("CL_alpha") or 5.0, aircraft.value("Cm_alpha") or -1.0
-    for at, values in ((_KNOWN, KNOWN), (_LEARNT, LEARNT)):
-        con[at : at + N] = values
-        con[at] *= unsteady.tail_lift_slope
-        con[at + 6] *= unsteady.downwash
-    for k, response in enumerate(
-        (unsteady.lift_motion, unsteady.lift_gust, unsteady.upwash_motion, unsteady.upwash_gust)
-    ):
-        if response is not None:
-            count = min(len(response.a), 4)
-            con[_NW + k] = count
-            con[_TABLES + 8 * k : _TABLES + 8 * k + count] = response.a[:count]
-            con[_TABLES + 8 * k + 4 : _TABLES + 8 * k + 4 + count] = response.b[:count]
-    return con
-
-
-def set_wind(con: Array, share: float) -> None:
-    """Let the mean wind be known to this share of the speed (standard deviation)."""
-    con[_KNOWN + N - 1] = share
-
-
-def why_not(aircraft: Aircraft) -> str:
-    """Why the method cannot be applied to an aircraft; "" if it can."""
-    unsteady = aircraft.unsteady
-    if not unsteady.memory:
-        return "the aircraft profile says quasi-steady: no lift memory"
-    missing = [
-        name
-        for name, there in (
-            ("boom", aircraft.boom),
-            ("unsteady.tail_lift_slope", unsteady.tail_lift_slope),
-            ("unsteady.tail_arm", unsteady.tail_arm),
-            ("unsteady.lift_motion", unsteady.lift_motion),
-            ("unsteady.lift_gust", unsteady.lift_gust),
-        )
-        if not there
-    ]
-    return f"the aircraft profile gives no {', '.join(missing)}" if missing else ""

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lsim, lti
 
 from station.conventions import SIGNALS, TICK_NS
-from station.estimation import physical_fit as pf
+from station.estimation import physical_columns as pc
 from station.estimation import physical_signals as ps
 from station.estimation.methods import Estimator
 from station.estimation.physical import SEGMENT, Equations, transform
@@ -214,4 +214,4 @@ def test_constants_come_from_the_profile() -> None:
     other = changed(aircraft, "unsteady", tail_arm=1.15 * aircraft.unsteady.tail_arm)
     two = last(Estimator(other, c, methods=("physical",)), given)
     assert abs(two.parameters[4].value / one.parameters[4].value - 1) > 0.003
-    assert len(pf.constants(aircraft)) == pf.CONSTANTS
+    assert len(pc.constants(aircraft)) == pc.CONSTANTS

@@ -1,8 +1,8 @@
 """Monte Carlo of `physical` on the simulation's consistent truth, against the tabulated derivatives.
 
-Each record: filters warm for 60 s in the air of the record (the mean wind is an average over that time), then 30 s with one
-doublet or multisine from its first seconds, through the estimator that flies. STATION_SEEDS sets the number of records of
-the slow cases (default 40); print the table with -s.
+Each record: filters warm for 60 s in the air of the record (the mean wind is an average over that time), then 30 s with
+one doublet or multisine, through the estimator that flies. STATION_SEEDS sets the number of records of the slow cases
+(default 40); print the table with -s.
 """
 
 from __future__ import annotations
