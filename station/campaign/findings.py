@@ -8,19 +8,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from station.campaign.spec import TURBULENCE, Case, Claim, Plan
-
-Array = NDArray[np.float64]
 
 SURE: Final = 2.0
 """Standard errors by which a difference counts."""
 OF_FLIGHTS: Final = 200
 """Exceedances are counted per so many flights, as the study does."""
 NEARLY_ALL: Final = 0.95
+_COLUMNS_KEPT: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +42,17 @@ class Rows:
     def __init__(self, plan: Plan, result: Path) -> None:
         self.plan = plan
         self._file = result
-        head = pq.read_table(result, columns=["case", "method"])
-        self._case = head["case"].to_numpy()
-        self._method = pc.cast(head["method"], "string").to_numpy()
-        self._read: dict[str, Array] = {}
+        self._columns: dict[str, NDArray[Any]] = {}
 
-    def values(self, column: str, case: int, method: str) -> Array:
-        """A column of one case and method, in the order of runs."""
-        if column not in self._read:
-            self._read = {column: pq.read_table(self._file, columns=[column])[column].to_numpy(), **self._some()}
-        found: Array = self._read[column][(self._case == case) & (self._method == method)]
-        return found
-
-    def _some(self) -> dict[str, Array]:
-        """The columns read last: a few, so that memory stays flat."""
-        return dict(list(self._read.items())[:5])
+    def values(self, column: str, case: int, method: str) -> NDArray[Any]:
+        """A column of one case and method, (runs,)."""
+        if column not in self._columns:
+            if len(self._columns) >= _COLUMNS_KEPT:
+                self._columns.pop(next(iter(self._columns)))
+            self._columns[column] = pq.read_table(self._file, columns=[column])[column].to_numpy()
+        methods, runs = self.plan.campaign.methods, self.plan.campaign.runs
+        first = case * runs * len(methods) + methods.index(method)
+        return self._columns[column][first : first + runs * len(methods) : len(methods)]
 
     def summary(self, case: Case, method: str, parameter: str) -> Summary:
         """Statistics of one parameter's errors."""

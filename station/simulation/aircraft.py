@@ -282,7 +282,7 @@ def air_at(c: Constants, height: float) -> tuple[float, float, float]:
     return height, density, -4.255876 * 0.0065 / temperature * density
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def rates(
     c: Constants,
     lift_motion: NDArray[np.float64],

@@ -105,7 +105,8 @@ def _downwash_source(wake: NDArray[np.float64], newest: int, start: int, place: 
     return wake[1, a] + part * (wake[1, b] - wake[1, a]), j
 
 
-@njit(cache=True, error_model="numpy")
+# This and what follows is inlined: a call would copy all the constants, which takes as long as using them.
+@njit(cache=True, error_model="numpy", inline="always")
 def _stage(
     c: ac.Constants,
     tables: Tables,
@@ -135,7 +136,7 @@ def _stage(
     return entry
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _record(
     c: ac.Constants,
     site: Site,
@@ -236,7 +237,7 @@ def advance(
             x[i] += total[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _vanes(
     c: ac.Constants,
     tables: Tables,

@@ -213,8 +213,8 @@ def test_aircraft_that_cannot_be_simulated_say_why() -> None:
         ac.constants(aircraft, 15.0, HEIGHT)
     with pytest.raises(ProfileError, match="CL_alpha and Cm_de"):
         ac.constants(aircraft.model_copy(update={"derivatives": {}}), SPEED, HEIGHT)
-    curved = aircraft.derivatives | {"CL_alpha2": aircraft.derivatives["CL_alpha"]}
-    with pytest.raises(ProfileError, match="CL_alpha2"):
+    curved = aircraft.derivatives | {"CD_alpha3": aircraft.derivatives["CL_alpha"]}
+    with pytest.raises(ProfileError, match="CD_alpha3"):
         ac.constants(aircraft.model_copy(update={"derivatives": curved}), SPEED, HEIGHT)
 
 
