@@ -114,7 +114,8 @@ class Equations:
             return None
         left, signal = quality[:2].tolist(), quality[2:4].tolist()
         r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(left, signal, strict=True))
-        preference = self._preference + float(quality[6] - quality[5])
+        better = float(quality[6] - quality[5])
+        preference = self._preference + (better if math.isfinite(better) else 0.0)
         if close:
             self._preference = preference
         return Solution(theta, stat, total, (r2[0], r2[1]), float(quality[4]), preference)

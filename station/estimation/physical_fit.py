@@ -109,9 +109,14 @@ def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
             off = math.log(power[i]) + 0.5772156649 if k == 0 else power[i] / math.exp(level) - 1.0
             for a in range(3):
                 pull[a] += z[i, a] * off
-        for a in range(3):
-            for b in range(3):
-                beta[a] += inverse[a, b] * pull[b]
+        step = inverse @ pull
+        most = 0.0
+        for i in range(lines):
+            most = max(most, abs(step[0] + step[1] * z[i, 1] + step[2] * z[i, 2]))
+        # A line far above the curve would throw it: a step changes no line by more than e^2.
+        if k > 0 and most > 2.0:
+            step *= 2.0 / most
+        beta += step
     for i in range(lines):
         smooth[i] = math.exp(beta[0] + beta[1] * z[i, 1] + beta[2] * z[i, 2])
 
