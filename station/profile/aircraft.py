@@ -1,0 +1,199 @@
+"""What an aircraft is: geometry, mass, boom, derivatives, what is unsteady about it."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from station.conventions import SIGNALS
+from station.profile.quantity import (
+    Frozen,
+    Hertz,
+    KilogramMetres2,
+    Kilograms,
+    Metres,
+    MetresPerSecond,
+    Positive,
+    Radians,
+    RadiansPerSecond,
+    Seconds,
+    SquareMetres,
+    nearest,
+    quantity,
+)
+
+
+class Derivative(Frozen):
+    """A coefficient, per radian (rates normalised), its prior standard deviation in the same unit, and its source."""
+
+    value: float
+    sd: float | None = Field(default=None, gt=0)
+    source: str = ""
+
+
+class Geometry(Frozen):
+    wing_area: Annotated[SquareMetres, Positive]
+    span: Annotated[Metres, Positive]
+    chord: Annotated[Metres, Positive]
+    """Mean aerodynamic or geometric chord: the reference length of Cm and of q c/2V."""
+
+
+class Inertia(Frozen):
+    mass: Annotated[Kilograms, Positive]
+    ixx: Annotated[KilogramMetres2, Positive] | None = None
+    iyy: Annotated[KilogramMetres2, Positive] | None = None
+    izz: Annotated[KilogramMetres2, Positive] | None = None
+    ixz: KilogramMetres2 = 0.0
+
+
+class Indicial(Frozen):
+    """phi(t) = 1 - sum a exp(-b t), t in chords travelled (physics of unsteady lift and upwash)."""
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists(cls, raw: Any) -> Any:
+        return {k: tuple(v) if isinstance(v, list) else v for k, v in raw.items()} if isinstance(raw, dict) else raw
+
+    @model_validator(mode="after")
+    def _same_length(self) -> Self:
+        if len(self.a) != len(self.b) or not self.a or min(self.b) <= 0:
+            raise PydanticCustomError("indicial", "a and b need the same number of terms, every b above 0")
+        return self
+
+
+class Boom(Frozen):
+    """The nose boom and its vane. Upwash is split into a body part without memory and a wing part with memory."""
+
+    vane_x: Metres
+    """Vane ahead of the CG, positive forward."""
+    vane_y: Metres = 0.0
+    vane_z: Metres = 0.0
+    upwash_body: float = Field(default=0.0, ge=-0.5, le=1.0)
+    upwash_wing: float = Field(default=0.0, ge=-0.5, le=1.0)
+    zero: Radians = 0.0
+    """Vane reading at zero flow angle."""
+    vane_frequency: Annotated[Hertz, Positive] = 9.0
+    vane_damping: float = Field(default=0.35, gt=0, lt=2)
+    flexure: Annotated[float, quantity("rad s2/m")] = 0.0
+    """Vane angle per specific force down: positive where the boom droops when pulled up."""
+
+    @property
+    def steady_calibration(self) -> float:
+        """Flow angle over vane angle when steady: 1/(1 + k_u0)."""
+        return 1.0 / (1.0 + self.upwash_body + self.upwash_wing)
+
+
+class Unsteady(Frozen):
+    """How lift, downwash and upwash lag behind the motion and the gust (thin wing with a tail)."""
+
+    memory: bool = True
+    """False: a quasi-steady aircraft."""
+    tail_lift_slope: float = Field(default=0.0, ge=0)
+    """Tail's share of CL_alpha, per rad, referred to the wing area (a_h)."""
+    tail_arm: Metres = 0.0
+    tail_penetration: float = Field(default=1.0, ge=0, le=4)
+    """How far behind the CG a gust meets the tail, in tail arms: 0 as if the tail were at the CG."""
+    downwash: float = Field(default=0.0, ge=0, lt=1)
+    """d epsilon / d alpha (e)."""
+    downwash_delay: Seconds = 0.0
+    """How much later than tail_arm/V the downwash reaches the tail."""
+    reference_chord: Annotated[Metres, Positive] | None = None
+    """Chord that the times of the indicial responses are counted in; the geometry's if left out."""
+    lift_motion: Indicial | None = None
+    lift_gust: Indicial | None = None
+    upwash_motion: Indicial | None = None
+    upwash_gust: Indicial | None = None
+
+
+class Drag(Frozen):
+    """CD = zero_lift + induced CL^2."""
+
+    zero_lift: float = Field(ge=0)
+    induced: float = Field(default=0.0, ge=0)
+
+
+class Actuator(Frozen):
+    time_constant: Seconds = 0.08
+    rate_limit: RadiansPerSecond = math.radians(60)
+    position_limit: Radians = math.radians(20)
+
+
+class Instrument(Frozen):
+    """What a signal's sensor does to it besides its noise, as found in flight; SI of the signal.
+
+    Reported = gain * lagged(signal, latency earlier) + bias; a surface's play lies between sensor and surface.
+    """
+
+    latency: Seconds = 0.0
+    lag: Seconds = 0.0
+    gain: float = Field(default=1.0, gt=0)
+    bias: float = 0.0
+    backlash: float = Field(default=0.0, ge=0)
+    """Width of the play, in the signal's SI unit."""
+
+
+COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
+ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr", "gust")
+DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
+
+
+class Aircraft(Frozen):
+    name: str
+    description: str = ""
+    sources: tuple[str, ...] = ()
+    geometry: Geometry
+    inertia: Inertia
+    boom: Boom | None = None
+    derivatives: dict[str, Derivative] = Field(default_factory=dict)
+    rate_reference: Literal["instantaneous", "fixed"] = "instantaneous"
+    """Whether rates are normalised with the speed of the instant or with the reference speed."""
+    reference_speed: MetresPerSecond | None = None
+    air_density: Annotated[float, quantity("kg/m3")] | None = None
+    """Fixed density; the standard atmosphere if left out."""
+    thrust_angle: Radians = 0.0
+    thrust_pitch_arm: Metres = 0.0
+    """Nose-up moment per newton of thrust, m."""
+    drag: Drag | None = None
+    unsteady: Unsteady = Unsteady(memory=False)
+    elevator: Actuator = Actuator()
+    kinematics_only: bool = False
+    """Geometry and mass are placeholders: instruments can be calibrated with such a profile, derivatives not found."""
+    instruments: dict[str, Instrument] = Field(default_factory=dict)
+    """Errors of sensors that the rig does not know of, by signal: diagnosis writes them, the simulation flies them."""
+    imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    """How far from the rig's place the imu is, body axes."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _sources(cls, raw: Any) -> Any:
+        if isinstance(raw, dict):
+            keys = ("sources", "imu_offset")
+            raw = {k: tuple(v) if k in keys and isinstance(v, list) else v for k, v in raw.items()}
+        return raw
+
+    @model_validator(mode="after")
+    def _known_derivatives(self) -> Self:
+        for name in self.instruments:
+            if name not in SIGNALS:
+                raise PydanticCustomError(
+                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
+                )
+        for name in self.derivatives:
+            if name not in DERIVATIVE_NAMES:
+                raise PydanticCustomError(
+                    "derivative",
+                    "unknown derivative {name}{near}",
+                    {"name": name, "near": nearest(name, DERIVATIVE_NAMES)},
+                )
+        return self
+
+    def value(self, name: str) -> float:
+        """A derivative's value; 0 where the profile has none."""
+        found = self.derivatives.get(name)
+        return found.value if found else 0.0

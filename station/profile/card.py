@@ -1,0 +1,133 @@
+"""A test card: aircraft, rig, what to fly, what goes wrong, and when the answers are good enough."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from station.conventions import SIGNALS
+from station.profile.quantity import Bytes, Frozen, Hertz, Metres, MetresPerSecond, Positive, Radians, Seconds, nearest
+
+
+class _Input(Frozen):
+    start: Seconds
+    surface: Literal["elevator"] = "elevator"
+    amplitude: Radians
+    repeat: Annotated[Seconds, Positive] | None = None
+    """Fly it again each so many seconds, for as long as the flight lasts."""
+
+
+class Doublet(_Input):
+    kind: Literal["doublet"]
+    width: Annotated[Seconds, Positive]
+    """Of each half."""
+
+
+class ThreeTwoOneOne(_Input):
+    kind: Literal["3-2-1-1"]
+    unit: Annotated[Seconds, Positive]
+    """Width of a 1."""
+
+
+class Multisine(_Input):
+    kind: Literal["multisine"]
+    duration: Annotated[Seconds, Positive]
+    low: Annotated[Hertz, Positive] = 0.1
+    high: Annotated[Hertz, Positive] = 2.0
+
+
+class Sweep(_Input):
+    kind: Literal["sweep"]
+    duration: Annotated[Seconds, Positive]
+    low: Annotated[Hertz, Positive] = 0.1
+    high: Annotated[Hertz, Positive] = 2.0
+
+
+class Pulse(_Input):
+    kind: Literal["pulse"]
+    width: Annotated[Seconds, Positive]
+
+
+Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]
+
+
+class Fault(Frozen):
+    """What an emulated device does wrong, from `start` for `duration` (seconds of flight)."""
+
+    device: str
+    kind: Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent", "clock_step", "unplug"]
+    start: Seconds
+    duration: Annotated[Seconds, Positive]
+    stream: str | None = None
+    """Only this stream of the device; all of them if left out."""
+    signal: str | None = None
+    """For "wrong": the signal that is offset."""
+    value: float = 0.0
+    """"wrong": SI offset added; "delayed" and "clock_step": seconds; "slow": divisor of the rate (4 if left out);
+    "intermittent" and "garbage": share of messages lost or replaced by random bytes (half if left out)."""
+
+
+class Flight(Frozen):
+    """What the emulated aircraft flies."""
+
+    source: Literal["simulation", "recording"] = "simulation"
+    recording: str | None = None
+    """A station log, for source = "recording"; its aircraft is flown."""
+    lead_in: Seconds = 0.0
+    """The recording's first values are held so long before it plays, for filters to settle."""
+    speed: MetresPerSecond = 56.59
+    altitude: Metres = 762.0
+    gust_sigma: MetresPerSecond = 0.0
+    gust_start: Seconds = 0.0
+    wind_north: MetresPerSecond = 0.0
+    wind_east: MetresPerSecond = 0.0
+    heading: Radians = 0.0
+    seed: int = Field(default=1, ge=0)
+    device_clock_offset: Seconds = 3600.0
+    """Device clocks start this far from the station's, each a multiple of it."""
+    device_clock_drift_ppm: float = 30.0
+
+
+class Card(Frozen):
+    """A test card: aircraft, rig, what to fly, what to record and when the answers are good enough."""
+
+    name: str
+    description: str = ""
+    aircraft: str
+    rig: str
+    emulate: bool = False
+    lag: Annotated[Seconds, Field(ge=0.02, le=1.0)] = 0.06
+    """How far behind now the aligned frame stands."""
+    needs: tuple[str, ...] = ("alpha_vane", "airspeed", "q", "ax", "az", "theta", "v_down", "elevator")
+    low: Annotated[Hertz, Positive] = 0.1
+    high: Annotated[Hertz, Positive] = 2.0
+    step: Annotated[Hertz, Positive] = 0.04
+    warm_up: Seconds = 20.0
+    """Filters run this long before the transform opens."""
+    rotate: Annotated[Bytes, Positive] = 512 * 1024.0**2
+    accuracy: float = Field(default=0.1, gt=0)
+    """Enough: 2 sd below this share of the value."""
+    flight: Flight = Flight()
+    manoeuvres: tuple[Manoeuvre, ...] = ()
+    faults: tuple[Fault, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        if isinstance(raw, dict):
+            keys = ("needs", "manoeuvres", "faults")
+            raw = {k: tuple(v) if k in keys and isinstance(v, list) else v for k, v in raw.items()}
+        return raw
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        for name in self.needs:
+            if name not in SIGNALS:
+                raise PydanticCustomError(
+                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
+                )
+        if self.high <= self.low:
+            raise PydanticCustomError("band", "high must be above low")
+        return self

@@ -1,0 +1,71 @@
+"""A quantity is a string with its unit, `"340 slug"`, converted to SI here and nowhere else."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic_core import PydanticCustomError
+
+from station.conventions import UNITS, unit_named
+
+SI_NUMBERS = "si"
+"""Validation context for profiles that come from a recording: numbers are SI already."""
+
+
+def quantity(si: str) -> BeforeValidator:
+    def parse(value: object, info: ValidationInfo) -> object:
+        if info.context == SI_NUMBERS and isinstance(value, (int, float)):
+            return value
+        if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+            raise PydanticCustomError("quantity", "write a number and its unit, for example {eg}", {"eg": f'"1 {si}"'})
+        if not isinstance(value, str):
+            raise PydanticCustomError("quantity", "missing unit: write {eg}", {"eg": f'"{value} {_common_units(si)}"'})
+        number, _, unit = value.strip().partition(" ")
+        known = unit_named(unit) if unit else None
+        try:
+            magnitude = float(number)
+        except ValueError:
+            raise PydanticCustomError("quantity", "{text} is not a number and a unit", {"text": repr(value)}) from None
+        if not unit:
+            raise PydanticCustomError("quantity", "missing unit: write {eg}", {"eg": f'"{number} {_common_units(si)}"'})
+        if known is None or known.si != si:
+            raise PydanticCustomError(
+                "quantity",
+                "unit {unit} does not fit here; use one of {units}",
+                {"unit": repr(unit), "units": ", ".join(u for u in UNITS if UNITS[u].si == si)},
+            )
+        return magnitude * known.factor + known.offset
+
+    return BeforeValidator(parse)
+
+
+def _common_units(si: str) -> str:
+    return next(u for u in UNITS if UNITS[u].si == si)
+
+
+Metres = Annotated[float, quantity("m")]
+SquareMetres = Annotated[float, quantity("m2")]
+MetresPerSecond = Annotated[float, quantity("m/s")]
+Seconds = Annotated[float, quantity("s")]
+Hertz = Annotated[float, quantity("Hz")]
+Radians = Annotated[float, quantity("rad")]
+RadiansPerSecond = Annotated[float, quantity("rad/s")]
+Kilograms = Annotated[float, quantity("kg")]
+KilogramMetres2 = Annotated[float, quantity("kg m2")]
+Newtons = Annotated[float, quantity("N")]
+Bytes = Annotated[float, quantity("byte")]
+Positive = Field(gt=0)
+
+
+class Frozen(BaseModel):
+    """A table of a profile: no key that is not known, no value changed later."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+def nearest(word: str, known: tuple[str, ...]) -> str:
+    """Words that suggest the known one most like `word`; "" if none is."""
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f"; did you mean {close[0]}?" if close else ""

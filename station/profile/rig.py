@@ -1,0 +1,229 @@
+"""What is plugged in where, and how a field on the wire becomes a signal."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from station.conventions import SIGNALS, TICK_HZ, UNIT_ALIASES, UNITS, Stream, to_si, unit_named
+from station.profile.quantity import Frozen, Hertz, Metres, Positive, Seconds, nearest
+
+
+class Channel(Frozen):
+    """How a field on the wire becomes a signal: unit-value = slope (field - zero), or a table of (field, value)."""
+
+    field: str
+    unit: str
+    slope: float = 1.0
+    zero: float = 0.0
+    table: tuple[tuple[float, float], ...] | None = None
+    noise: float = Field(default=0.0, ge=0)
+    """Standard deviation, in `unit`: what the emulated device adds and what the estimator expects."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and isinstance(raw.get("table"), list):
+            raw = {**raw, "table": tuple(tuple(float(x) for x in row) for row in raw["table"])}
+        return raw
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if unit_named(self.unit) is None:
+            raise PydanticCustomError(
+                "unit",
+                "unknown unit {unit}{near}",
+                {"unit": repr(self.unit), "near": nearest(self.unit, tuple(UNITS))},
+            )
+        if self.slope == 0:
+            raise PydanticCustomError("slope", "slope must not be 0")
+        if self.table is not None:
+            x = [row[0] for row in self.table]
+            if len(x) < 2 or any(b <= a for a, b in itertools.pairwise(x)):
+                raise PydanticCustomError("table", "table needs at least 2 points with the field's value increasing")
+        return self
+
+    def to_si(self, raw: float) -> float:
+        """The signal's value in SI; beyond a table's ends its last slope goes on."""
+        value = self.slope * (raw - self.zero) if self.table is None else _interpolate(self.table, raw)
+        return to_si(value, self.unit)
+
+    def from_si(self, value: float) -> float:
+        """The field's value for a signal's value in SI (the inverse of to_si), before rounding to the wire."""
+        u = UNITS[UNIT_ALIASES.get(self.unit, self.unit)]
+        physical = (value - u.offset) / u.factor
+        if self.table is None:
+            return physical / self.slope + self.zero
+        inverse = sorted((y, x) for x, y in self.table)
+        return _interpolate(tuple(inverse), physical)
+
+    def noise_si(self) -> float:
+        """The noise's standard deviation in SI."""
+        return self.noise * UNITS[UNIT_ALIASES.get(self.unit, self.unit)].factor
+
+
+def _interpolate(table: tuple[tuple[float, float], ...], x: float) -> float:
+    i = 1
+    while i < len(table) - 1 and x > table[i][0]:
+        i += 1
+    (x0, y0), (x1, y1) = table[i - 1], table[i]
+    return y0 + (x - x0) * (y1 - y0) / (x1 - x0)
+
+
+class StreamProfile(Frozen):
+    """One message of a device and the signals in it."""
+
+    name: str
+    message: str | int
+    rate: Annotated[Hertz, Positive]
+    latency: Seconds = 0.0
+    """How old the values are when the message is stamped by the device (or arrives, if it carries no time)."""
+    stamp_resolution: Seconds = 0.0
+    """The step in which the device counts its time."""
+    signals: dict[str, Channel]
+
+    @model_validator(mode="after")
+    def _known_signals(self) -> Self:
+        for name, channel in self.signals.items():
+            signal = SIGNALS.get(name)
+            if signal is None:
+                raise PydanticCustomError(
+                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
+                )
+            unit = unit_named(channel.unit)
+            if unit is None or unit.si != signal.unit:
+                raise PydanticCustomError(
+                    "unit",
+                    "signal {name} is in {si}: unit {unit} does not fit",
+                    {"name": name, "si": signal.unit, "unit": repr(channel.unit)},
+                )
+        return self
+
+
+class _Device(Frozen):
+    name: str
+    streams: tuple[StreamProfile, ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and isinstance(raw.get("streams"), list):
+            raw = {**raw, "streams": tuple(raw["streams"])}
+        return raw
+
+
+class SerialDevice(_Device):
+    """A port speaking the boom box's binary packets or text lines, u-blox UBX, or NMEA 0183."""
+
+    link: Literal["serial"]
+    protocol: Literal["boombox", "boombox_ascii", "ubx", "nmea"]
+    port: str
+    """A port's path, or "emulated"."""
+    baud: int = Field(default=115_200, gt=0)
+
+
+class CanDevice(_Device):
+    """A CAN bus through any of python-can's interfaces, its messages from a DBC file beside the rig."""
+
+    link: Literal["can"]
+    interface: str = "slcan"
+    channel: str
+    """What python-can's interface calls its channel (for slcan a port's path), or "emulated"."""
+    bitrate: int = Field(default=1_000_000, gt=0)
+    dbc: str
+
+
+class MavlinkDevice(_Device):
+    """An autopilot or other MAVLink source. Receive-only but for what `timesync` and `request_streams` allow."""
+
+    link: Literal["mavlink"]
+    url: str
+    """pymavlink's connection string (udpin:HOST:PORT, tcp:HOST:PORT, a serial path), or "emulated"."""
+    baud: int = Field(default=115_200, gt=0)
+    system_id: int | None = Field(default=None, ge=1, le=255)
+    timesync: bool = False
+    request_streams: bool = False
+    signing_key_file: str | None = None
+    """File with the 32-byte key in hexadecimal; with it, unsigned and wrongly signed packets are refused."""
+
+
+Device = Annotated[SerialDevice | CanDevice | MavlinkDevice, Field(discriminator="link")]
+
+
+class Rig(Frozen):
+    name: str
+    description: str = ""
+    imu_position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
+    """IMU from the CG, body axes (forward, right, down)."""
+    devices: tuple[Device, ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        if isinstance(raw, dict):
+            raw = {
+                k: tuple(v) if k in ("devices", "imu_position") and isinstance(v, list) else v for k, v in raw.items()
+            }
+        return raw
+
+    @model_validator(mode="after")
+    def _one_source_per_signal(self) -> Self:
+        seen: dict[str, str] = {}
+        names: set[str] = set()
+        for device in self.devices:
+            if device.name in names:
+                raise PydanticCustomError("device", "two devices are named {name}", {"name": device.name})
+            names.add(device.name)
+            for stream in device.streams:
+                for signal in stream.signals:
+                    other = seen.setdefault(signal, f"{device.name}.{stream.name}")
+                    if other != f"{device.name}.{stream.name}":
+                        raise PydanticCustomError(
+                            "claimed",
+                            "signal {signal} is claimed by {one} and by {two}: take it out of one of them",
+                            {"signal": signal, "one": other, "two": f"{device.name}.{stream.name}"},
+                        )
+        return self
+
+    def streams(self) -> Iterator[Stream]:
+        """Every stream, named device.stream."""
+        for device in self.devices:
+            for s in device.streams:
+                yield Stream(
+                    name=f"{device.name}.{s.name}",
+                    signals=tuple(s.signals),
+                    rate_hz=s.rate,
+                    stale_after_s=min(max(0.2, 2.2 / s.rate), 3.0),
+                    device=device.name,
+                    latency_s=s.latency,
+                    stamp_resolution_s=s.stamp_resolution,
+                )
+
+    def without_noise(self) -> Rig:
+        """The same rig with every signal's noise unstated."""
+        devices = []
+        for device in self.devices:
+            streams = []
+            for s in device.streams:
+                silent = {n: c.model_copy(update={"noise": 0.0}) for n, c in s.signals.items()}
+                streams.append(s.model_copy(update={"signals": silent}))
+            devices.append(device.model_copy(update={"streams": tuple(streams)}))
+        return self.model_copy(update={"devices": tuple(devices)})
+
+    def noise_si(self) -> dict[str, float]:
+        """Standard deviation of each signal's noise in one sample, SI."""
+        return {n: c.noise_si() for d in self.devices for s in d.streams for n, c in s.signals.items()}
+
+    def frame_noise_si(self) -> dict[str, float]:
+        """Standard deviation of each signal's noise in a 50 Hz frame, SI: a faster stream's samples are averaged."""
+        return {
+            n: c.noise_si() / math.sqrt(max(1.0, s.rate / TICK_HZ))
+            for d in self.devices
+            for s in d.streams
+            for n, c in s.signals.items()
+        }
