@@ -29,7 +29,7 @@ Logs = Annotated[list[Path], typer.Argument(metavar="LOG...", help="recordings (
 def diagnose(
     logs: Logs,
     hold_out: Annotated[
-        list[Path] | None, typer.Option("--hold-out", metavar="LOG", help="recording for the gain only; may be repeated")
+        list[Path] | None, typer.Option("--hold-out", metavar="LOG", help="recording for the gain only; repeatable")
     ] = None,
     aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
@@ -52,10 +52,10 @@ def diagnose(
     complete = True
     for group, paths in ((fitted, logs), (kept, hold_out or [])):
         for path in paths:
-            own, whole, found = _read(path, subject)
+            own, whole, pieces = _read(path, subject)
             subject = subject or own
             complete &= whole
-            group += found
+            group += pieces
     assert subject is not None
     if not kept and len(fitted) > 1:
         count = max(1, len(fitted) // HELD_OUT_SHARE)
@@ -94,7 +94,7 @@ def _read(path: Path, subject: Aircraft | None) -> tuple[Aircraft, bool, list[Re
     found = manoeuvres(
         path.name,
         flown.t_s,
-        flown.columns,
+        {**flown.extra, **flown.columns},
         subject or flown.aircraft,
         [(p.start_s, p.end_s) for p in points(path)],
     )

@@ -10,15 +10,20 @@ from typing import Any, Final, Literal
 from scipy import stats
 
 from station.discrepancy import judge
+from station.discrepancy.checks import Seen, examine
 from station.discrepancy.effects import BY_ID, Term, extended, judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, reference
-from station.discrepancy.search import Found, search
+from station.discrepancy.search import FURTHER, RIVAL, Found, search
 from station.profile import Aircraft
 
 SCHEMA: Final = "station.diagnose/1"
+LARGE: Final = 300.0
+"""Drop from which the accepted effects are simulated and refitted."""
+MODEL_ERROR: Final = 0.05
+"""Share of the predicted forces and moments by which a real aircraft's model may be wrong without an effect."""
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
 
 
@@ -53,6 +58,11 @@ class Diagnosis:
     remarks: tuple[str, ...]
     extended: Aircraft
     """The profile with the accepted effects in it."""
+    seen: tuple[Seen, ...] = ()
+    """Effects that needed no fit."""
+    tolerant: tuple[Effect, ...] = ()
+    """Where something is unexplained: what is found when the model itself may be MODEL_ERROR wrong."""
+    tolerant_leftover: Leftover | None = None
 
 
 def diagnose(
@@ -63,6 +73,8 @@ def diagnose(
     seed: int = 0,
 ) -> Diagnosis:
     """Compare, name, extend, measure. Raises UsageError."""
+    seen, mended = examine([*fitted, *held_out], aircraft)
+    fitted, held_out = mended[: len(fitted)], mended[len(fitted) :]
     references = []
     for k, record in enumerate(fitted):
         progress(f"simulating {record.name}")
@@ -71,7 +83,7 @@ def diagnose(
     for k, record in enumerate(held_out):
         progress(f"simulating {record.name} (held out)")
         kept.append(reference(record, aircraft, seed + 1000 * (k + len(fitted))))
-    return diagnosis_of(references, kept, aircraft, progress)
+    return diagnosis_of(references, kept, aircraft, progress, seen)
 
 
 def diagnosis_of(
@@ -79,34 +91,83 @@ def diagnosis_of(
     held_out: Sequence[Reference],
     aircraft: Aircraft,
     progress: Callable[[str], None] = lambda _: None,
+    seen: Sequence[Seen] = (),
 ) -> Diagnosis:
     """A diagnosis from manoeuvres that have been flown in the simulation already."""
     problem = Problem(references, aircraft)
     present = set.intersection(*(set(r.record.signals) for r in references))
     gusty = any(r.setting.gusty for r in references)
-    held = any(r.record.held for r in references)
+    held = any(len(r.record.held) for r in references)
     terms = judged_effects(aircraft, present, gusty, held)
     found = search(problem, terms, progress)
     progress("what is left")
     leftover = judge.left_over(problem, found)
-    effects = _effects(found)
+    if found.accepted.values and (leftover.present or found.drop > LARGE):
+        progress("simulating with the effects")
+        problem, found = _second_look(problem, found)
+        leftover = judge.left_over(problem, found)
+    effects = _effects(found, aircraft)
     measured = judge.gain(problem, held_out, found)
+    tolerant: tuple[Effect, ...] = ()
+    tolerant_leftover = None
+    if leftover.present:
+        progress(f"allowing the model {100 * MODEL_ERROR:g} % error")
+        lenient = Problem(
+            [reference(r.record, aircraft, 0, MODEL_ERROR, r.flights, (r.mass_share, r.iyy_share)) for r in references],
+            aircraft,
+        )
+        other = search(lenient, terms, progress)
+        tolerant, tolerant_leftover = _effects(other, aircraft), judge.left_over(lenient, other)
     verdict: Verdict = "no_effect"
     if leftover.present:
         verdict = "unexplained"
     elif any(e.rivals for e in effects):
         verdict = "confounded"
-    elif effects:
+    elif effects or seen:
         verdict = "effect_found"
     remarks = tuple(dict.fromkeys(w for r in references if (w := describe_missing(r.record))))
     values = {e.term.id: e.value for e in effects}
     return Diagnosis(
         aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), remarks,
-        extended(aircraft, values),
+        extended(aircraft, values), tuple(seen), tolerant, tolerant_leftover,
     )  # fmt: skip
 
 
-def _effects(found: Found) -> tuple[Effect, ...]:
+def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
+    """Simulate with the accepted effects, refit them against that, and drop those that are no longer needed.
+
+    A large correction leaves traces that the simulation without it does not have.
+    """
+    subject = extended(problem.aircraft, found.accepted.values)
+    references = [
+        reference(r.record, subject, 500 + k, loading=(r.mass_share, r.iyy_share))
+        for k, r in enumerate(problem.references)
+    ]
+    again = Problem(references, problem.aircraft)
+    values, gust = dict(found.accepted.values), found.accepted.gust
+    accepted = again.refit(tuple(values), values, gust)
+    tried = {frozenset(values): accepted}
+    while len(accepted.values) > 1:
+        fewer = []
+        for name in accepted.values:
+            ids = tuple(i for i in accepted.values if i != name)
+            fit = again.refit(ids, accepted.values, gust)
+            tried[frozenset(ids)] = fit
+            fewer.append(fit)
+        best = min(fewer, key=lambda f: (f.cost, f.ids))
+        if best.cost - accepted.cost > FURTHER:
+            break
+        accepted = best
+    rivals = []
+    for rival in found.rivals:
+        if len(rival.values) == len(accepted.values):
+            fit = again.refit(rival.ids, rival.values, gust)
+            if fit.cost - accepted.cost < RIVAL and frozenset(fit.ids) != frozenset(accepted.ids):
+                rivals.append(fit)
+    return again, Found(again.null(), accepted, tuple(rivals), found.singles, tried, found.screened)
+
+
+def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:
     accepted = found.accepted
     out = []
     for name, value in accepted.values.items():
@@ -114,7 +175,13 @@ def _effects(found: Found) -> tuple[Effect, ...]:
         without = found.refitted.get(others, found.null if not others else None)
         drop = _without(found, others) - accepted.cost if without is None else without.cost - accepted.cost
         sd = SD_FACTOR * accepted.sds[name]
-        out.append(Effect(BY_ID[name], value, sd, drop, judge.rivals_of(found, name)))
+        rivals = judge.rivals_of(found, name)
+        if name == "alpha_vane.scale" and aircraft.boom is not None:
+            twice = aircraft.boom.steady_calibration - 1
+            if abs(value - twice) < 1.96 * sd < 0.4 * abs(twice):
+                # Someone may have divided by the upwash already: the value is just what that gives.
+                rivals = ("alpha_vane.double_upwash", *rivals)
+        out.append(Effect(BY_ID[name], value, sd, drop, rivals))
     return tuple(sorted(out, key=lambda e: -e.drop))
 
 
@@ -140,7 +207,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "fitted_on": [r.record.name for r in problem.references],
         "held_out": [r.record.name for r in d.held_out],
         "verdict": d.verdict,
-        "effects": [_effect_json(e, d.verdict == "unexplained") for e in d.effects],
+        "effects": [*map(_seen_json, d.seen), *(_effect_json(e, d.verdict == "unexplained") for e in d.effects)],
         "gain": _gain_json(d),
         "unexplained": {
             "present": d.leftover.present,
@@ -151,15 +218,45 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
             "log_p": d.leftover.log_p,
             "score": d.leftover.score,
         },
+        "with_model_error": _tolerant_json(d),
         "residuals": residuals,
+        "derivatives": {
+            a.name: {"change_percent": 100 * a.sd * float(m), "in_prior_sd": float(m)}
+            for a, m in zip(problem.allowed, found.accepted.moved, strict=False)
+            if a.relinear
+        },
         "noise": {r.record.name: dict(r.noise) for r in problem.references},
         "gust_sigma_mps": {r.record.name: g for r, g in zip(problem.references, found.accepted.gust, strict=True)},
         "excluded": [
-            {"id": f.ids[0], "value": f.values[f.ids[0]], "drop": max(found.null.cost - f.cost, 0.0)}
+            {"id": f.ids[0], "value": f.values[f.ids[0]], "drop": max(found.screened - f.cost, 0.0)}
             for f in found.singles
             if f.ids[0] not in found.accepted.values and math.isfinite(f.cost)
         ],
         "remarks": list(d.remarks),
+    }
+
+
+def _seen_json(s: Seen) -> dict[str, Any]:
+    return {
+        "id": s.id,
+        "sentence": s.sentence,
+        "value": s.value,
+        "unit": s.unit,
+        "ci95": [s.value, s.value],
+        "evidence": {"p_value": 0.0, "signature": s.signature, "drop": None},
+        "confounded_with": [],
+        "separate_by": s.separate_by,
+        "suspect": False,
+    }
+
+
+def _tolerant_json(d: Diagnosis) -> dict[str, Any] | None:
+    if d.tolerant_leftover is None:
+        return None
+    return {
+        "share": MODEL_ERROR,
+        "effects": [_effect_json(e, d.tolerant_leftover.present) for e in d.tolerant],
+        "unexplained": d.tolerant_leftover.present,
     }
 
 
@@ -195,4 +292,3 @@ def _gain_json(d: Diagnosis) -> dict[str, Any] | None:
         "ci95": [100 * g.low, 100 * g.high],
         "by_record": [{"record": n, "before": b, "after": a} for n, b, a in g.by_record],
     }
-

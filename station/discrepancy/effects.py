@@ -56,13 +56,16 @@ class Term:
 
     def words(self, value: float) -> str:
         """The sentence with the value in it."""
-        return self.sentence.format(value=f"{from_si(value, self.shown):+.3g} {'' if self.shown == '1' else self.shown}".strip())
+        unit = "" if self.shown == "1" else f" {self.shown}"
+        return self.sentence.format(value=f"{from_si(value, self.shown):+.3g}{unit}")
 
 
 # --- changes of a profile
 
 
-def _instruments(aircraft: Aircraft, names: Iterable[str], change: Callable[[Instrument], Mapping[str, float]]) -> Aircraft:
+def _instruments(
+    aircraft: Aircraft, names: Iterable[str], change: Callable[[Instrument], Mapping[str, float]]
+) -> Aircraft:
     made = dict(aircraft.instruments)
     for name in names:
         old = made.get(name, Instrument())
@@ -265,6 +268,13 @@ EFFECTS: Final[tuple[Term, ...]] = (
          "Gusts meet the tail later by {value} of its arm than the profile says.",
          "a calm manoeuvre: it shows in turbulence only", _unsteady("tail_penetration"), aerodynamic=True,
          gust_only=True),
+    Term("aero.downwash_lag", "CL Cm", 0, "s", "ms", -0.2, 0.5, 0.01,
+         "The downwash reaches the tail {value} later than the tail arm over the speed.",
+         "a calm multisine and one in turbulence", _unsteady("downwash_delay"), aerodynamic=True),
+    Term("aero.CL_q", "CL", 0, "1", "1", -40, 40, 2, "Lift follows pitch rate: CL_q = {value}.",
+         "a multisine in calm air", derivative("CL_q"), aerodynamic=True),
+    Term("aero.CL_de", "CL", 0, "1", "1", -3, 3, 0.1, "The elevator itself lifts: CL_de = {value}.",
+         "a multisine in calm air", derivative("CL_de"), aerodynamic=True),
     Term("thrust.moment", "Cm", 0, "m", "ft", -3, 3, 0.05, "Thrust pitches the aircraft with an arm {value} longer.",
          "idle and full power at one speed", _thrust_arm, ("thrust",), aerodynamic=True),
     Term("velocity.delay", "v_north v_east v_down", 0, "s", "ms", -0.5, 1.5, 5e-3, "The velocity is {value} late.",
@@ -315,6 +325,9 @@ def extended(aircraft: Aircraft, values: Mapping[str, float]) -> Aircraft:
     return aircraft
 
 
+_NEEDS_MEMORY: Final = ("aero.unsteady_lift", "aero.downwash_lag", "gust.tail_penetration")
+
+
 def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held: bool) -> tuple[Term, ...]:
     """What can be named from these signals: `held` tells that the velocity repeats its values."""
     there = set(present)
@@ -326,8 +339,10 @@ def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held
             continue  # shifting a staircase always finds a few milliseconds
         if term.id in ("alpha_vane.upwash_memory",) and aircraft.unsteady.upwash_motion is None:
             continue
-        if term.id in ("aero.unsteady_lift", "gust.tail_penetration") and not aircraft.unsteady.memory:
+        if term.id in _NEEDS_MEMORY and not aircraft.unsteady.memory:
             continue
+        if term.id in ("aero.CL_q", "aero.CL_de") and aircraft.value(term.id.removeprefix("aero.")):
+            continue  # allowed for with the profile's own uncertainty
         out.append(term)
     return tuple(out)
 

@@ -1,4 +1,4 @@
-"""Candidates fitted to all manoeuvres together: effects, what is allowed for, and the gust's strength, by likelihood."""
+"""Candidates fitted to all manoeuvres together: effects, what is allowed for, the gust's strength, by likelihood."""
 
 from __future__ import annotations
 
@@ -210,9 +210,7 @@ class Problem:
             step = 1.0
             gained = 0.0
             for _ in range(_HALVINGS):
-                trial = {
-                    t.id: min(max(values[t.id] + step * float(x[j]), t.low), t.high) for j, t in enumerate(terms)
-                }
+                trial = {t.id: min(max(values[t.id] + step * float(x[j]), t.low), t.high) for j, t in enumerate(terms)}
                 there = self.at(trial)
                 moved, _, g, cost = self.solve(there, none, allowed, gust, 2)
                 if cost < best.cost:

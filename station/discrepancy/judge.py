@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ RIDGE: Final = 0.01
 ORDER: Final = (VANE, THETA, DOWN, NORTH, DRAG, LIFT, MOMENT)
 """Each series is judged given those before it."""
 BANDS: Final = 6
-SD_FACTOR: Final = 1.3
+SD_FACTOR: Final = 1.15
 """Standard deviations of the linear fit to those found in repeated flights."""
 BLOCK: Final = 8
 RESAMPLES: Final = 400
@@ -95,7 +96,7 @@ def left_over(problem: Problem, found: Found) -> Leftover:
         edges = np.linspace(0, len(f), min(BANDS, len(f)) + 1).round().astype(int)
         for row, j in enumerate(order):
             x = power[row]
-            for a, b in zip(edges[:-1], edges[1:], strict=True):
+            for a, b in itertools.pairwise(edges):
                 log_p = _log_p(float(x[a:b].sum()), b - a)
                 worst = min(worst, (log_p, j, (float(f[a]), float(f[b - 1]))))
             k = int(np.argmax(x))
@@ -143,10 +144,10 @@ def _coherence(problem: Problem, fit: Fit, left: Sequence[Spectra]) -> tuple[flo
     here = problem.at(fit.values)
     own = [problem.effect_columns(BY_ID[i], fit.values, here) for i in fit.values]
     allowed = problem.allowed_columns(fit.values, here)
-    weights = [
-        trust(r) / (1 + g**2 * turbulent_share(r)) for r, g in zip(problem.references, fit.gust, strict=True)
+    weights = [trust(r) / (1 + g**2 * turbulent_share(r)) for r, g in zip(problem.references, fit.gust, strict=True)]
+    base = [
+        np.concatenate([np.array([c[k] for c in own]).reshape(len(own), a.shape[1]), a]) for k, a in enumerate(allowed)
     ]
-    base = [np.concatenate([np.array([c[k] for c in own]).reshape(len(own), a.shape[1]), a]) for k, a in enumerate(allowed)]
     size = len(base[0])
     inner = np.diag(np.concatenate([np.zeros(len(own)), np.ones(size - len(own))]))
     right = np.zeros(size)
@@ -275,4 +276,3 @@ def channel_error(reference: Reference, aircraft: Aircraft) -> dict[str, float]:
     for row, j in enumerate(reference.setting.judged):
         out[SERIES[j]] = math.sqrt(float((np.abs(z.bins[row]) ** 2 / calm[:, row, row].real).mean()))
     return out
-

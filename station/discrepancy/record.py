@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import SIGNALS, from_si
 from station.profile import Aircraft
 from station.rows import UsageError
 from station.simulation.aircraft import atmosphere
@@ -24,6 +23,7 @@ SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
 BRIDGED_S: Final = 0.25
+HELD_SAMPLES: Final = 3
 _EXCITED: Final = math.radians(0.3)
 """Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
 _STRAIGHT: Final = math.radians(4.0)
@@ -43,8 +43,13 @@ class Record:
     density: float
     height: float
     missing: tuple[str, ...] = ()
-    held: Mapping[str, int] | None = None
-    """Signals that repeat their values, and for how many samples (median)."""
+    held: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    """Signals that repeat their values, and the samples at which they are fresh."""
+    mass: float | None = None
+    """kg and kg m2, where the record itself has them (means)."""
+    iyy: float | None = None
+    lost: float = 0.0
+    """Share of rows in which a needed signal was missing and bridged."""
     imu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the rig says the imu is, from the CG in body axes, m."""
     stated: Mapping[str, float] = field(default_factory=dict)
@@ -120,14 +125,23 @@ def _piece(
             signals[s] = values
     if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
         raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
-    held = {s: run for s in ("v_down", "v_north") if s in signals and (run := _held(signals[s])) > 1}
+    mass, iyy = _mean(columns, "mass", rows), _mean(columns, "iyy", rows)
+    lost = float(1 - usable[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1].mean())
     density, height = _air(columns, rows, signals, aircraft)
     if "dynamic_pressure" not in signals:
         signals["dynamic_pressure"] = 0.5 * density * signals["airspeed"] ** 2
+    held: dict[str, NDArray[np.int64]] = {
+        s: fresh for s in ("v_down", "v_north", "v_east") if s in signals and len(fresh := _fresh(signals[s]))
+    }
     _along(signals)
+    if "v_north" in held:
+        held["v_along"] = held["v_north"]
     if "v_along" not in signals:
         missing.append("v_along")
-    return Record(name, dt, float(grid[0]), signals, density, height, tuple(missing), held)
+    return Record(
+        name, dt, float(grid[0]), signals, density, height, tuple(missing), held,
+        mass=mass, iyy=iyy, lost=lost,
+    )  # fmt: skip
 
 
 def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | None:
@@ -142,10 +156,19 @@ def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | N
     return made
 
 
-def _held(x: Array) -> int:
-    """Median number of samples for which a value repeats."""
-    changes = np.flatnonzero(np.diff(x) != 0)
-    return int(np.median(np.diff(changes))) if len(changes) > 3 else 1
+def _fresh(x: Array) -> NDArray[np.int64]:
+    """The samples at which a value that is held is new; empty for one that is new more often than each third time."""
+    changes = np.flatnonzero(np.diff(x) != 0) + 1
+    if len(changes) < 4 or np.median(np.diff(changes)) < HELD_SAMPLES:
+        return np.empty(0, dtype=np.int64)
+    return changes
+
+
+def _mean(columns: Mapping[str, Array], name: str, rows: NDArray[np.int64]) -> float | None:
+    column = columns.get(name)
+    if column is None or not np.isfinite(column[rows]).any():
+        return None
+    return float(np.nanmean(column[rows]))
 
 
 def _air(
@@ -154,13 +177,14 @@ def _air(
     """Mean density (kg/m3) and height (m), from static air data, altitude or dynamic pressure, in this order."""
 
     def mean(name: str) -> float:
-        column = columns.get(name)
-        return float("nan") if column is None or not np.isfinite(column[rows]).any() else float(np.nanmean(column[rows]))
+        found = _mean(columns, name, rows)
+        return float("nan") if found is None else found
 
     pressure, temperature, altitude = mean("static_pressure"), mean("air_temperature"), mean("altitude")
     if math.isfinite(pressure) and math.isfinite(temperature):
         density = pressure / (287.05287 * temperature)
-        height = altitude if math.isfinite(altitude) else (1 - (pressure / 101325.0) ** (1 / 5.255876)) * 288.15 / 0.0065
+        by_pressure = (1 - (pressure / 101325.0) ** (1 / 5.255876)) * 288.15 / 0.0065
+        height = altitude if math.isfinite(altitude) else by_pressure
     elif math.isfinite(altitude):
         density, height = float(atmosphere(altitude)[2]), altitude
     elif "dynamic_pressure" in signals:
@@ -189,11 +213,9 @@ def describe_missing(record: Record) -> str:
     """What cannot be judged for want of signals; empty where nothing is missing."""
     words = []
     if "v_down" in record.missing:
-        words.append("no vertical velocity: gust and inertial motion are not told apart below 0.1 Hz, velocity not judged")
+        words.append("no vertical velocity: slow gusts and slow motion are not told apart, velocity is not judged")
     if "v_along" in record.missing:
         words.append("no ground speed along a steady heading: horizontal accelerations are not checked against it")
     if "thrust" in record.missing:
         words.append("no thrust: taken as constant")
     return "; ".join(words)
-
-

@@ -17,11 +17,12 @@ from scipy import fft, signal
 
 from station.conventions import G0, to_si
 from station.discrepancy.record import Record
-from station.discrepancy.residuals import SERIES, VANE, Setting, Spectra, series, setting_of, spectra
+from station.discrepancy.residuals import SERIES, VANE, Setting, Spectra, bridge_of, series, spectra
 from station.profile import Actuator, Aircraft, Flight
 from station.rows import ProfileError, UsageError
 from station.simulation.aircraft import constants
-from station.simulation.simulate import DT, Simulation
+from station.simulation.motion import DT
+from station.simulation.simulate import Simulation
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -50,12 +51,11 @@ STATED: Final[Mapping[str, float]] = {
 """Noise where a rig states none: a good flight-test installation."""
 _SEED: Final = 7_340_001
 """Of the first gust field: far from the seeds that flights are given."""
+SMOOTHED: Final = 0.5
 _THROUGH: Final = "through the air mass"
 LEAST_DRIFT: Final = 0.05
 _ALIAS: Final = {"v_along": "v_north"}
-_QUICK_ACTUATOR: Final = Actuator().model_copy(
-    update={"time_constant": 0.02, "rate_limit": 1e3, "position_limit": 1.5}
-)
+_QUICK_ACTUATOR: Final = Actuator().model_copy(update={"time_constant": 0.02, "rate_limit": 1e3, "position_limit": 1.5})
 _INPUT_PASS_HZ: Final = 7.0
 
 
@@ -79,6 +79,17 @@ class Whitener:
 
 
 @dataclass(frozen=True, slots=True)
+class Flights:
+    """A manoeuvre flown by the simulation without noise: signals (n,) in calm air, (FLIGHTS, n) in turbulence."""
+
+    nominal: Mapping[str, Array]
+    turbulent: Mapping[str, Array]
+    drift: Array
+    """(FLIGHTS, 1): speed through the air mass less the mean airspeed, m/s."""
+    trim_thrust: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reference:
     """One manoeuvre, and what it would look like."""
 
@@ -96,11 +107,29 @@ class Reference:
     """Rough standard deviation of the vertical gust, m/s."""
     drift_sd: float
     """Standard deviation of `drift` of residuals.series, m/s."""
+    mass_share: float
+    iyy_share: float
+    flights: Flights
 
     def differences(self, aircraft: Aircraft, drift: float = 0.0) -> Spectra:
         """What was measured less what that aircraft predicts, in the series judged; `drift` as in residuals.series."""
-        own = aircraft.model_copy(update={"air_density": self.record.density})
+        own = loaded(aircraft, self.record, self.mass_share, self.iyy_share)
         return spectra(series(self.record.signals, own, self.setting, drift), self.setting).minus(self.mean)
+
+
+def loaded(aircraft: Aircraft, record: Record, mass_share: float, iyy_share: float) -> Aircraft:
+    """An aircraft in a record's air and with its loading, as shares of the profile's mass and inertia."""
+    inertia = aircraft.inertia.model_copy(
+        update={"mass": aircraft.inertia.mass * mass_share, "iyy": (aircraft.inertia.iyy or 1.0) * iyy_share}
+    )
+    return aircraft.model_copy(update={"air_density": record.density, "inertia": inertia})
+
+
+def shares(aircraft: Aircraft, record: Record) -> tuple[float, float]:
+    """The record's own mass and inertia over the profile's; 1 where it has none."""
+    mass = (record.mass or aircraft.inertia.mass) / aircraft.inertia.mass
+    iyy = aircraft.inertia.iyy
+    return mass, 1.0 if iyy is None or record.iyy is None else record.iyy / iyy
 
 
 def bare(aircraft: Aircraft) -> Aircraft:
@@ -108,20 +137,9 @@ def bare(aircraft: Aircraft) -> Aircraft:
     return aircraft.model_copy(update={"instruments": {}, "imu_offset": (0.0, 0.0, 0.0)})
 
 
-@dataclass(frozen=True, slots=True)
-class Flights:
-    """A manoeuvre flown by the simulation without noise: signals (n,) in calm air, (FLIGHTS, n) in turbulence."""
-
-    nominal: Mapping[str, Array]
-    turbulent: Mapping[str, Array]
-    drift: Array
-    """(FLIGHTS, 1): speed through the air mass less the mean airspeed, m/s."""
-    trim_thrust: float
-
-
-def fly(record: Record, aircraft: Aircraft, seed: int = 0) -> Flights:
+def fly(record: Record, aircraft: Aircraft, seed: int = 0, loading: tuple[float, float] | None = None) -> Flights:
     """Fly a record's elevator. Raises UsageError where the profile cannot be flown like that."""
-    plain = bare(aircraft).model_copy(update={"air_density": record.density})
+    plain = bare(loaded(aircraft, record, *(loading or shares(aircraft, record))))
     speed = float(np.mean(record.signals["airspeed"]))
     try:
         trim = constants(plain, speed, record.height)
@@ -137,21 +155,23 @@ def fly(record: Record, aircraft: Aircraft, seed: int = 0) -> Flights:
 
 
 def reference(
-    record: Record, aircraft: Aircraft, seed: int = 0, model_error: float = 0.0, flights: Flights | None = None
-) -> Reference:
+    record: Record, aircraft: Aircraft, seed: int = 0, model_error: float = 0.0, flights: Flights | None = None,
+    loading: tuple[float, float] | None = None,
+) -> Reference:  # fmt: skip
     """What a manoeuvre would look like without effects. `model_error` is the share of the predicted forces and moments
     that no candidate can be asked to explain; `flights` are those of `fly`, where they are made already."""
-    flown = aircraft.model_copy(update={"air_density": record.density})
+    own_shares = loading or shares(aircraft, record)
+    flown = loaded(aircraft, record, *own_shares)
     plain = bare(flown)
-    flights = flights or fly(record, aircraft, seed)
+    flights = flights or fly(record, aircraft, seed, loading)
     nominal, turbulent = flights.nominal, flights.turbulent
     judged = tuple(j for j, name in enumerate(SERIES) if not _unjudged(name, record, plain))
     stated = {name: record.stated.get(_ALIAS.get(name, name)) or STATED[name] for name in STATED}
 
     def setting(gusty: bool, subject: Aircraft, elevator_noise: float) -> Setting:
-        return setting_of(
-            record.dt, record.n, gusty, judged, record.imu, flights.trim_thrust, subject, elevator_noise,
-            "v_down" not in record.signals,
+        return Setting(
+            record.dt, record.n, bridge_of(record.dt, record.n), gusty, judged, record.imu, flights.trim_thrust,
+            subject, elevator_noise, "v_down" not in record.signals, record.held,
         )  # fmt: skip
 
     noise, guess = _levels(record, flights, stated, plain, setting(True, flown, stated["elevator"]))
@@ -172,12 +192,15 @@ def reference(
         record,
         setting(gusty, flown, noise["elevator"]),
         mean,
-        Whitener.of(calm, _covariance(gust_part.bins) / SIGMA**2),
-        Whitener.of(steady_calm[None].astype(complex), steady_gust[None].astype(complex) / SIGMA**2),
+        Whitener.of(calm, _covariance(gust_part.bins / SIGMA)),
+        Whitener.of(steady_calm[None].astype(complex), (steady_gust[None] / SIGMA**2).astype(complex)),
         nominal,
         noise,
         guess,
         LEAST_DRIFT + float(drift.std()) * guess / SIGMA,
+        own_shares[0],
+        own_shares[1],
+        flights,
     )
 
 
@@ -248,17 +271,17 @@ def _noisy(
 
 def _covariance(z: Complex) -> Complex:
     """(flights, k, m) -> (m, k, k), smoothed over frequency."""
-    raw = np.einsum("fim,fjm->mij", z, np.conj(z)) / len(z)
+    raw: Complex = np.einsum("fim,fjm->mij", z, np.conj(z)) / len(z)
     half = len(SMOOTHING) // 2
     m = len(raw)
-    out = np.zeros_like(raw)
+    out: Complex = np.zeros_like(raw)
     total = np.zeros(m)
     for offset, weight in zip(range(-half, half + 1), SMOOTHING, strict=True):
         a, b = max(0, -offset), min(m, m - offset)
         if a < b:
             out[a:b] += weight * raw[a + offset : b + offset]
             total[a:b] += weight
-    return np.asarray(out / total[:, None, None])
+    return np.asarray(out / total[:, None, None], dtype=complex)
 
 
 def _model_error(share: float, nominal: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> Complex:
@@ -320,13 +343,15 @@ def _levels(
         guess = math.sqrt(max(mine - 1.3 * white, 0.0) / theirs)
         for name, sd in stated.items():
             if name in record.signals:
-                noise[name] = _level(name, sd, record, flights, guess)
+                # Below that a record has been smoothed, and its noise above the motion's band says nothing.
+                least = sd * (SMOOTHED if record.stated.get(_ALIAS.get(name, name)) else 1.0)
+                noise[name] = max(_level(name, sd, record, flights, guess), least)
     return {n: v for n, v in noise.items() if n in record.signals}, guess
 
 
 def _level(name: str, stated: float, record: Record, flights: Flights, gust: float) -> float:
     """Noise of one signal: the power where neither the motion nor the gust reaches."""
-    if record.held and name.replace("v_along", "v_north") in record.held:
+    if name in record.held:
         return stated
     if name == "elevator":
         return _between_steps(record.signals[name]) / math.sqrt(1 - COLOURED_SHARE)

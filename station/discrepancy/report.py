@@ -19,8 +19,8 @@ from station.conventions import from_si
 from station.discrepancy import judge
 from station.discrepancy.diagnosis import Diagnosis
 from station.discrepancy.effects import BY_ID
-from station.discrepancy.reference import Reference
-from station.discrepancy.residuals import SERIES, series
+from station.discrepancy.reference import Reference, loaded
+from station.discrepancy.residuals import HIGH_HZ, SERIES, back, series, transform
 from station.discrepancy.search import FIRST
 from station.profile import Aircraft
 from station.rows import LogError
@@ -71,6 +71,7 @@ def write_report(found: Diagnosis, result: Mapping[str, Any], folder: Path) -> P
         "<h2>What was checked</h2>",
         _image(_drops(found), "how much each effect alone would explain"),
         _checked(result),
+        _derivatives(result),
         _settings(result),
     ]
     title = f"Diagnosis: {_text(result['aircraft'])}"
@@ -136,8 +137,8 @@ def _next(found: Diagnosis) -> str:
     advice = [f"{e.term.id} or {', '.join(e.rivals)}: {e.term.separate_by}." for e in found.effects if e.rivals]
     if found.leftover.present:
         advice.append(
-            f"Unexplained in {found.leftover.series}: repeat the manoeuvre in calm air, at another amplitude and at another "
-            "speed: what follows time, distance, amplitude or load tells what it is."
+            f"Unexplained in {found.leftover.series}: repeat the manoeuvre in calm air, at another amplitude and "
+            "at another speed: what follows time, distance, amplitude or load tells what it is."
         )
     if not any(r.setting.gusty for r in found.problem.references):
         advice.append("The gust path was not judged: all of this was calm. One manoeuvre in turbulence shows it.")
@@ -162,7 +163,8 @@ def _gain(result: Mapping[str, Any]) -> str:
     )
     return (
         f"<h2>Gain</h2><p>Held-out error {gain['before']:.3f} &rarr; {gain['after']:.3f}: "
-        f"{gain['reduction_percent']:.1f} % less (95 %: {low:.1f} to {high:.1f} %), for manoeuvres and air of this kind.</p>"
+        f"{gain['reduction_percent']:.1f} % less (95 %: {low:.1f} to {high:.1f} %), "
+        "for manoeuvres and air of this kind.</p>"
         f"<table><tr><th>held out</th><th>before</th><th>after</th></tr>{rows}</table>"
         '<p class="note">In standard deviations of noise and gust: 1 is a perfect model.</p>'
     )
@@ -190,6 +192,16 @@ def _checked(result: Mapping[str, Any]) -> str:
     return f"<details><summary>Every effect alone</summary><table>{head}{rows}</table></details>"
 
 
+def _derivatives(result: Mapping[str, Any]) -> str:
+    rows = "".join(
+        f"<tr><td>{_text(n)}</td><td>{d['change_percent']:+.1f} %</td><td>{d['in_prior_sd']:+.2f}</td></tr>"
+        for n, d in result["derivatives"].items()
+    )
+    head = "<tr><th>derivative</th><th>best within its prior</th><th>in prior sd</th></tr>"
+    note = "Beyond 2 the profile's value, or its stated uncertainty, is doubtful."
+    return f'<h2>Derivatives</h2><table>{head}{rows}</table><p class="note">{note}</p>'
+
+
 def _settings(result: Mapping[str, Any]) -> str:
     lines = []
     for name, gust in result["gust_sigma_mps"].items():
@@ -204,7 +216,8 @@ def _settings(result: Mapping[str, Any]) -> str:
 
 def _image(figure: Figure, words: str) -> str:
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png")
     return f'<img alt="{words}" src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">'
 
 
@@ -275,8 +288,9 @@ def _times(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
     for axes, name in zip(grid[1:], names, strict=True):
         j = SERIES.index(name)
         for aircraft, colour, label in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
-            own = aircraft.model_copy(update={"air_density": r.record.density})
-            y = series(r.record.signals, own, s)[j, inside] * _scale(name)
+            own = loaded(aircraft, r.record, r.mass_share, r.iyy_share)
+            whole = back(transform(series(r.record.signals, own, s)[j], s) * (s.omega < 2 * np.pi * HIGH_HZ), s)
+            y = whole[inside] * _scale(name)
             axes.plot(t[inside], _levelled(y), color=colour, lw=1, label=label)
         axes.set_ylabel(f"{name}, {_MEANING[name][2] or '1'}", fontsize=8)
         axes.set_title(_MEANING[name][0], fontsize=8, loc="left")
@@ -298,7 +312,7 @@ def _levelled(y: Array) -> Array:
 def _drops(found: Diagnosis) -> Figure:
     fits = [f for f in found.found.singles if math.isfinite(f.cost)][:14]
     names = [f.ids[0] for f in fits]
-    drops = [max(found.found.null.cost - f.cost, 0.05) for f in fits]
+    drops = [max(found.found.screened - f.cost, 0.05) for f in fits]
     rivals = {x for e in found.effects for x in e.rivals}
     accepted = {e.term.id for e in found.effects}
     colours = [_AFTER if n in accepted else "#e69f00" if n in rivals else _FAINT for n in names]
@@ -307,6 +321,6 @@ def _drops(found: Diagnosis) -> Figure:
     axes.barh(names[::-1], drops[::-1], color=colours[::-1])
     axes.axvline(FIRST, color=_INK, lw=0.8, ls=":")
     axes.set_xscale("log")
-    axes.set_xlabel("drop of -2 log likelihood, each effect alone (dotted: asked for; orange: accepted; yellow: rival)", fontsize=8)
+    axes.set_xlabel("drop of -2 log likelihood, alone (dotted: asked for; orange: accepted; yellow: rival)", fontsize=8)
     axes.tick_params(labelsize=8)
     return figure

@@ -64,8 +64,10 @@ class Setting:
     """N, where none is measured."""
     nominal: Aircraft
     elevator_noise: float
-    rebuilt: bool = False
+    rebuilt: bool
     """The vertical speed is integrated from the accelerations."""
+    held: Mapping[str, NDArray[np.int64]]
+    """Signals that repeat their values, and the samples at which they are fresh."""
 
     @property
     def omega(self) -> Array:
@@ -90,14 +92,9 @@ class Setting:
         return f
 
 
-def setting_of(
-    dt: float, n: int, gusty: bool, judged: tuple[int, ...], imu: tuple[float, float, float],
-    thrust: float, nominal: Aircraft, elevator_noise: float, rebuilt: bool,
-) -> Setting:  # fmt: skip
-    """A Setting whose transform has a fast length."""
-    least = min(round(BRIDGE_S / dt), n // 2)
-    bridge = int(fft.next_fast_len(n + least, real=True)) - n
-    return Setting(dt, n, bridge, gusty, judged, imu, thrust, nominal, elevator_noise, rebuilt)
+def bridge_of(dt: float, n: int) -> int:
+    """Samples from the end back to the start that make the transform's length a fast one."""
+    return int(fft.next_fast_len(n + min(round(BRIDGE_S / dt), n // 2), real=True)) - n
 
 
 def _bridged(x: Array, bridge: int) -> Array:
@@ -206,15 +203,16 @@ def series(signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Arra
     cos, sin = np.cos(theta), np.sin(theta)
     climb = _integral(az * cos * level - ax * sin + G0, s.dt)
     along = _integral(ax * cos + az * sin * level, s.dt)
-    down = _without_line(climb) if s.rebuilt else x["v_down"]
+    down = _without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
     out = np.empty((*q.shape[:-1], 7, s.n))
     out[..., THETA, :] = theta - _integral(turned, s.dt)
     out[..., DOWN, :] = down - climb
-    out[..., NORTH, :] = x["v_along"] - along if "v_along" in x else 0.0
+    ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
+    out[..., NORTH, :] = 0.0 if ground is None else ground - along
 
     w = s.omega
     v0 = v.mean(-1, keepdims=True) + drift
-    base = x.get("v_along", v)
+    base = v if ground is None else ground
     inertial = base - base.mean(-1, keepdims=True) + v0
     boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
@@ -308,8 +306,18 @@ def _gain(aircraft: Aircraft, name: str) -> float:
 
 def _vane_response(boom: Boom, omega: Array) -> Complex:
     wn = 2 * math.pi * boom.vane_frequency
-    out: Complex = wn**2 / (wn**2 - omega**2 + 2j * boom.vane_damping * wn * omega)
-    return out
+    return np.asarray(wn**2 / (wn**2 - omega**2 + 2j * boom.vane_damping * wn * omega), dtype=complex)
+
+
+def _between(held: Array, integral: Array, fresh: NDArray[np.int64] | None) -> Array:
+    """A speed that repeats its values, filled in between its fresh ones by the integral of the acceleration."""
+    if fresh is None:
+        return held
+    difference = held[..., fresh] - integral[..., fresh]
+    at = np.arange(held.shape[-1])
+    flat = difference.reshape(-1, len(fresh))
+    filled = np.stack([np.interp(at, fresh, row) for row in flat]).reshape(held.shape)
+    return np.asarray(integral + filled)
 
 
 def _without_line(x: Array) -> Array:

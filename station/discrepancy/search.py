@@ -43,6 +43,8 @@ class Found:
     singles: tuple[Fit, ...]
     """Each effect alone, the best first; those not refitted have their linear estimate."""
     refitted: Mapping[frozenset[str], Fit] = field(default_factory=dict)
+    screened: float = 0.0
+    """Cost of nothing, that the singles compare with."""
 
     @property
     def drop(self) -> float:
@@ -71,9 +73,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     order = sorted(range(len(terms)), key=lambda i: linear[i].cost)
     for i in order[:SINGLES]:
         refit((terms[i].id,), linear[i].values, linear[i].gust)
-    singles = sorted(
-        (refitted.get(frozenset(fit.ids), fit) for fit in linear), key=lambda fit: (fit.cost, fit.ids)
-    )
+    singles = sorted((refitted.get(frozenset(fit.ids), fit) for fit in linear), key=lambda fit: (fit.cost, fit.ids))
     best = singles[0] if singles and frozenset(singles[0].ids) in refitted else null
     first = null.cost - best.cost
 
@@ -107,11 +107,9 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     rivals: tuple[Fit, ...] = ()
     if accepted.values:
         rivals = tuple(
-            f
-            for f in _of_size(refitted, len(accepted.values))
-            if f is not accepted and f.cost - accepted.cost < RIVAL
+            f for f in _of_size(refitted, len(accepted.values)) if f is not accepted and f.cost - accepted.cost < RIVAL
         )
-    return Found(null, accepted, rivals, tuple(singles), refitted)
+    return Found(null, accepted, rivals, tuple(singles), refitted, null.cost)
 
 
 def _of_size(refitted: Mapping[frozenset[str], Fit], size: int) -> list[Fit]:

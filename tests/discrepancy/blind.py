@@ -38,7 +38,8 @@ BIASES = {"theta": 0.1 * DEG, "az": 0.005 * G0, "ax": 0.003 * G0, "q": 0.05 * DE
 MODEL_BIASES = {"CL_0": 0.01, "Cm_0": 0.005, "CD_0": 0.003}
 
 DETECTABLE = {
-    "alpha_vane.delay": (4.9e-3, 2.6e-3), "alpha_vane.scale": (0.016, 0.025), "alpha_vane.position": (0.76 * FT, 0.6 * FT),
+    "alpha_vane.delay": (4.9e-3, 2.6e-3), "alpha_vane.scale": (0.016, 0.025),
+    "alpha_vane.position": (0.76 * FT, 0.6 * FT),
     "alpha_vane.bias": (0.23 * DEG, 0.25 * DEG), "boom.flexure": (0.097 * DEG / G0, 0.12 * DEG / G0),
     "accelerometer.position": (0.47 * FT, 0.49 * FT), "accelerometer.scale": (0.012, 0.013),
     "accelerometer.delay": (4.3e-3, 2.5e-3), "q.delay": (1.1e-3, 1.3e-3), "q.scale": (0.0072, 0.0086),
@@ -132,7 +133,9 @@ def fly_case(case: Case, kind: str, k: int) -> Record:
     tau = 0.02
     command = surface + tau * np.gradient(surface, 0.5 * DT)
     quick = subject.model_copy(
-        update={"elevator": Actuator().model_copy(update={"time_constant": tau, "rate_limit": 1e3, "position_limit": 1.5})}
+        update={
+            "elevator": Actuator().model_copy(update={"time_constant": tau, "rate_limit": 1e3, "position_limit": 1.5})
+        }
     )
     gust_seed = int(np.random.default_rng([case.seed, 11, k]).integers(1 << 30))
     flight = Flight().model_copy(update={"gust_sigma": case.sigma, "seed": gust_seed})
@@ -260,7 +263,9 @@ def draw(seed: int, count: int, times: float, sigma: float, among: Sequence[str]
     rng = np.random.default_rng([seed, 3])
     names = [n for n in (among or DETECTABLE) if math.isfinite(size(n, sigma)) and n != "elevator.scale"]
     picked = [names[i] for i in rng.permutation(len(names))[:count]]
-    return {n: times * size(n, sigma) * (1.0 if n == "elevator.backlash" else float(rng.choice([-1, 1]))) for n in picked}
+    return {
+        n: times * size(n, sigma) * (1.0 if n == "elevator.backlash" else float(rng.choice([-1, 1]))) for n in picked
+    }
 
 
 def tally(scores: Sequence[str]) -> str:
