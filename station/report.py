@@ -17,13 +17,15 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from station.conventions import LATERAL
+from station.estimation.kinematics import kinematics
 from station.estimation.methods import LIVE
 from station.estimation.record import FlightRecord
 from station.estimation.regression import autocorrelation
 from station.estimation.results import Axes, equations
-from station.identify import fly
+from station.identify import flight_record, fly
 from station.log import Table
 from station.profile import Card
+from station.report_instruments import instrument_pages
 from station.rows import LogError
 
 Array = NDArray[np.float64]
@@ -55,15 +57,7 @@ def write_report(
     """
     start, end = result["interval_s"]
     cut = table.between(start, end)
-    record = FlightRecord.of(
-        cut.t_s,
-        cut.columns,
-        table.aircraft,
-        quality=cut.quality,
-        extra=cut.extra,
-        imu_position=imu_position,
-        noise=noise,
-    )
+    record, _ = flight_record(cut, table.aircraft, imu_position, noise)
     shown = result["recommended"]
     alpha: Array | None = record.alpha
     if shown in LIVE:
@@ -81,7 +75,10 @@ def write_report(
         # The live methods are longitudinal: where the record has lateral motion, show what method I makes of it.
         if "I" in result["methods"] and shown not in ("I", "sidpac"):
             body += _fits(result, record, "I", result["axes"], record.alpha, LATERAL)
-    body += [_consistency(result), _settings(result)]
+    body.append(_consistency(result))
+    if "vane_calibration" in result:
+        body += instrument_pages(result, kinematics(record), record, _image)
+    body.append(_settings(result))
     page = (
         '<!doctype html><html lang="en"><meta charset="utf-8">'
         f"<title>Identification: {_text(result['aircraft'])}</title><style>{_STYLE}</style>{''.join(body)}</html>\n"
