@@ -232,7 +232,7 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
     ]
     for names in groups:
         rows = {m: [_cell(made, n) for n in names] for m, made in methods.items() if made["status"] == "ok"}
-        rows = {m: cells for m, cells in rows.items() if set(cells) > {"-"}}
+        rows = {m: cells for m, cells in rows.items() if set(cells) != {"-"}}
         if rows:
             grid = Grid("", *names, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
             for m, cells in rows.items():

@@ -138,6 +138,22 @@ def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(tmp_path):
     assert "1 different" in told.stdout
 
 
+def test_every_method_that_estimates_has_its_row(station, tmp_path):
+    log = tmp_path / "calm.mcap"
+    assert station("simulate", "bench", "-o", log, "--duration", 60, "--set", "flight.gust_sigma=0 m/s")[0] == 0
+    code, out, _ = station("identify", log, "--from", 20, "--json", "-")
+    assert code == 0
+    told = json.loads(out)
+    assert told["schema"] == "station.identify/1"
+    _, table, _ = station("identify", log, "--from", 20, "--method", "II,split", "--method", "I")
+    firsts = [line.split()[0] for line in table.splitlines() if line.strip()]
+    for method in ("I", "II", "split"):
+        assert method in firsts
+        for name, p in told["methods"][method]["parameters"].items():
+            assert p["status"] == "estimated"
+            assert f"{p['estimate']:.4g}" in table, (method, name)
+
+
 def test_a_simulation_is_not_replayed(station, flight):
     code, _, err = station("replay", flight)
     assert code == 2
