@@ -141,13 +141,20 @@ def test_constants_as_in_the_profile(which: str, sigma: float, kind: str, limit:
     print(f"\n{line}")
     # The limit is for 200 records: fewer scatter.
     assert rmse < limit * (1 + 1 / math.sqrt(SEEDS))
-    assert coverage[1].min() > 0.85
+    assert coverage[0].mean() > 0.88
+    assert coverage[1].min() > 0.93
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["A", "B"])
-@pytest.mark.parametrize(("sigma", "kind"), [(0.0, "doublet"), (5.0, "doublet"), (5.0, "multisine"), (10.0, "doublet")])
-def test_every_constant_drawn_at_random(which: str, sigma: float, kind: str) -> None:
-    _, coverage, line = campaign(which, sigma, kind, SEEDS, random=True)
+@pytest.mark.parametrize(
+    ("sigma", "kind", "limit"),
+    [(0.0, "doublet", 5.0), (5.0, "doublet", 3.0), (5.0, "multisine", 3.0), (10.0, "doublet", 3.6)],
+)
+def test_every_constant_drawn_at_random(which: str, sigma: float, kind: str, limit: float) -> None:
+    """In calm air the tail's constants cannot be learnt: the error stays, and the interval tells."""
+    rmse, coverage, line = campaign(which, sigma, kind, SEEDS, random=True)
     print(f"\n{line}")
-    assert coverage[1].mean() > 0.85
+    assert rmse < limit * (1 + 1 / math.sqrt(SEEDS))
+    # Two records share their constants: half as many independent draws.
+    assert coverage[1].min() > 0.9 - math.sqrt(2 / SEEDS)
