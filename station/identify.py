@@ -22,7 +22,7 @@ from station.estimation.methods import LIVE, METHODS, Estimator
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable
-from station.instruments import instruments_json
+from station.instruments import instruments_json, structure_json
 from station.log import Table
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Quality, Status, UsageError
@@ -79,6 +79,10 @@ def identify(
     live = tuple(n for n in wanted if n in LIVE and not refusal)
     flown = fly(table, record, live, start, axes, card, imu_position, noise, force) if live else None
     gust = flown.gust_vertical(record) if flown else None
+    if flown and "all" in methods:
+        instruments["model_structure"] = structure_json(
+            record, flown.t_s if flown.alphas else np.empty(0), flown.alphas
+        )
     level, std = record.turbulence(gust)
     results: dict[str, MethodResult] = {}
     for name in wanted:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from station.estimation.compatibility import Compatibility
 from station.estimation.gust_delay import GustDelay, Lead
 from station.estimation.kinematics import Kinematics
 from station.estimation.record import FlightRecord
+from station.estimation.regression import NotIdentifiable
+from station.estimation.structure import compare_structures
 from station.estimation.vane_calibration import CALM_R2, VaneCalibration
+from station.rows import AlphaEstimate
+
+Array = NDArray[np.float64]
 
 CI95: Final = 1.96
 AGREED_SD: Final = 3.0
@@ -21,6 +30,57 @@ def instruments_json(made: Kinematics, record: FlightRecord) -> dict[str, Any]:
         "vane_calibration": _section(made.vane, record, made.rows, _vane),
         "gust_delay": _section(made.delay, record, made.rows, _delay),
     }
+
+
+def structure_json(record: FlightRecord, t_s: Array, alphas: Sequence[AlphaEstimate]) -> dict[str, Any]:
+    """`model_structure`: for CL and Cm the structures of estimation.structure, and the one that the data prefer.
+
+    `alphas` at `t_s` (n,): the angles of attack of motion and gust that the live estimator found.
+    """
+    refused = {"status": "not_applicable", "why": ""}
+    arm = record.aircraft.unsteady.tail_arm
+    if arm <= 0:
+        return refused | {"why": "the aircraft profile gives no tail arm"}
+    if not len(t_s):
+        return refused | {"why": "the live estimator did not run"}
+    motion, gust = (np.array([getattr(a, n) for a in alphas]) for n in ("alpha_inertial", "alpha_gust"))
+    good = np.isfinite(motion) & np.isfinite(gust)
+    # From the first angles on: before, the filters settle.
+    first = int(np.argmax(good)) if good.any() else len(good)
+    inside = record.t_s >= (t_s[first] if first < len(t_s) else np.inf)
+    t = record.t_s[inside]
+    if not len(t) or not good[first:].all() or not record.usable[inside].all():
+        return refused | {"why": "no inertial angle of attack throughout"}
+    late = arm / record.motion["airspeed"][inside]
+    regressors = {
+        "alpha_i": np.interp(t, t_s, motion),
+        "alpha_g": np.interp(t, t_s, gust),
+        "alpha_g_tail": np.interp(t - late, t_s, gust),
+        "q": record.coefficients.qhat[inside],
+        "de": record.motion["elevator"][inside],
+    }
+    found: dict[str, Any] = {}
+    for equation in ("CL", "Cm"):
+        measured = record.coefficients.named(equation)[inside]
+        if not np.isfinite(measured).all():
+            continue
+        try:
+            made = compare_structures(regressors, measured, record.dt)
+        except NotIdentifiable as refusal:
+            return refused | {"why": str(refusal)}
+        found[equation] = {
+            "preferred": made.preferred,
+            "structures": {
+                name: {
+                    "parameters": {n: _number(v, s.std_error[n]) for n, v in s.estimate.items()},
+                    "residual": s.residual,
+                    "held_out": s.held_out,
+                    "p_values": dict(s.p_values),
+                }
+                for name, s in made.structures.items()
+            },
+        }
+    return {"status": "ok", "why": "", "equations": found}
 
 
 def _section(part: Any, record: FlightRecord, rows: slice, tell: Any) -> dict[str, Any]:

@@ -26,7 +26,12 @@ def instrument_pages(
     result: Mapping[str, Any], made: Kinematics, record: FlightRecord, image: Callable[[Figure, str], str]
 ) -> list[str]:
     """HTML of the sections that `result` has; `made` gives the series, `image` turns a figure into an element."""
-    return [*_vane(result, made, record, image), *_reconstruction(result, made, record, image), *_delay(result)]
+    return [
+        *_vane(result, made, record, image),
+        *_reconstruction(result, made, record, image),
+        *_delay(result),
+        *_structure(result),
+    ]
 
 
 def _vane(
@@ -130,6 +135,31 @@ def _delay(result: Mapping[str, Any]) -> list[str]:
         head,
         "<table><tr><th>equation</th><th>vane before CG</th><th>distance</th><th>upwash k_u0</th></tr>"
         f"{''.join(lines)}</table><p>{html.escape(verdict)}</p>",
+    ]
+
+
+def _structure(result: Mapping[str, Any]) -> list[str]:
+    section = result.get("model_structure")
+    if section is None:
+        return []
+    head = "<h2>Motion and gust: one angle of attack or two?</h2>"
+    if section["status"] != "ok":
+        return [head, f"<p>Not applicable: {html.escape(section['why'])}.</p>"]
+    lines = []
+    for equation, found in section["equations"].items():
+        for name, made in found["structures"].items():
+            tests = "; ".join(f"{p:.2g} against {other}" for other, p in made["p_values"].items()) or "–"
+            chosen = ' class="chosen"' if name == found["preferred"] else ""
+            regressors = ", ".join(made["parameters"])
+            lines.append(
+                f"<tr{chosen}><td>{html.escape(equation)}: {html.escape(name)}</td><td>{html.escape(regressors)}</td>"
+                f"<td>{made['residual']:.3f}</td><td>{made['held_out']:.3f}</td><td>{html.escape(tests)}</td></tr>"
+            )
+    return [
+        head,
+        '<div style="overflow-x:auto"><table><tr><th>structure</th><th>regressors</th><th>residual</th>'
+        f"<th>predicted half</th><th>p of the F-test</th></tr>{''.join(lines)}</table></div>",
+        '<p class="note">Residual over measured, 0.1 to 2 Hz; bold is what F-test and prediction prefer.</p>',
     ]
 
 

@@ -10,9 +10,10 @@ import pytest
 from station.convert import import_file
 from station.estimation.kinematics import kinematics
 from station.identify import flight_record, identify
-from station.instruments import instruments_json
+from station.identify import fly as refly
+from station.instruments import instruments_json, structure_json
 from station.log import Table, table
-from station.profile import Card, Flight, load_aircraft
+from station.profile import Card, Flight, Multisine, load_aircraft
 from station.report import write_report
 from station.report_instruments import instrument_pages
 from station.simulation.sensors import STANDARD
@@ -41,6 +42,30 @@ def test_turbulent_flight_tells_delay_and_upwash() -> None:
     page = "".join(instrument_pages(found, made, record, lambda _, says: says))
     for words in ("Arrival of gusts", "Lift and moment ask for the same delay", "Data compatibility"):
         assert words in page
+
+
+@pytest.mark.parametrize(("memory", "preferred"), [(True, "split+gust"), (False, "split")])
+def test_f_test_and_prediction_tell_a_late_tail_from_none(memory: bool, preferred: str) -> None:
+    aircraft = load_aircraft("twin_otter")
+    aircraft = aircraft.model_copy(update={"unsteady": aircraft.unsteady.model_copy(update={"memory": memory})})
+    flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": "5 ft/s", "seed": 3})
+    inputs = {"kind": "multisine", "start": "20 s", "amplitude": "2 deg", "duration": "20 s", "repeat": "20 s"}
+    card = Card(
+        name="test", aircraft=aircraft.name, rig="", flight=flight, manoeuvres=(Multisine.model_validate(inputs),)
+    )
+    shown, truth = fly(aircraft, STANDARD, card, 80.0, 3)
+    flown = Table(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft, 0)
+    record, _ = flight_record(flown.between(20.0, 80.0), aircraft)
+    seen = refly(flown, record, ("split",), 20.0, "wind", None, (0.0, 0.0, 0.0), None, False)
+    made = structure_json(record, seen.t_s, seen.alphas)
+    assert made["status"] == "ok"
+    for equation in ("CL", "Cm"):
+        found = made["equations"][equation]
+        assert found["preferred"] == preferred
+        if memory:
+            # Two angles of attack (equation 65) do not do what a tail that meets the gust later does.
+            both = found["structures"]
+            assert both["split+gust"]["held_out"] < 0.5 * both["eq65"]["held_out"]
 
 
 @pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
