@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -220,6 +221,7 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
     methods = result["methods"]
     start, end = result["interval_s"]
     console = Console()
+    console = console if console.is_terminal else Console(width=100)
     console.print(
         f"{result['aircraft']}, {start:.2f} to {end:.2f} s, turbulence {result['turbulence']['level']}; "
         f"recommended: {result['recommended'] or 'none'}. Estimate ± 2 standard errors; - is not estimated."
@@ -232,7 +234,7 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
     ]
     for names in groups:
         rows = {m: [_cell(made, n) for n in names] for m, made in methods.items() if made["status"] == "ok"}
-        rows = {m: cells for m, cells in rows.items() if set(cells) != {"-"}}
+        rows = {m: cells for m, cells in rows.items() if any(c != "-" for c in cells)}
         if rows:
             grid = Grid("", *names, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
             for m, cells in rows.items():
@@ -247,7 +249,9 @@ def _cell(method: Mapping[str, Any], name: str) -> str:
     p = method["parameters"].get(name)
     if p is None or p["status"] != "estimated":
         return "-"
-    return f"{p['estimate']:.4g}±{2 * p['std_error']:.2g}"
+    twice = 2 * p["std_error"]
+    decimals = max(0, 1 - math.floor(math.log10(twice))) if twice > 0 else 4
+    return f"{p['estimate']:.{decimals}f}±{twice:.{decimals}f}"
 
 
 @app.command("export")

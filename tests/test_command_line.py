@@ -1,6 +1,7 @@
 """The command line as a user meets it: exit codes of contract.md, errors of one to three lines, JSON on stdout."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -146,12 +147,14 @@ def test_every_method_that_estimates_has_its_row(station, tmp_path):
     told = json.loads(out)
     assert told["schema"] == "station.identify/1"
     _, table, _ = station("identify", log, "--from", 20, "--method", "II,split", "--method", "I")
-    firsts = [line.split()[0] for line in table.splitlines() if line.strip()]
+    rows = {line.split()[0]: re.findall(r"(-?[\d.]+)±([\d.]+)", line) for line in table.splitlines() if "±" in line}
     for method in ("I", "II", "split"):
-        assert method in firsts
-        for name, p in told["methods"][method]["parameters"].items():
-            assert p["status"] == "estimated"
-            assert f"{p['estimate']:.4g}" in table, (method, name)
+        parameters = told["methods"][method]["parameters"].values()
+        assert len(rows[method]) == len(parameters) == 6
+        for (value, twice), p in zip(rows[method], parameters, strict=True):
+            # Printed to two digits of the error.
+            assert float(value) == pytest.approx(p["estimate"], abs=0.06 * float(twice))
+            assert float(twice) == pytest.approx(2 * p["std_error"], rel=0.06)
 
 
 def test_a_simulation_is_not_replayed(station, flight):
