@@ -252,4 +252,8 @@ def _flow_angles(motion: Mapping[str, Array], aircraft: Aircraft) -> tuple[Array
         alpha = (vane - boom.zero) * boom.steady_calibration + motion["q"] * boom.vane_x / v
         if "r" in motion:
             beta = beta - motion["r"] * boom.vane_x / v
+        if "p" in motion:
+            # A vane off the roll axis.
+            alpha = alpha - motion["p"] * boom.vane_y / v
+            beta = beta + motion["p"] * boom.vane_z / v
     return alpha, beta
