@@ -11,14 +11,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from station.campaign import physical
 from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, fly_batch
-from station.campaign.spec import METHODS, Campaign, Case, Plan, Scenario
+from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
 from station.conventions import SIGNAL_INDEX, TICK_HZ
-from station.estimation import spectra
+from station.estimation import physical_signals, spectra
 from station.estimation.alpha import parameters
-from station.estimation.derivatives import KINDS, SEARS, SEARS_K, lengths
+from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
 from station.estimation.methods import NOISE
+from station.estimation.physical import SEGMENT
+from station.estimation.physical_columns import constants, why_not
 from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
 from station.simulation import aircraft as ac
 from station.simulation.boom import NO_BOOM, vane_constants
@@ -92,6 +95,7 @@ class Setup:
     air: Air
     sensors: Sensors
     estimation: Estimation
+    physical: physical.Constants | None
     points: int
     """Of the gust field."""
 
@@ -132,20 +136,21 @@ def prepare(plan: Plan, case: Case) -> Setup:
         noise=np.array([s.noise for s in channels.values()]),
         signal_to_noise=scenario.signal_to_noise or 0.0,
     )
-    return Setup(air, sensors, _estimation(campaign, known_aircraft(scenario, flown)), points)
+    known = known_aircraft(scenario, flown)
+    return Setup(air, sensors, _estimation(campaign, known), _physical(campaign, known), points)
 
 
 def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
     methods = campaign.methods
     # The split angle of attack also turns the forces of the other methods to wind axes.
-    has_split = campaign.axes == "wind" or any(m.startswith("split") for m in methods)
+    has_split = campaign.axes == "wind" or any(m == "physical" or m.startswith("split") for m in methods)
     frequencies = spectra.grid(campaign.low, campaign.high, campaign.step)
     sos, rest = spectra.high_pass(_TICK_S)
     imu = (0.0, 0.0, 0.0)
     boom = known.boom
     return Estimation(
         has_split=has_split,
-        has_benchmarks=any(m not in KINDS for m in methods),
+        has_benchmarks=any(m in BENCHMARKS for m in methods),
         channels=7 if has_split or {"III", "V"} & set(methods) else 5,
         alpha=parameters(known, _TICK_S),
         boom=(boom.zero, boom.steady_calibration, boom.vane_x) if boom else (0.0, 1.0, 0.0),
@@ -163,6 +168,20 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
         warm_up=campaign.warm_up,
         step=campaign.step,
         segment=1.0 / campaign.step if campaign.segments else math.inf,
+    )
+
+
+def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
+    if "physical" not in campaign.methods or why_not(known):
+        return None
+    boom = known.boom or NO_BOOM
+    body = known.boom.upwash_body if known.boom else 0.0
+    return physical.Constants(
+        signals=physical_signals.parameters(known),
+        vane=physical_signals.vane_inverse(boom.vane_frequency, boom.vane_damping, _TICK_S),
+        regressors=constants(known),
+        noise=(NOISE["alpha_vane"] / (1.0 + body)) ** 2,
+        segment=round(SEGMENT / campaign.step / _TICK_S) if campaign.segments else math.inf,
     )
 
 
@@ -206,7 +225,7 @@ def _fly_chunk(setup: Setup, chunk: range, wind: Array, white: Array) -> Results
         np.zeros((n, SLOTS, 2), dtype=np.bool_),
         np.zeros(n),
     )
-    fly_batch(setup.air, setup.sensors, setup.estimation, state, wind[:n], white[:n], results)
+    fly_batch(setup.air, setup.sensors, setup.estimation, setup.physical, state, wind[:n], white[:n], results)
     return results
 
 
@@ -218,11 +237,21 @@ def _stayed(setup: Setup, wind: Array, results: Results) -> bool:
 
 
 def reference(plan: Plan, setup: Setup) -> Array:
-    """The six derivatives that errors are from, (2, 3)."""
+    """What each method's errors are from, (SLOTS, 2, 3).
+
+    The aircraft's own derivatives, or what perfect sensors make of the manoeuvre in calm air; the former always for
+    `physical`, which estimates those whatever the manoeuvre.
+    """
+    target = np.broadcast_to(_tabulated(plan, setup), (SLOTS, 2, 3)).copy()
     if plan.campaign.reference == "calm":
-        perfect = replace(setup, estimation=setup.estimation._replace(has_benchmarks=True))
+        perfect = replace(setup, estimation=setup.estimation._replace(has_benchmarks=True), physical=None)
         _, results = next(fly_case(perfect, range(1), quiet=True))
-        return np.asarray(results.estimate[0, METHODS.index("perfect")])
+        target[: METHODS.index("physical")] = results.estimate[0, METHODS.index("perfect")]
+    return target
+
+
+def _tabulated(plan: Plan, setup: Setup) -> Array:
+    """The six derivatives of the aircraft that flies, (2, 3)."""
     c = setup.air.constants
     lift = np.array([c.cl_alpha, c.cl_q, c.cl_de])
     moment = np.array([c.cm_alpha, c.cm_q, c.cm_de])

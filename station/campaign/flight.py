@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from station.campaign import physical
 from station.conventions import SIGNAL_INDEX, TICK_HZ, TICK_NS
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
@@ -36,8 +37,9 @@ _TRUE_ALPHA: Final = COLUMNS.index("alpha")
 _TRUE_GUST: Final = COLUMNS.index("alpha_gust")
 _INPUTS: Final = tuple(SIGNAL_INDEX[name] for name in cond.INPUTS)
 _KINDS: Final = len(KINDS)
-SLOTS: Final = _KINDS + 2
-"""Methods that the pass can fit: the live ones, then perfect and raw."""
+PHYSICAL: Final = _KINDS + 2
+SLOTS: Final = PHYSICAL + 1
+"""Methods that the pass can fit: the live ones, perfect, raw, and physical."""
 _WING_BODY: Final = 7
 """Channels of the transform that II, III and V take."""
 
@@ -164,7 +166,9 @@ def _fit_benchmarks(
 
 
 @njit(cache=True)
-def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, run: int) -> None:
+def _estimate(
+    e: Estimation, own: physical.Constants | None, shown: Array, true_alpha: Array, results: Results, run: int
+) -> None:
     """Every method's estimates at the end of a record, as the Estimator comes to them tick by tick."""
     n, lines = shown.shape[0], e.frequencies.shape[0]
     inertial_state, inertial_ring = np.zeros(inertial.STATE), np.zeros((inertial.RING, 7))
@@ -191,6 +195,8 @@ def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, 
     scale, tail = np.ones(lines), np.zeros(lines)
     zero, calibration, arm = e.boom
     speed, steady_from, split_from, split_run = math.nan, 0.0, 0.0, 0
+    if own is not None:
+        kept = physical.begin(own, sections, lines)
 
     for k in range(n):
         t = (k * TICK_NS) * 1e-9
@@ -207,6 +213,9 @@ def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, 
                 alpha_i = inertial_out[0]
         flow, q = u[cond.VANE], motion[1]
         cg.step(e.alpha, vane_state, vane_ring, _DT, flow, motion[0], q, air[0], alpha_i, vane_out)
+        if own is not None:
+            gust = vane_out[cg.BOOM_GUST]
+            physical.follow(own, kept, vane_out[cg.READY] > 0.0, gust, alpha_i, air[0], inertial_out[2])
         is_split = tick.assemble(u, motion, u[cond.QBAR], u[cond.MASS], vane_out, row)
         has_sample = ee.sides(e.sides, history, thrust, _DT, row, made)
         if has_sample and k + 1 > SETTLE_TICKS:
@@ -226,6 +235,11 @@ def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, 
                 split_x[:4], split_x[4:] = made[:4], made[7:9]
                 opens = due and split_from <= late
                 spectra.step(e.sos, e.rest, filters[1], split_x, spectrum[1], phase[1], e.turn, counts[1], opens)
+            if own is not None and split_run > SETTLE_TICKS:
+                filter_, card, left = (e.sos, e.rest), (e.warm_up, e.step), n - 1 - k
+                physical.add(
+                    own, kept, filter_, e.frequencies, e.turn, e.derivative, card, made, t, inertial_out[2], left
+                )
         split_run = split_run + 1 if is_split else 0
 
         mean = vane_out[cg.SPEED_MEAN]
@@ -251,6 +265,15 @@ def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, 
                 counts[i, 1] = 0.0
                 spectrum[i][:] = 0.0
                 phase[i] = 1.0
+    if own is not None and kept.sums[2] > 0.0:
+        for i in range(6):
+            results.estimate[run, PHYSICAL, i // 3, i % 3] = kept.theta[i]
+            results.error[run, PHYSICAL, i // 3, i % 3] = kept.stat[i]
+            more = kept.total[i] ** 2 - kept.stat[i] ** 2
+            results.model[run, PHYSICAL, i // 3, i % 3] = math.sqrt(max(more, 0.0))
+        for equation in range(2):
+            results.solved[run, PHYSICAL, equation] = True
+            results.r2[run, PHYSICAL, equation] = 1.0 - kept.quality[equation] / kept.quality[2 + equation]
     results.estimate[run, :_KINDS] = out[:, :, 0, :3]
     results.error[run, :_KINDS] = out[:, :, 1, :3]
     results.model[run, :_KINDS] = model
@@ -263,9 +286,16 @@ def _estimate(e: Estimation, shown: Array, true_alpha: Array, results: Results, 
 # As in simulation/motion.py: after editing a kernel that is called from here, touch this file.
 @njit(cache=True)
 def fly_batch(
-    air: Air, sensors: Sensors, e: Estimation, state: Array, wind: Array, white: Array, results: Results
+    air: Air,
+    sensors: Sensors,
+    e: Estimation,
+    own: physical.Constants | None,
+    state: Array,
+    wind: Array,
+    white: Array,
+    results: Results,
 ) -> None:
-    """Fly, measure and estimate some flights of a case.
+    """Fly, measure and estimate some flights of a case; `own`: for the method physical, where it is wanted.
 
     state (runs, 5) and wind (runs, points, 5): white noise of unit variance for the field; white (runs, noisy, ticks)
     for the sensors. Fills `results`.
@@ -281,4 +311,4 @@ def fly_batch(
         advance(air.constants, air.tables, air.vane, air.site, memory, air.command, field, air.first, EVERY, truth)
         results.reached[run] = memory.x[ac.DISTANCE]
         _measure(sensors, truth, white[run], shown)
-        _estimate(e, shown, truth[:, _TRUE_ALPHA], results, run)
+        _estimate(e, own, shown, truth[:, _TRUE_ALPHA], results, run)

@@ -92,14 +92,15 @@ def _table(plan: Plan, case: Case, first: int, chunk: range, results: Results, t
             value = each(results.estimate[:, :, equation, i])
             error = each(results.error[:, :, equation, i])
             model = each(results.model[:, :, equation, i])
-            off = value - target[equation, i]
+            truth = np.tile(target[slots, equation, i], n)
+            off = value - truth
             bound = 2.0 * np.hypot(error, model)
             columns[name] = _numbers(value)
             columns[f"{name}_sd"] = _numbers(error)
             columns[f"{name}_model"] = _numbers(model)
             columns[f"{name}_bound"] = _numbers(bound)
-            columns[f"{name}_reference"] = _numbers(np.full(n * m, target[equation, i]))
-            columns[f"{name}_error"] = _numbers(off / abs(target[equation, i]))
+            columns[f"{name}_reference"] = _numbers(truth)
+            columns[f"{name}_error"] = _numbers(off / np.abs(truth))
             columns[f"{name}_covered"] = _numbers((np.abs(off) <= bound).astype(np.uint8)).cast(pa.bool_())
         columns["r2_force" if equation == 0 else "r2_moment"] = _numbers(each(results.r2[:, :, equation]))
     return pa.table(columns)

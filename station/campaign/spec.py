@@ -43,7 +43,7 @@ TURBULENCE: Final = {"calm": 0.0, "light": 5.0, "moderate": 10.0, "severe": 20.0
 
 BENCHMARKS: Final = ("perfect", "raw")
 """Regressors no station has or should use: the true angle of attack at the CG, and the vane as it is."""
-METHODS: Final = (*KINDS, *BENCHMARKS)
+METHODS: Final = (*KINDS, *BENCHMARKS, "physical")
 
 
 def _turbulence(value: object) -> object:
@@ -139,7 +139,8 @@ class Campaign(Frozen):
     methods: tuple[str, ...]
     axes: Literal["wind", "body"] = "wind"
     reference: Literal["truth", "calm"] = "truth"
-    """Errors are from the aircraft's own derivatives, or from what perfect sensors give in calm air."""
+    """Errors are from the aircraft's own derivatives, or from what perfect sensors give in calm air (`physical`
+    estimates the former always)."""
     tolerance: Annotated[float, Positive] = 0.1
     record: Annotated[Seconds, Positive] = 20.0
     """Estimates are taken after so long."""
@@ -182,6 +183,8 @@ class Campaign(Frozen):
 
         for method in self.methods:
             unless(method, METHODS, "method")
+        if "physical" in self.methods and self.axes == "body":
+            raise PydanticCustomError("signal", 'method physical estimates in wind axes only: write axes = "wind"')
         for name, levels in self.factors.items():
             unless(name, tuple(Scenario.model_fields), "factor")
             if not levels or len(set(levels)) < len(levels):

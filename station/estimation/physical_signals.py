@@ -47,12 +47,12 @@ LENGTH_M: Final = 533.4
 """Of the turbulence (MIL-F-8785C above 2000 ft): how long gusts last that the mean wind is averaged over."""
 
 # ring
-_W, _U, _RWX, _RKG, _RX, _RKL, _RKM, _COLUMNS = range(8)
+_W, _U, _RWX, _RKG, _RX, _RKL, _RKM, COLUMNS = range(8)
 # params
 _BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK, _WASH = range(8)
 _WA, _WB, _KA, _KB, PARAMS = 8, 12, 16, 20, 24
 # state
-_COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 12
+COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 12
 STATE: Final = 16
 
 
@@ -122,7 +122,7 @@ def step(
     `ring` (RING, 7).
     """
     n = ring.shape[0]
-    count = int(s[_COUNT])
+    count = int(s[COUNT])
     at = count % n
     n_w, n_k = int(par[_NW]), int(par[_NK])
     if count == 0:
@@ -137,7 +137,7 @@ def step(
             s[_KS + j] = 0.0
         s[_GIN] = s[_SLOW] = s[_FAST] = 0.0
         for i in range(n):
-            for c in range(_COLUMNS):
+            for c in range(COLUMNS):
                 ring[i, c] = alpha_i if c in (_RWX, _RX) else 0.0
     for i in range(SIGNALS):
         out[0, i] = out[1, i]
@@ -175,7 +175,7 @@ def step(
     out[1, KL], out[1, KM] = s[_SLOW], s[_FAST]
     out[1, DKL] = _delayed(ring, at, _RKL, late)
     out[1, DKM] = _delayed(ring, at, _RKM, late)
-    s[_COUNT] = count + 1
+    s[COUNT] = count + 1
 
 
 def parameters(aircraft: Aircraft) -> Array:
@@ -199,6 +199,14 @@ def parameters(aircraft: Aircraft) -> Array:
     return par
 
 
+@njit(cache=True, error_model="numpy")
+def wind_sd(s: Array, dt: float) -> float:
+    """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
+    lasting = LENGTH_M / max(s[_VF], 1.0)
+    seconds = min(s[COUNT] * dt, 2.0 * WIND_S)
+    return math.sqrt(max(s[_UU], 0.0) * 2.0 / (seconds / lasting + 2.0))
+
+
 class Signals:
     """The state of `step`; `out[0]`: the tick before, `out[1]`: the newest."""
 
@@ -209,20 +217,17 @@ class Signals:
         self._table = vane_inverse(frequency, damping, dt)
         self._dt = dt
         self._state = np.zeros(STATE)
-        self._ring = np.zeros((RING, _COLUMNS))
+        self._ring = np.zeros((RING, COLUMNS))
         self.out = np.full((2, SIGNALS), math.nan)
 
     def restart(self) -> None:
         """Begin anew from the next sample."""
-        self._state[_COUNT] = 0.0
+        self._state[COUNT] = 0.0
         self.out[:] = math.nan
 
     def wind_sd(self) -> float:
         """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
-        s = self._state
-        lasting = LENGTH_M / max(float(s[_VF]), 1.0)
-        seconds = min(float(s[_COUNT]) * self._dt, 2.0 * WIND_S)
-        return math.sqrt(max(float(s[_UU]), 0.0) * 2.0 / (seconds / lasting + 2.0))
+        return float(wind_sd(self._state, self._dt))
 
     def step(self, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float) -> None:
         """One tick; see the kernel."""
