@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from station.advice import next_input_json, sifted_json
 from station.conventions import SIGNALS, TICK_HZ, TICK_NS
 from station.estimation import postflight
 from station.estimation.kinematics import kinematics
@@ -94,6 +95,11 @@ def identify(
             results[name] = postflight.run(name, record, axes)
         else:
             results[name] = not_applicable("this station does not have it yet", names(axes))
+    recommended = _recommended(results, level)
+    if "all" in methods and not refusal:
+        angles = {n: flown.alpha(n, record) for n in ("II", "split")} if flown else {}
+        instruments["sifted"] = sifted_json(record, angles, card, axes)
+        instruments["next_input"] = next_input_json(record, results.get(recommended or "II"))
     return {
         "schema": SCHEMA,
         "log": log,
@@ -103,7 +109,7 @@ def identify(
         "turbulence": {"level": level, "w_std_2_7hz_mps": _number(std)},
         "remarks": list(record.remarks),
         "methods": {name: _as_json(r) for name, r in results.items()},
-        "recommended": _recommended(results, level),
+        "recommended": recommended,
         "consistency": _consistency(results, axes),
         **instruments,
     }
