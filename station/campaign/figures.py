@@ -157,7 +157,7 @@ def _errors(rows: Rows) -> Iterator[tuple[str, Figure]]:
             panel.axhline(0.0, color="green")
             for side in (-100.0, 100.0):
                 panel.axhline(side * campaign.tolerance, color="red", linestyle="--", linewidth=0.8)
-            panel.set_xticks(range(len(methods)), methods, fontsize=7)
+            panel.set_xticks(range(len(methods)), methods, fontsize=7, rotation=20)
             panel.set_title(parameter, fontsize=9)
             panel.set_ylabel("error: bias ± sd [%]")
         panels[0].legend(fontsize=7)
