@@ -31,6 +31,7 @@ def instrument_pages(
         *_reconstruction(result, made, record, image),
         *_delay(result),
         *_structure(result),
+        *_advice(result),
     ]
 
 
@@ -161,6 +162,30 @@ def _structure(result: Mapping[str, Any]) -> list[str]:
         f"<th>predicted half</th><th>p of the F-test</th></tr>{''.join(lines)}</table></div>",
         '<p class="note">Residual over measured, 0.1 to 2 Hz; bold is what F-test and prediction prefer.</p>',
     ]
+
+
+def _advice(result: Mapping[str, Any]) -> list[str]:
+    parts = []
+    sifted = result.get("sifted", {})
+    if sifted.get("status") == "ok":
+        lines = []
+        for name, found in sifted["methods"].items():
+            values = ", ".join(f"{n} {_pair(p, '1')}" for n, p in found["parameters"].items())
+            verdict = "the lines between agree" if found["agree"] else "the lines between tell otherwise"
+            lines.append(f"<li>{html.escape(f'{name}: {values}; {verdict}')}</li>")
+        parts += ["<h2>Lines of the multisine alone</h2>", f"<ul>{''.join(lines)}</ul>"]
+    advice = result.get("next_input", {})
+    if advice.get("status") == "ok":
+        rows = "".join(
+            f"<tr><td>{html.escape(one['input'])}</td><td>{one['predicted_relative_2sd']:.0%}</td></tr>"
+            for one in advice["ranking"]
+        )
+        parts += [
+            f"<h2>What to fly next</h2><p>Known worst: {html.escape(advice['poorest'])}. Elevator inputs of 2 deg "
+            "and 20 s, the best for it first, with the two standard errors they should leave of it.</p>",
+            f"<table><tr><th>input</th><th>2 σ of it</th></tr>{rows}</table>",
+        ]
+    return parts
 
 
 def _plain(panels: Any) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from station.advice import next_input_json
 from station.convert import import_file
 from station.estimation.kinematics import kinematics
 from station.identify import flight_record, identify
@@ -39,8 +40,15 @@ def test_turbulent_flight_tells_delay_and_upwash() -> None:
     assert delay["profile_fits"]
     for lead in (delay["parameters"], *delay["by_equation"].values()):
         assert lead["delay"]["estimate"] == pytest.approx(5.3 / 56.6, abs=0.005)
+    found["next_input"] = next_input_json(record, None)
     page = "".join(instrument_pages(found, made, record, lambda _, says: says))
-    for words in ("Arrival of gusts", "Lift and moment ask for the same delay", "Data compatibility"):
+    for words in (
+        "What to fly next",
+        "Known worst: Cm_q",
+        "Arrival of gusts",
+        "Lift and moment ask for the same delay",
+        "Data compatibility",
+    ):
         assert words in page
 
 
