@@ -16,15 +16,13 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
-FACTORS: Final = {
-    "-1": -1.0, "deg for rad": math.degrees(1), "rad for deg": math.radians(1), "ft for m": 1 / 0.3048,
-    "m for ft": 0.3048, "kt for m/s": 3600 / 1852, "m/s for kt": 1852 / 3600, "g for m/s2": 1 / G0,
-    "m/s2 for g": G0,
-}  # fmt: skip
-"""Reported over true, where a unit or a sign is mistaken; each also with the other sign."""
-NEAR: Final = 0.12
-"""How far a measured factor may be from one of FACTORS."""
-ALIKE: Final = 0.8
+ANGLE_FACTORS: Final = {"": 1.0, "deg for rad": math.degrees(1), "rad for deg": math.radians(1)}
+FORCE_FACTORS: Final = {"": 1.0, "g for m/s2": 1 / G0, "ft/s2 for m/s2": 1 / 0.3048}
+"""Reported over true, where a unit is mistaken."""
+ANGLE_NEAR: Final = math.log(4)
+FORCE_NEAR: Final = math.log(1.12)
+"""How far the logarithm of a measured factor may be from that of a mistake: a gust moves the vane, not the attitude."""
+ALIKE: Final = 0.35
 """Correlation with what other instruments say, below which a factor means nothing."""
 LOST: Final = 0.01
 
@@ -53,14 +51,15 @@ def examine(records: Sequence[Record], aircraft: Aircraft) -> tuple[list[Seen], 
     wrong: dict[str, float] = {}
     for name, all_found in factors.items():
         factor = float(np.median(all_found))
-        if len(all_found) == len(records) and (known := _known(factor)) is not None:
+        known = _known(name, factor)
+        if len(all_found) == len(records) and known is not None:
             words, exact = known
             wrong[name] = exact
             kind = "sign" if exact == -1 else "unit"
             seen.append(
                 Seen(
                     f"{name}.{kind}",
-                    f"{name} is {'of the wrong sign' if exact == -1 else f'in the wrong unit ({words})'}.",
+                    f"{name} is {'of the wrong sign' if exact == -1 else f'in the wrong unit: {words}'}.",
                     exact,
                     "1",
                     f"{name} is {factor:.4g} times what the other instruments say",
@@ -89,7 +88,10 @@ def _twins(record: Record, aircraft: Aircraft) -> dict[str, tuple[Array, Array]]
     # The angular acceleration a moment after the elevator moves: only its sign and rough size are asked for.
     if aircraft.value("Cm_de") and aircraft.inertia.iyy:
         effect = aircraft.value("Cm_de") * aircraft.geometry.wing_area * aircraft.geometry.chord / aircraft.inertia.iyy
-        moment = np.gradient(x["q"], dt) / (effect * float(np.mean(x["dynamic_pressure"])))
+        factor = _factor(*(_levelled(y) for y in out["q"]))
+        mistake = None if factor is None else _known("q", factor)
+        rate = x["q"] if mistake is None else x["q"] / mistake[1]
+        moment = np.gradient(rate, dt) / (effect * float(np.mean(x["dynamic_pressure"])))
         edge = np.gradient(_smooth(x["elevator"], dt), dt)
         answer = np.gradient(_smooth(moment, dt), dt)
         out["elevator"] = (edge, answer)
@@ -119,12 +121,13 @@ def _factor(mine: Array, theirs: Array) -> float | None:
     return math.copysign(math.sqrt(float(mine @ mine) / float(theirs @ theirs)), cross)
 
 
-def _known(factor: float) -> tuple[str, float] | None:
-    for words, exact in FACTORS.items():
-        for sign in (1.0, -1.0):
-            wanted = sign * exact
-            if wanted == 1.0:
-                continue
-            if abs(factor / wanted - 1) < NEAR:
-                return (words if sign > 0 else f"{words}, and its sign"), wanted
-    return None
+def _known(name: str, factor: float) -> tuple[str, float] | None:
+    """The mistake that a factor comes from; None where it is near 1 or near none."""
+    factors, near = (FORCE_FACTORS, FORCE_NEAR) if name == "az" else (ANGLE_FACTORS, ANGLE_NEAR)
+    words, size = min(factors.items(), key=lambda f: abs(math.log(abs(factor) / f[1])))
+    if abs(math.log(abs(factor) / size)) > near:
+        return None
+    sign = math.copysign(1.0, factor)
+    if size == 1.0 and sign > 0:
+        return None
+    return words + (" and of the wrong sign" if sign < 0 and words else ""), sign * size

@@ -18,6 +18,7 @@ from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, reference
 from station.discrepancy.search import FURTHER, RIVAL, Found, search
 from station.profile import Aircraft
+from station.rows import UsageError
 
 SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
@@ -139,10 +140,13 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     A large correction leaves traces that the simulation without it does not have.
     """
     subject = extended(problem.aircraft, found.accepted.values)
-    references = [
-        reference(r.record, subject, 500 + k, loading=(r.mass_share, r.iyy_share))
-        for k, r in enumerate(problem.references)
-    ]
+    try:
+        references = [
+            reference(r.record, subject, 500 + k, loading=(r.mass_share, r.iyy_share))
+            for k, r in enumerate(problem.references)
+        ]
+    except UsageError:
+        return problem, found  # an aircraft with these effects could not have flown: what is left will tell
     again = Problem(references, problem.aircraft)
     values, gust = dict(found.accepted.values), found.accepted.gust
     accepted = again.refit(tuple(values), values, gust)

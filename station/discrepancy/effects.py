@@ -201,7 +201,7 @@ EFFECTS: Final[tuple[Term, ...]] = (
          delay("alpha_vane")),
     Term("alpha_vane.scale", "alpha_vane", 0, "1", "%", -0.6, 1.5, 0.01, "The alpha vane's scale is off by {value}.",
          "a multisine in place of doublets, and a load-factor change at constant pitch rate", gain("alpha_vane")),
-    Term("alpha_vane.position", "alpha_vane", 0, "m", "ft", -6, 6, 0.15,
+    Term("alpha_vane.position", "alpha_vane", 0, "m", "ft", -12, 12, 0.15,
          "The alpha vane sits {value} further ahead of the CG than the profile says.",
          "one calm and one turbulent manoeuvre, or doublets at two speeds", boom("vane_x")),
     Term("alpha_vane.bias", "alpha_vane", 0, "rad", "deg", -0.3, 0.3, 3e-3, "The alpha vane's zero is off by {value}.",

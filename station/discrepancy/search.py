@@ -27,7 +27,7 @@ RIVAL: Final = 6.0
 SINGLES: Final = 7
 PAIRS: Final = 12
 PARTNERS: Final = 4
-MOST: Final = 3
+MOST: Final = 4
 """Effects at once."""
 LEAST_PLAY: Final = 2.5
 """Play below this many standard deviations of the elevator's noise is not judged."""
