@@ -113,9 +113,9 @@ class Simulation:
         """Elevator commands and gusts for the block that the step is in."""
         number = step // _BLOCK
         if self._block != number + 1:
-            half_steps: NDArray[np.int64] = np.arange(2 * _BLOCK + 1) + 2 * number * _BLOCK
+            half_steps = np.arange(2 * _BLOCK + 1) + 2 * number * _BLOCK
             if self._deflection is None:
-                added = elevator_input(self._manoeuvres, half_steps * (0.5 * DT))
+                added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
             else:
                 added = self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
             self._commands = self.constants.trim_elevator + added
