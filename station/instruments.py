@@ -41,6 +41,8 @@ def structure_json(record: FlightRecord, t_s: Array, alphas: Sequence[AlphaEstim
     arm = record.aircraft.unsteady.tail_arm
     if arm <= 0:
         return refused | {"why": "the aircraft profile gives no tail arm"}
+    if not record.has("theta", "v_down"):
+        return refused | {"why": "no attitude or vertical velocity"}
     if not len(t_s):
         return refused | {"why": "the live estimator did not run"}
     motion, gust = (np.array([getattr(a, n) for a in alphas]) for n in ("alpha_inertial", "alpha_gust"))

@@ -187,6 +187,9 @@ class _Reconstruction:
         self._n = n
         has = [f"{name}_bias" for name, c in zip(INPUTS, driven, strict=True) if c is not None and np.any(c)]
         has += [name for name, of in NEEDS.items() if of in self._measured and np.any(self._measured[of])]
+        if not {"v_north", "v_east"} <= set(self._measured):
+            # Without ground speed a scale of the airspeed is one of the accelerometers too.
+            has = [name for name in has if name != "airspeed_scale"]
         self.names = tuple(has)
         self._prior = np.array([PRIORS[name] for name in has])
 

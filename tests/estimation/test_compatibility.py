@@ -196,6 +196,9 @@ def test_nasa_records_are_compatible(name: str) -> None:
     assert abs(found["q_bias"].value) < 0.01
     assert abs(found["az_bias"].value) < 0.6
     assert all(math.isfinite(e.value) and e.sd > 0 for e in made.parameters)
+    # NASA had corrected the vanes: the one that moved reads the flow angle itself.
+    scale = found["beta_scale" if "f1_017" in name else "alpha_scale"]
+    assert abs(scale.value - 1) < 3 * scale.sd < 0.15
 
 
 def test_what_the_record_does_not_tell_is_unestimated() -> None:
