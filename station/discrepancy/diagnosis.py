@@ -15,7 +15,7 @@ from station.discrepancy.effects import BY_ID, Term, extended, judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
-from station.discrepancy.reference import Reference, reference
+from station.discrepancy.reference import Reference, bare, reference
 from station.discrepancy.search import FURTHER, RIVAL, Found, search
 from station.profile import Aircraft
 from station.rows import UsageError
@@ -23,6 +23,7 @@ from station.rows import UsageError
 SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
+NOTABLE_GUST: Final = 0.15
 MODEL_ERROR: Final = 0.05
 """Share of the predicted forces and moments by which a real aircraft's model may be wrong without an effect."""
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
@@ -126,10 +127,15 @@ def diagnosis_of(
         verdict = "confounded"
     elif effects or seen:
         verdict = "effect_found"
-    remarks = tuple(dict.fromkeys(w for r in references if (w := describe_missing(r.record))))
+    remarks = [
+        f"{r.record.name}: turbulence, vertical gust of {g:.2f} m/s standard deviation"
+        for r, g in zip(references, found.accepted.gust, strict=True)
+        if g > NOTABLE_GUST
+    ]
+    remarks += dict.fromkeys(w for r in references if (w := describe_missing(r.record)))
     values = {e.term.id: e.value for e in effects}
     return Diagnosis(
-        aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), remarks,
+        aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks),
         extended(aircraft, values), tuple(seen), tolerant, tolerant_leftover,
     )  # fmt: skip
 
@@ -140,9 +146,10 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     A large correction leaves traces that the simulation without it does not have.
     """
     subject = extended(problem.aircraft, found.accepted.values)
+    same = bare(subject).model_dump() == bare(problem.aircraft).model_dump()  # instruments alone: it flies alike
     try:
         references = [
-            reference(r.record, subject, 500 + k, loading=(r.mass_share, r.iyy_share))
+            reference(r.record, subject, 500 + k, 0.0, r.flights if same else None, (r.mass_share, r.iyy_share))
             for k, r in enumerate(problem.references)
         ]
     except UsageError:

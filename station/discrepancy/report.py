@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from station.conventions import from_si
@@ -34,7 +35,7 @@ body{font:15px/1.5 system-ui,sans-serif;color:#1f2430;max-width:60rem;margin:2re
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}p.verdict{font-size:1.15rem;font-weight:600}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
 th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #e3e6eb;vertical-align:top}
-th:first-child,td:first-child,td.words{text-align:left}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
+th:first-child,td:first-child,.words{text-align:left}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
 """
 _VERDICT: Final = {
     "no_effect": "Nothing found: the measured flight agrees with the simulation within noise and gusts.",
@@ -63,6 +64,9 @@ def write_report(found: Diagnosis, result: Mapping[str, Any], folder: Path) -> P
         _left(result),
         _next(found),
         _gain(result),
+        _image(_by_record(found, before, after), "error of each manoeuvre before and after")
+        if result["effects"]
+        else "",
         "<h2>What differs, by instrument and model</h2>",
         _image(_spectra(found, before, after), "spectra of each series before and after"),
         _residuals(result),
@@ -114,7 +118,7 @@ def _effects(result: Mapping[str, Any]) -> str:
             f"<td>{_shown(e['id'], e['value'])}</td><td>{_shown(e['id'], low)} to {_shown(e['id'], high)}</td>"
             f"<td>{e['evidence']['drop']:.1f}</td></tr>"
         )
-    head = "<tr><th>effect</th><th>in words</th><th>value</th><th>95 %</th><th>evidence</th></tr>"
+    head = "<tr><th>effect</th><th class='words'>in words</th><th>value</th><th>95 %</th><th>evidence</th></tr>"
     note = f"Evidence is the drop of -2 log likelihood; {FIRST:g} is asked of a first effect."
     return f'<h2>Effects</h2><table>{head}{"".join(rows)}</table><p class="note">{note}</p>'
 
@@ -129,8 +133,17 @@ def _left(result: Mapping[str, Any]) -> str:
     numbers = f"log p {left['log_p']:.1f} (limit {judge.LEFT_LOG_P:g}), coherence {left['score']:.1f} "
     return (
         f"<h2>Unexplained</h2><p>What is left has structure: {where}.</p>"
-        f'<p class="note">{numbers}(limit {judge.LEFT_SCORE:g}).</p>'
+        f'<p class="note">{numbers}(limit {judge.LEFT_SCORE:g}).</p>{_tolerant(result["with_model_error"])}'
     )
+
+
+def _tolerant(found: Mapping[str, Any] | None) -> str:
+    """What stands when the model itself may be somewhat wrong."""
+    if found is None:
+        return ""
+    words = " ".join(e["sentence"] for e in found["effects"]) or "nothing is found."
+    still = " Even so something is unexplained." if found["unexplained"] else " Nothing is unexplained then."
+    return f"<p>If forces and moments of the model may be {100 * found['share']:g} % wrong: {_text(words)}{still}</p>"
 
 
 def _next(found: Diagnosis) -> str:
@@ -176,7 +189,7 @@ def _residuals(result: Mapping[str, Any]) -> str:
         f"<td>{r['rms_after']:.2f}</td><td>{'yes' if r['white'] else 'no'}</td></tr>"
         for name, r in result["residuals"].items()
     )
-    head = "<tr><th>series</th><th>is</th><th>before</th><th>after</th><th>as expected</th></tr>"
+    head = "<tr><th>series</th><th class='words'>is</th><th>before</th><th>after</th><th>as expected</th></tr>"
     return (
         f"<table>{head}{rows}</table>"
         '<p class="note">Over the noise of the sensors in calm air; gusts raise the vane and drag.</p>'
@@ -257,12 +270,33 @@ def _spectra(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
         axes.loglog(f, np.abs(one.bins[k]) * unit, color=_BEFORE, lw=1, label="before")
         axes.loglog(f, np.abs(other.bins[k]) * unit, color=_AFTER, lw=1, label="after")
         axes.set_title(f"{name} [{_MEANING[name][2] or '1'}]", fontsize=9, loc="left")
+        axes.xaxis.set_major_locator(FixedLocator([0.1, 0.2, 0.5, 1, 2, 3]))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.tick_params(labelsize=8)
         if k >= len(names) - 2:
             axes.set_xlabel("Hz", fontsize=8)
     for axes in grid.flat[len(names) :]:
         axes.set_axis_off()
     grid.flat[0].legend(fontsize=8, frameon=False, loc="lower left")
+    return figure
+
+
+def _by_record(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
+    """Error of each manoeuvre, fitted and held out, before and after, by series."""
+    records = [(r, "fitted") for r in found.problem.references] + [(r, "held out") for r in found.held_out]
+    figure = Figure(figsize=(10, 2.4), layout="constrained", dpi=90)
+    grid = figure.subplots(1, len(records), sharey=True, squeeze=False)[0]
+    for axes, (r, use) in zip(grid, records, strict=True):
+        one, other = judge.channel_error(r, before), judge.channel_error(r, after)
+        at = np.arange(len(one))
+        axes.bar(at - 0.2, list(one.values()), 0.4, color=_BEFORE, label="before")
+        axes.bar(at + 0.2, list(other.values()), 0.4, color=_AFTER, label="after")
+        axes.set_xticks(at, list(one), rotation=40, ha="right", fontsize=7)
+        axes.set_title(f"{r.record.name}, {use}", fontsize=8, loc="left")
+        axes.tick_params(axis="y", labelsize=8)
+    grid[0].set_ylabel("error over calm noise", fontsize=8)
+    grid[0].legend(fontsize=7, frameon=False)
     return figure
 
 
