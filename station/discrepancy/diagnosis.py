@@ -23,7 +23,7 @@ from station.rows import UsageError
 SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
-NOTABLE_GUST: Final = 0.15
+NOTABLE_GUST: Final = 0.3
 MODEL_ERROR: Final = 0.05
 """Share of the predicted forces and moments by which a real aircraft's model may be wrong without an effect."""
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
@@ -128,7 +128,7 @@ def diagnosis_of(
     elif effects or seen:
         verdict = "effect_found"
     remarks = [
-        f"{r.record.name}: turbulence, vertical gust of {g:.2f} m/s standard deviation"
+        f"turbulence in {r.record.name}: vertical gust of {g:.2f} m/s standard deviation"
         for r, g in zip(references, found.accepted.gust, strict=True)
         if g > NOTABLE_GUST
     ]

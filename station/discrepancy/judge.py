@@ -25,7 +25,7 @@ Complex = NDArray[np.complex128]
 
 LEFT_LOG_P: Final = -15.5
 """log p of the most unlikely band of a series, beyond which something is left."""
-LEFT_SCORE: Final = 26.0
+LEFT_SCORE: Final = 22.0
 """chi2 of two of the best coherence with a signal of the motion, beyond which something is left."""
 RIDGE: Final = 0.01
 ORDER: Final = (VANE, THETA, DOWN, NORTH, DRAG, LIFT, MOMENT)

@@ -23,6 +23,7 @@ SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
 BRIDGED_S: Final = 0.25
+SLOWEST: Final = 8.0
 HELD_SAMPLES: Final = 3
 _EXCITED: Final = math.radians(0.3)
 """Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
@@ -123,6 +124,8 @@ def _piece(
             missing.append(s)
         else:
             signals[s] = values
+    if signals["airspeed"].min() < SLOWEST:
+        raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
     if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
         raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
     mass, iyy = _mean(columns, "mass", rows), _mean(columns, "iyy", rows)
