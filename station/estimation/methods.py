@@ -75,8 +75,8 @@ HELD_TICKS: Final = 3
 """An angle of attack from a vane or pitch rate held longer is not valid."""
 WAIT_TICKS: Final = 150
 """Without inertial data for so long after a start, the turbulence is judged by the vane alone."""
-WARM_TICKS: Final = 300
-"""Of the made-up flight that compiles: long enough for every method's first estimate."""
+WARM_TICKS: Final = 2000
+"""Of the made-up flight that compiles: every method closes a segment of its transforms in it."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -158,18 +158,12 @@ class Estimator:
             force=force,
             forgetting_s=forgetting,
         )
-        steady = {"airspeed": 50.0, "az": -9.81, "ax": 0.5, "v_north": 50.0, "mass": aircraft.inertia.mass}
+        steady = {"airspeed": 50.0, "az": -9.81, "ax": 0.5, "v_north": 50.0, "dynamic_pressure": 1500.0}
+        steady["mass"] = aircraft.inertia.mass
         for k in range(WARM_TICKS):
-            wave = 0.02 * math.sin(0.1 * k)
-            now = dict.fromkeys(cond.INPUTS, 0.0) | steady
-            now |= {
-                "alpha_vane": wave,
-                "q": wave,
-                "theta": 0.5 * wave,
-                "elevator": wave * wave,
-                "dynamic_pressure": 1500.0,
-            }
-            twin.step(_frame(k, now))
+            # Every signal moves, each in its own way: one that stood still would be taken for frozen.
+            moves = {name: 0.02 * math.sin(0.05 * (i + 2) * k) for i, name in enumerate(cond.INPUTS)}
+            twin.step(_frame(k, {name: steady.get(name, 0.0) + move for name, move in moves.items()}))
 
     def start_point(self) -> None:
         """A test point begins: empty the transforms; the filters stay warm."""

@@ -1,0 +1,41 @@
+"""Compiling takes seconds: all of it must happen before the loop starts."""
+
+import subprocess
+import sys
+
+FLIGHT = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from station.conventions import SIGNALS, TICK_NS
+from station.estimation.methods import Estimator
+from station.profile import load_card
+from station.rows import Frame
+from station.simulation.simulate import fly
+
+profiles = load_card("bench")
+estimator = Estimator(profiles.aircraft, profiles.card, profiles.rig.imu_position, profiles.rig.frame_noise_si())
+shown, _ = fly(profiles.aircraft, profiles.rig, profiles.card, 75.0)
+
+def compiled():
+    kernels = [d for d in gc.get_objects() if isinstance(d, Dispatcher) and d.py_func.__module__.startswith("station")]
+    return {(d.py_func.__qualname__, str(s)) for d in kernels for s in d.signatures}
+
+estimator.warm_up()
+before = compiled()
+estimated = 0
+for k in range(len(shown["q"])):
+    values = tuple(float(shown[n][k]) if n in shown else float("nan") for n in SIGNALS)
+    there = [v == v for v in values]
+    ages = tuple(0.0 if t else float("nan") for t in there)
+    _, methods = estimator.step(Frame(k * TICK_NS, k, values, ages, tuple(0 if t else 3 for t in there)))
+    estimated += all(p.status == "estimated" for m in methods for p in m.parameters)
+print(estimated, sorted(compiled() - before))
+"""
+
+
+def test_no_kernel_is_compiled_in_flight():
+    done = subprocess.run([sys.executable, "-c", FLIGHT], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    estimated, late = done.stdout.split(maxsplit=1)
+    assert int(estimated) > 100  # the flight went through every method's estimate
+    assert late.strip() == "[]"
