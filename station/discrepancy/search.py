@@ -29,6 +29,8 @@ PAIRS: Final = 12
 PARTNERS: Final = 4
 MOST: Final = 4
 """Effects at once."""
+LEAST_TIME: Final = 0.05
+"""Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
 LEAST_PLAY: Final = 2.5
 """Play below this many standard deviations of the elevator's noise is not judged."""
 
@@ -56,7 +58,9 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     null = problem.null()
     base = problem.at({})
     refitted: dict[frozenset[str], Fit] = {}
-    least = {"elevator.backlash": LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)}
+    tick = LEAST_TIME * max(r.record.dt for r in problem.references)
+    least = {t.id: tick for t in terms if t.unit == "s"}
+    least["elevator.backlash"] = LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)
 
     def refit(ids: tuple[str, ...], start: Mapping[str, float], gust: Sequence[float]) -> Fit | None:
         key = frozenset(ids)

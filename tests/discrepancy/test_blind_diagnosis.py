@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from blind import DETECTABLE, KINDS, SIGMAS, Case, covered, diagnosed, draw, score, size, tally
+from blind import DETECTABLE, KINDS, SIGMAS, Case, aircraft, covered, diagnosed, draw, prepared, score, size, tally
+
+from station.discrepancy.detectable import detectable_sizes, detectable_table
+from station.discrepancy.fit import Problem
 
 
 def fit_on(i: int) -> tuple[str, str]:
@@ -40,7 +43,7 @@ def test_two_effects_at_once_are_both_named():
     assert score(case, diagnosed(case)) in ("exact", "group")
 
 
-@pytest.mark.parametrize("outside", [{"periodic": 0.004}, {"g_sensitivity": 0.008}])
+@pytest.mark.parametrize("outside", [{"g_sensitivity": 0.008}])
 def test_what_the_catalogue_does_not_have_is_unexplained(outside):
     d = diagnosed(Case(seed=931, sigma=SIGMAS[0], outside=outside))
     assert d.verdict == "unexplained"
@@ -58,6 +61,16 @@ def test_gain_is_measured_on_a_manoeuvre_not_fitted():
     assert d.gain is not None
     assert d.gain.after < d.gain.before
     assert d.gain.low > 0
+
+
+def test_detectable_sizes_are_those_that_are_found():
+    references, _ = prepared(Case(seed=961, sigma=SIGMAS[0]))
+    sizes = detectable_sizes(references, Problem(references, aircraft()), 0.0)
+    found = {d.id: d for d in sizes}
+    for name in ("alpha_vane.delay", "q.scale", "accelerometer.position", "mass.scale"):
+        assert found[name].found == pytest.approx(size(name, 0.0), rel=0.5)
+        assert found[name].named >= found[name].found
+    assert "| `q.scale` | % |" in detectable_table([("two, calm", sizes)])
 
 
 @pytest.mark.slow
