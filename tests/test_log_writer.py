@@ -114,6 +114,17 @@ def test_rotation_leaves_complete_files_that_read_as_one(tmp_path: Path) -> None
     assert len(alone) < len(flight.written)
 
 
+@pytest.mark.parametrize("rotate_bytes", range(20_000, 60_000, 4_000))
+def test_rotation_is_no_loss_whenever_the_file_is_looked_after(tmp_path: Path, rotate_bytes: int) -> None:
+    """A file that ends in the very tick in which it is looked after must not be taken for one that vanished."""
+    flight = Flight(tmp_path, per_tick=40, rotate_bytes=rotate_bytes)
+    flight.fly(6.0)
+    flight.writer.close()
+    assert flight.events == []
+    assert summarise(tmp_path / "flight.mcap").verdict == "complete"
+    assert list(read_rows(tmp_path / "flight.mcap")) == flight.written
+
+
 def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
     first = Flight(tmp_path)
     first.fly(0.2)

@@ -138,7 +138,8 @@ class LogWriter:
             # A tick early rather than late: the next look is 20 ms away.
             if now - self._opened_ns >= CHUNK_NS - 20_000_000:
                 self._close_chunk(part)
-        if now >= self._look_ns and self._part is not None:
+        part = self._part  # another one, if closing the chunk ended the file
+        if part is not None and now >= self._look_ns:
             self._look_ns = now + _LOOK_NS
             if not part.is_there():
                 self._part = None
