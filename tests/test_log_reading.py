@@ -142,10 +142,7 @@ def test_a_flipped_byte_in_the_profiles_is_called_damaged_or_refused(
     except LogError:
         return
     assert summary.verdict == "damaged"
-    # Nothing is made up; a length that now reaches over the first chunk costs that chunk.
-    found = list(read_rows(hurt))
-    assert found == rows[len(rows) - len(found) :]
-    assert len(found) > len(rows) // 3
+    assert list(read_rows(hurt)) == rows
 
 
 def test_after_a_damaged_chunk_reading_goes_on_and_the_loss_is_told(

@@ -107,7 +107,7 @@ class PartReader:
     def _walk(self, data: Any, size: int, head_only: bool) -> Iterator[tuple[int, bytes]]:
         if data[: min(8, size)] != MAGIC[: min(8, size)]:
             raise LogError(f"{self.path}: not an MCAP file\nimport other formats with: station import")
-        at, ended = 8, False
+        at, before, ended = 8, 8, False
         while True:
             if at + RECORD.size > size:
                 self.truncated_at = min(at, size)
@@ -120,15 +120,17 @@ class PartReader:
             elif not Opcode.HEADER <= kind <= Opcode.DATA_END:
                 problem = f"a record of unknown kind {kind}"
             if problem:
-                following = self._next_chunk(data, at + 1)
+                # The record before may have led here by a wrong length.
+                following = self._next_chunk(data, before + 1)
                 if following is None and end > size and data[size - 8 : size] != MAGIC:
                     self.truncated_at = at
                     self.tail_s = self._span(data, at, size) if kind == Opcode.CHUNK else None
                     return
                 self._hurts(at, problem, None)
+                self._index_channels(data, size)
                 if following is None:
                     return
-                at = following
+                at = before = following
                 continue
             if kind == Opcode.FOOTER:
                 self._check_end(data, start, end, size)
@@ -142,7 +144,7 @@ class PartReader:
                     self._hurts(at, "the checksum of the whole file does not fit", 0.0)
             elif not ended:
                 yield from self._read(data, kind, at, start, end)
-            at = end
+            before, at = at, end
 
     def _read(self, data: Any, kind: int, at: int, start: int, end: int) -> Iterator[tuple[int, bytes]]:
         try:
@@ -197,6 +199,21 @@ class PartReader:
         topic, rest = _string(content[4:])
         encoding, rest = _string(rest)
         self.channels[number] = Channel(number, topic, encoding, metadata=_mapping(rest), schema_id=schema)
+
+    def _index_channels(self, data: Any, size: int) -> None:
+        """Channels from the index at the end, for those whose own records are lost."""
+        footer = size - len(MAGIC) - 20
+        if data[size - len(MAGIC) : size] != MAGIC or footer < RECORD.size:
+            return
+        try:
+            (at,) = struct.unpack_from("<Q", data, footer)
+            while 0 < at < footer - RECORD.size:
+                kind, length = RECORD.unpack_from(data, at)
+                start, at = at + RECORD.size, at + RECORD.size + length
+                if kind == Opcode.CHANNEL and struct.unpack_from("<H", data, start)[0] not in self.channels:
+                    self._channel(data[start:at])
+        except (struct.error, UnicodeDecodeError):
+            return
 
     def _next_chunk(self, data: Any, at: int) -> int | None:
         """Where the next intact chunk starts."""
