@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from station.conventions import G0, from_si, to_si
+from station.conventions import G0, from_si
 from station.profile import Aircraft, Derivative, Indicial, Instrument
 from station.simulation.boom import NO_BOOM
 
@@ -345,13 +345,3 @@ def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held
             continue  # allowed for with the profile's own uncertainty
         out.append(term)
     return tuple(out)
-
-
-def in_shown(term: Term, value: float) -> float:
-    """SI -> the unit that people speak of."""
-    return from_si(value, term.shown)
-
-
-def to_value(term: Term, shown: float) -> float:
-    """The unit that people speak of -> SI."""
-    return to_si(shown, term.shown)
