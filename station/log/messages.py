@@ -45,6 +45,7 @@ ESTIMATE_UNITS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("alpha_inertial", "alpha_gust"), "rad"),
     **dict.fromkeys(("gust_vertical", "turbulence_level", "wind_north", "wind_east", "wind_down"), "m/s"),
 }
+_FrameBody: Final = msgspec.defstruct("Frame", (*_NAMES, "k", "age_s", "quality"), gc=False)
 _FOXGLOVE_LEVELS: Final = {Level.INFO: 2, Level.WARNING: 3, Level.ALARM: 4}
 
 
@@ -102,11 +103,34 @@ _WHOLE: Final = {"type": "integer"}
 _TRUE_OR_FALSE: Final = {"type": "boolean"}
 
 
+def _sample_topic(stream: str, key: str, signals: Iterable[str] = ()) -> Topic:
+    properties = {
+        "t_device_ns": {"type": "integer", "unit": "ns", "description": "ns; the device's own time"},
+        "seq": _WHOLE,
+        "quality": {"type": "integer", "description": "0 fresh, 1 held, 2 suspect, 3 missing"},
+        **{n: signal_property(n) for n in signals},
+    }
+    title = f"station.Sample.{stream}"
+    return Topic(f"/sample/{key}", "json", title, _schema(title, properties), {"row": "Sample", "key": stream})
+
+
+class _Announced:
+    """A stream of the rig. A struct of its own encodes a sample five times as fast as a dict."""
+
+    def __init__(self, name: str, signals: tuple[str, ...]) -> None:
+        self.topic = _sample_topic(name, name, signals)
+        self.count = len(signals)
+        self.body: Callable[..., msgspec.Struct] = msgspec.defstruct(
+            "Sample", ("t_device_ns", "seq", "quality", *signals), gc=False
+        )
+
+
 class RowWriter:
     """Turns rows into messages. Topics are made when first seen, so a file holds only those it uses."""
 
     def __init__(self, streams: Iterable[Stream]) -> None:
         self._signals = {s.name: s.signals for s in streams}
+        self._announced = {name: _Announced(name, signals) for name, signals in self._signals.items()}
         self._topics: dict[tuple[type, str], Topic] = {}
         self._kinds: dict[type, Callable[[Any], tuple[Topic, bytes]]] = {
             Sample: self._sample,
@@ -135,35 +159,27 @@ class RowWriter:
         return topic
 
     def _sample(self, row: Sample) -> tuple[Topic, bytes]:
-        names = self._signals.get(row.stream)
+        announced = self._announced.get(row.stream)
+        if announced is None or len(row.values) != announced.count or row.t_ns < 0:
+            return self._odd_sample(row)
+        data = _ENCODE(announced.body(row.t_device_ns, row.seq, row.quality, *row.values))
+        if b"null" in data and (_INF in row.values or -_INF in row.values):
+            return self._odd_sample(row)
+        return announced.topic, data
+
+    def _odd_sample(self, row: Sample) -> tuple[Topic, bytes]:
+        """One with an infinity, before time 0, or not as the rig announced it: kept all the same, then without names."""
+        announced = self._announced.get(row.stream)
         body: dict[str, Any] = {"t_device_ns": row.t_device_ns, "seq": row.seq, "quality": int(row.quality)}
-        if names is None or len(names) != len(row.values):
-            # Not what the rig announced: kept all the same, without names.
-            names = ()
-            body["values"] = row.values
-            key = f"{row.stream}#unnamed"
+        if announced is not None and announced.count == len(row.values):
+            topic = announced.topic
+            body.update(zip(self._signals[row.stream], row.values, strict=True))
         else:
-            body.update(zip(names, row.values, strict=True))
-            key = row.stream
+            topic = self._topics.setdefault((Sample, row.stream), _sample_topic(row.stream, f"{row.stream}#unnamed"))
+            body["values"] = row.values
         if row.t_ns < 0:
             body["t_ns"] = row.t_ns
-        topic = self._topics.get((Sample, key))
-        if topic is None:
-            properties = {
-                "t_device_ns": {"type": "integer", "unit": "ns", "description": "ns; the device's own time"},
-                "seq": _WHOLE,
-                "quality": {"type": "integer", "description": "0 fresh, 1 held, 2 suspect, 3 missing"},
-                **{n: signal_property(n) for n in names},
-            }
-            title = f"station.Sample.{row.stream}"
-            topic = Topic(
-                f"/sample/{key}", "json", title, _schema(title, properties), {"row": "Sample", "key": row.stream}
-            )
-            self._topics[Sample, key] = topic
-        data = _ENCODE(body)
-        if b"null" in data and (_INF in row.values or -_INF in row.values):
-            data = _ENCODE(_spelled(body))
-        return topic, data
+        return topic, _ENCODE(_spelled(body))
 
     def _raw(self, row: RawBlock) -> tuple[Topic, bytes]:
         topic = self._topics.get((RawBlock, row.device))
@@ -173,16 +189,14 @@ class RowWriter:
         return topic, row.data
 
     def _frame(self, row: Frame) -> tuple[Topic, bytes]:
-        body: dict[str, Any] = dict(zip(_NAMES, row.values, strict=True))
-        body["k"] = row.k
-        body["age_s"] = row.age_s
-        body["quality"] = row.quality
-        if row.t_ns < 0:
-            body["t_ns"] = row.t_ns
-        data = _ENCODE(body)
-        if _INF in row.values or -_INF in row.values or _INF in row.age_s or -_INF in row.age_s:
-            data = _ENCODE(_spelled(body))
-        return self._topic(row, "", "/frame", _frame_properties), data
+        topic = self._topic(row, "", "/frame", _frame_properties)
+        if row.t_ns < 0 or _INF in row.values or -_INF in row.values or _INF in row.age_s or -_INF in row.age_s:
+            body: dict[str, Any] = dict(zip(_NAMES, row.values, strict=True))
+            body.update(k=row.k, age_s=row.age_s, quality=row.quality)
+            if row.t_ns < 0:
+                body["t_ns"] = row.t_ns
+            return topic, _ENCODE(_spelled(body))
+        return topic, _ENCODE(_FrameBody(*row.values, row.k, row.age_s, row.quality))
 
     def _method(self, row: MethodEstimate) -> tuple[Topic, bytes]:
         body: dict[str, Any] = {p.name: p for p in row.parameters}

@@ -38,11 +38,12 @@ from mcap.records import (
 MAGIC: Final = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
+_OPCODE: Final = int(Opcode.MESSAGE)
 CHUNK = struct.Struct("<QQQI")
 CHUNK_MARK = struct.pack("<I", 4) + b"zstd"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Topic:
     """A channel and its schema, before either has a number in a file. Compared by identity: one object a channel."""
 
@@ -52,11 +53,15 @@ class Topic:
     schema: bytes
     about: Mapping[str, str]
 
-    def __hash__(self) -> int:
-        return id(self)
 
-    def __eq__(self, other: object) -> bool:
-        return self is other
+class _Channel:
+    """A topic's number in a file, and time and place of its messages in the open chunk, alternately."""
+
+    __slots__ = ("index", "number")
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.index: list[int] = []
 
 
 class PartWriter:
@@ -71,11 +76,11 @@ class PartWriter:
         self.size = 0
         self.chunk_size = 0
         self._crc = 0
-        self._channels: dict[Topic, int] = {}
+        self._channels: dict[Topic, _Channel] = {}
+        self._open: list[_Channel] = []
         self._records: list[McapRecord] = []
         self._head = RecordBuilder()
         self._body: list[bytes] = []
-        self._index: dict[int, list[int]] = {}
         self._first = self._last = 0
         self._compress = zstandard.ZstdCompressor(level=1).compress
         self._chunk_indexes: list[ChunkIndex] = []
@@ -112,25 +117,23 @@ class PartWriter:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._register(topic)
-        if not self._index:
+        if not self._open:
             self._first = self._last = time_ns
         elif time_ns < self._first:
             self._first = time_ns
         elif time_ns > self._last:
             self._last = time_ns
-        index = self._index.get(channel)
-        if index is None:
-            index = self._index[channel] = []
-        index.append(time_ns)
-        index.append(self.chunk_size)
-        head = _MESSAGE.pack(Opcode.MESSAGE, 22 + len(data), channel, sequence & 0xFFFFFFFF, time_ns, time_ns)
-        self._body.append(head)
-        self._body.append(data)
-        self.chunk_size += len(head) + len(data)
+        if not channel.index:
+            self._open.append(channel)
+        channel.index += (time_ns, self.chunk_size)
+        length = len(data)
+        number = channel.number
+        self._body += (_MESSAGE.pack(_OPCODE, 22 + length, number, sequence & 0xFFFFFFFF, time_ns, time_ns), data)
+        self.chunk_size += _MESSAGE.size + length
 
-    def _register(self, topic: Topic) -> int:
+    def _register(self, topic: Topic) -> _Channel:
         number = len(self._channels) + 1
-        self._channels[topic] = number
+        self._channels[topic] = _Channel(number)
         schema = number if topic.schema_name else 0
         if schema:
             self._records.append(Schema(id=schema, data=topic.schema, encoding="jsonschema", name=topic.schema_name))
@@ -143,7 +146,7 @@ class PartWriter:
             channel.write(out)
         self._body.append(_taken(again))
         self.chunk_size += len(self._body[-1])
-        return number
+        return self._channels[topic]
 
     def close_chunk(self) -> None:
         """Hand what is in memory to the operating system."""
@@ -165,10 +168,12 @@ class PartWriter:
         indexes_at = at + RECORD.size + length
         offsets: dict[int, int] = {}
         indexes = 0
-        for channel, entries in self._index.items():
-            offsets[channel] = indexes_at + indexes
+        for channel in self._open:
+            entries = channel.index
+            offsets[channel.number] = indexes_at + indexes
             size = 8 * len(entries)
-            out.append(struct.pack(f"<BQHI{len(entries)}Q", Opcode.MESSAGE_INDEX, 6 + size, channel, size, *entries))
+            head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, channel.number, size)
+            out.append(head + struct.pack(f"<{len(entries)}Q", *entries))
             indexes += len(out[-1])
         self._write(b"".join(out))
         self._chunk_indexes.append(
@@ -186,10 +191,11 @@ class PartWriter:
         )
         self._start = min(self._start, self._first) if self._counts else self._first
         self._end = max(self._end, self._last)
-        for channel, entries in self._index.items():
-            self._counts[channel] = self._counts.get(channel, 0) + len(entries) // 2
+        for channel in self._open:
+            self._counts[channel.number] = self._counts.get(channel.number, 0) + len(channel.index) // 2
+            channel.index.clear()
         self._body.clear()
-        self._index.clear()
+        self._open.clear()
         self.chunk_size = 0
 
     def finish(self) -> None:

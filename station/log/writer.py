@@ -13,7 +13,7 @@ from station.clock import Clock, utc_file_stamp, utc_now_ns
 from station.log.about import About, preamble
 from station.log.messages import RowWriter
 from station.log.part import PartWriter
-from station.rows import Code, Event, LogError, Rows
+from station.rows import Code, Event, LogError, Rows, Sample
 
 # Measured with tests/benchmarks/test_log_cost.py's tick (22 rows, values of pure noise) on 2 shared cores, mean and p99
 # cost of a tick, bytes a tick: without chunks 67, 110 us, 7.4 kB; a chunk each tick 129, 230 us, 3.6 kB; 16 KiB 109,
@@ -108,10 +108,11 @@ class LogWriter:
             if len(self._held) == _HELD_ROWS:
                 self._lost += 1
             self._held.append(row)
-            if self._part is not None:
-                self._write(self._part, row)
-                if self._part.chunk_size >= CHUNK_BYTES:
-                    self._close_chunk(self._part)
+            part = self._part
+            if part is not None:
+                self._write(part, row)
+                if part.chunk_size >= CHUNK_BYTES:
+                    self._close_chunk(part)
 
     def _write(self, part: PartWriter, row: Rows) -> None:
         try:
@@ -121,8 +122,7 @@ class LogWriter:
             if self._unwritable == 1:
                 self._report(f"a {type(row).__name__} cannot be recorded: {error}")
             return
-        sequence = getattr(row, "seq", None) or 0
-        part.message(topic, sequence, max(row.t_ns, 0), data)
+        part.message(topic, (row.seq or 0) if type(row) is Sample else 0, max(row.t_ns, 0), data)
 
     def flush(self) -> None:
         """Once a tick: what is old enough goes to the operating system, and the file is looked after."""
@@ -236,7 +236,7 @@ def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 
     try:
         for row in rows:
             topic, data = writer.message(row)
-            part.message(topic, getattr(row, "seq", None) or 0, max(row.t_ns, 0), data)
+            part.message(topic, (row.seq or 0) if type(row) is Sample else 0, max(row.t_ns, 0), data)
             count += 1
             if part.chunk_size >= CHUNK_BYTES:
                 part.close_chunk()
