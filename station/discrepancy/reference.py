@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -17,7 +17,17 @@ from scipy import fft, signal
 
 from station.conventions import G0, to_si
 from station.discrepancy.record import Record
-from station.discrepancy.residuals import SERIES, VANE, Setting, Spectra, bridge_of, series, spectra
+from station.discrepancy.residuals import (
+    SERIES,
+    VANE,
+    Memo,
+    Setting,
+    Spectra,
+    bridge_of,
+    series,
+    series_spectra,
+    spectra,
+)
 from station.profile import Actuator, Aircraft, Flight
 from station.rows import ProfileError, UsageError
 from station.simulation.aircraft import constants
@@ -78,6 +88,15 @@ class Whitener:
         return cls(np.conj(np.swapaxes(vectors, -1, -2)) @ inverse, np.maximum(values, 0.0))
 
 
+def spread(whitener: Whitener) -> tuple[Complex, Complex]:
+    """The covariances (m, k, k) that it was made from: calm, and turbulent per unit of s2."""
+    back = np.linalg.inv(whitener.rotate)
+    other = np.conj(np.swapaxes(back, -1, -2))
+    calm: Complex = back @ other
+    turbulent: Complex = (back * whitener.turbulent[:, None, :]) @ other
+    return calm, turbulent
+
+
 @dataclass(frozen=True, slots=True)
 class Flights:
     """A manoeuvre flown by the simulation without noise: signals (n,) in calm air, (FLIGHTS, n) in turbulence."""
@@ -110,11 +129,12 @@ class Reference:
     mass_share: float
     iyy_share: float
     flights: Flights
+    memo: Memo = field(default_factory=Memo, repr=False)
 
     def differences(self, aircraft: Aircraft, drift: float = 0.0) -> Spectra:
         """What was measured less what that aircraft predicts, in the series judged; `drift` as in residuals.series."""
         own = loaded(aircraft, self.record, self.mass_share, self.iyy_share)
-        return spectra(series(self.record.signals, own, self.setting, drift), self.setting).minus(self.mean)
+        return series_spectra(self.record.signals, own, self.setting, drift, self.memo).minus(self.mean)
 
 
 def loaded(aircraft: Aircraft, record: Record, mass_share: float, iyy_share: float) -> Aircraft:

@@ -15,9 +15,10 @@ All functions take leading axes: signals of (..., n) give series of (..., 7, n).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from station.simulation.boom import NO_BOOM
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Signals = Mapping[str, Any]
+T = TypeVar("T")
 
 SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
 THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
@@ -72,8 +74,7 @@ class Setting:
     @property
     def omega(self) -> Array:
         """rad/s of the transform over n + bridge samples."""
-        w: Array = 2 * np.pi * fft.rfftfreq(self.n + self.bridge, self.dt)
-        return w
+        return _omega(self.n + self.bridge, self.dt)
 
     @property
     def cut(self) -> int:
@@ -82,14 +83,45 @@ class Setting:
     @property
     def bins(self) -> NDArray[np.int64]:
         """Numbers of the frequencies judged, in the transform of the cut series."""
-        f = fft.rfftfreq(self.n - 2 * self.cut, self.dt)
-        high = min(HIGH_HZ, 0.35 / self.dt)
-        return np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= high))
+        return _judged(self.n - 2 * self.cut, self.dt)[0]
 
     @property
     def frequencies(self) -> Array:
-        f: Array = fft.rfftfreq(self.n - 2 * self.cut, self.dt)[self.bins]
-        return f
+        return _judged(self.n - 2 * self.cut, self.dt)[1]
+
+
+@lru_cache(maxsize=16)
+def _omega(n: int, dt: float) -> Array:
+    w: Array = 2 * np.pi * fft.rfftfreq(n, dt)
+    return w
+
+
+@lru_cache(maxsize=16)
+def _judged(n: int, dt: float) -> tuple[NDArray[np.int64], Array]:
+    """Numbers and values (Hz) of the frequencies judged."""
+    f = fft.rfftfreq(n, dt)
+    bins = np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= min(HIGH_HZ, 0.35 / dt)))
+    return bins, f[bins]
+
+
+class Memo:
+    """Stages of the residuals that candidates for one manoeuvre share, the latest few of each."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, dict[Hashable, Any]] = {}
+
+    def get(self, stage: str, key: Hashable, make: Callable[[], T]) -> T:
+        """The stage for a key, made where it is not there."""
+        kept = self._kept.setdefault(stage, {})
+        if key not in kept:
+            if len(kept) >= _KEPT.get(stage, len(kept) + 1):
+                del kept[next(iter(kept))]
+            kept[key] = make()
+        found: T = kept[key]
+        return found
+
+
+_KEPT: Final = {"signal": 48, "motion": 8, "flow": 8, "spectra": 8}
 
 
 def bridge_of(dt: float, n: int) -> int:
@@ -133,9 +165,13 @@ def indicial(response: Indicial | None, omega: Array, chords_per_s: Array) -> Co
 
 
 def _derivative(x: Array, dt: float) -> Array:
-    """Central differences of fourth order, of second order at the ends."""
-    out = np.gradient(x, dt, axis=-1)
+    """Central differences of fourth order, of lower order at the ends."""
+    out = np.empty_like(x)
     out[..., 2:-2] = (8 * (x[..., 3:-1] - x[..., 1:-3]) - (x[..., 4:] - x[..., :-4])) / (12 * dt)
+    for k in (1, -2):
+        out[..., k] = (x[..., k + 1 if k > 0 else -1] - x[..., k - 1]) / (2 * dt)
+    out[..., 0] = (x[..., 1] - x[..., 0]) / dt
+    out[..., -1] = (x[..., -1] - x[..., -2]) / dt
     return out
 
 
@@ -157,42 +193,108 @@ def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
     return aircraft.instruments.get(PRESENT.get(name, name))
 
 
-def corrected(signals: Signals, aircraft: Aircraft, s: Setting) -> dict[str, Array]:
-    """The signals with the profile's instrument errors taken out."""
-    out = dict(signals)
-    for name, x in signals.items():
-        found = instrument_of(aircraft, name)
-        if found is None:
-            continue
-        x = np.asarray(x)
-        if found.bias:
-            x = x - found.bias
-        if found.latency or found.lag:
-            w = s.omega
-            inverse = np.exp(1j * w * found.latency)
-            if found.lag:
-                inverse = inverse * (1 + 1j * w * found.lag) * _pass(w, CORRECTION_STOP_HZ)
-            x = back(transform(x, s) * inverse, s)
-        if found.gain != 1:
-            x = x / found.gain
-        if found.backlash:
-            dither = PLAY_DITHER * s.elevator_noise
-            moved = play(x, found.backlash + dither) - play(x, dither)
-            # The play stands between sensor and surface: the surface follows the sensor late.
-            x = x + back(transform(moved, s) * _pass(s.omega, CORRECTION_STOP_HZ), s)
-        out[name] = x
-    return out
+def _corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
+    """A signal with its instrument's errors taken out."""
+    if found is None:
+        return x
+    if found.bias:
+        x = x - found.bias
+    if found.latency or found.lag:
+        w = s.omega
+        inverse = np.exp(1j * w * found.latency)
+        if found.lag:
+            inverse = inverse * (1 + 1j * w * found.lag) * _pass(w, CORRECTION_STOP_HZ)
+        x = back(transform(x, s) * inverse, s)
+    if found.gain != 1:
+        x = x / found.gain
+    if found.backlash:
+        dither = PLAY_DITHER * s.elevator_noise
+        moved = play(x, found.backlash + dither) - play(x, dither)
+        # The play stands between sensor and surface: the surface follows the sensor late.
+        x = x + back(transform(moved, s) * _pass(s.omega, CORRECTION_STOP_HZ), s)
+    return x
 
 
-def series(signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array = 0.0) -> Array:
+class _Motion(NamedTuple):
+    """What attitude, rate, accelerations and velocities say, without aerodynamics; each (..., n)."""
+
+    q: Array
+    qdot: Array
+    ax: Array
+    az: Array
+    differences: Array
+    """(..., 3, n): THETA, DOWN, NORTH."""
+    theta: Array
+    down: Array
+    base: Array
+    """Speed through the air but for its mean."""
+    mean_speed: Array
+
+
+class _Flow(NamedTuple):
+    """The flow angle and the gust, and what they make of the vane."""
+
+    v0: Array
+    alpha_i: Array
+    gust: Array
+    wing: Array
+    """The flow angle as the wing's lift feels it; empty without memory."""
+    tail: Array
+    vane: Array
+    """The difference VANE."""
+
+
+_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "r", "v_down", "v_along")
+
+
+def series(
+    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array = 0.0, memo: Memo | None = None
+) -> Array:
     """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
 
     `drift` (m/s, scalar or (..., 1)) is how much faster the aircraft moves through the air mass than its mean airspeed
     says: a gust along the path that lasts as long as the manoeuvre hides in the mean. Units of the result:
-    rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is.
+    rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is. With a `memo` of
+    these signals and this setting, what earlier candidates share is taken from there.
     """
-    x = corrected(signals, aircraft, s)
-    theta, q, v, qbar, de = x["theta"], x["q"], x["airspeed"], x["dynamic_pressure"], x["elevator"]
+    memo = memo or Memo()
+    x, motion, flow, _ = _stages(signals, aircraft, s, drift, memo)
+    return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft, s)], axis=-2)
+
+
+def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: float, memo: Memo) -> Spectra:
+    """The spectra of `series`, those without aerodynamics from the memo where they are there."""
+    x, motion, flow, key = _stages(signals, aircraft, s, drift, memo)
+    count = sum(j < LIFT for j in s.judged)
+    first = memo.get("spectra", key, lambda: spectra(_kinematic(motion, flow), s, s.judged[:count]))
+    forces = spectra(_forces(x, motion, flow, aircraft, s), s, tuple(j - LIFT for j in s.judged[count:]), False)
+    return Spectra(
+        np.concatenate([first.bins, forces.bins], axis=-2), np.concatenate([first.steady, forces.steady], axis=-1)
+    )
+
+
+def _kinematic(motion: _Motion, flow: _Flow) -> Array:
+    return np.concatenate([motion.differences, flow.vane[..., None, :]], axis=-2)
+
+
+def _stages(
+    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array, memo: Memo
+) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
+    """Corrected signals, motion and flow, and what they were made from."""
+    found = {name: instrument_of(aircraft, name) for name in signals}
+    x = {
+        name: memo.get("signal", (name, found[name]), lambda n=name, v=values: _corrected(np.asarray(v), found[n], s))
+        for name, values in signals.items()
+    }
+    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
+    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
+    of_drift = drift if isinstance(drift, float) else id(drift)
+    key = (first, found.get("alpha_vane"), aircraft.boom, aircraft.unsteady, aircraft.geometry.chord, of_drift)
+    return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s, drift)), key
+
+
+def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
+    theta, q, v = x["theta"], x["q"], x["airspeed"]
     imu = tuple(a + b for a, b in zip(s.imu, aircraft.imu_offset, strict=True))
     qdot = _derivative(q, s.dt)
     ax = x["ax"] - qdot * imu[2] + q * q * imu[0]
@@ -204,77 +306,79 @@ def series(signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Arra
     climb = _integral(az * cos * level - ax * sin + G0, s.dt)
     along = _integral(ax * cos + az * sin * level, s.dt)
     down = _without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
-    out = np.empty((*q.shape[:-1], 7, s.n))
+    out = np.zeros((*q.shape[:-1], 3, s.n))
     out[..., THETA, :] = theta - _integral(turned, s.dt)
     out[..., DOWN, :] = down - climb
     ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
-    out[..., NORTH, :] = 0.0 if ground is None else ground - along
-
-    w = s.omega
-    v0 = v.mean(-1, keepdims=True) + drift
+    if ground is not None:
+        out[..., NORTH, :] = ground - along
     base = v if ground is None else ground
-    inertial = base - base.mean(-1, keepdims=True) + v0
+    return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True))
+
+
+def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Setting, drift: float | Array) -> _Flow:
+    w = s.omega
+    v0 = motion.mean_speed + drift
+    inertial = motion.base + v0
     boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
     chord = aircraft.geometry.chord
     chords = v0 / (unsteady.reference_chord or chord)
-    alpha_i = theta + np.arcsin(np.clip(down / inertial, -1, 1))
+    alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
     alpha_spectrum = transform(alpha_i, s)
     vane_response = _vane_response(boom, w)
-    inside = (1 + boom.upwash_body) * transform(alpha_i - q * boom.vane_x / inertial, s)
+    inside = (1 + boom.upwash_body) * transform(alpha_i - motion.q * boom.vane_x / inertial, s)
     inside += boom.upwash_wing * indicial(unsteady.upwash_motion, w, chords) * alpha_spectrum
     if boom.flexure:
-        inside += boom.flexure * transform(az, s)
+        inside += boom.flexure * transform(motion.az, s)
     vane = x["alpha_vane"] - back(inside * vane_response, s) - boom.zero
-    gain_vane = _gain(aircraft, "alpha_vane")
-    out[..., VANE, :] = vane * gain_vane
 
     gust = np.zeros((*alpha_spectrum.shape,), dtype=complex)
+    ahead = np.exp(0.25j * w * chord / v0)
     if s.gusty:
         met = (1 + boom.upwash_body) * np.exp(1j * w * boom.vane_x / v0)
-        met = met + boom.upwash_wing * indicial(unsteady.upwash_gust, w, chords) * np.exp(0.25j * w * chord / v0)
+        met = met + boom.upwash_wing * indicial(unsteady.upwash_gust, w, chords) * ahead
         gust = transform(vane, s) / (vane_response * met) * _pass(w, GUST_PASS_HZ)
-    _forces(out, x, (ax, az, qdot), alpha_i, alpha_spectrum, gust, aircraft, s, de, v, qbar, v0)
-    return out
+    wing_series = tail_series = np.empty(0)
+    if unsteady.memory:
+        late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
+        wing = indicial(unsteady.lift_motion, w, chords) * alpha_spectrum
+        wing += indicial(unsteady.lift_gust, w, chords) * ahead * gust
+        tail = alpha_spectrum + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
+        tail_series = back(tail - unsteady.downwash * late * wing, s)
+        wing_series = back(wing, s)
+    return _Flow(v0, alpha_i, back(gust, s), wing_series, tail_series, vane * _gain(aircraft, "alpha_vane"))
 
 
-def _forces(
-    out: Array, x: Mapping[str, Array], motion: tuple[Array, Array, Array], alpha_i: Array, alpha_spectrum: Complex,
-    gust: Complex, aircraft: Aircraft, s: Setting, de: Array, v: Array, qbar: Array, v0: Array,
-) -> None:  # fmt: skip
-    """Lift, moment and drag into `out`: the coefficients measured less those of the model."""
-    ax, az, qdot = motion
-    w, q = s.omega, x["q"]
+def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
+    """Lift, moment and drag (..., 3, n): the coefficients measured less those of the model."""
+    q, ax, az, de, v, qbar = motion.q, motion.ax, motion.az, x["elevator"], x["airspeed"], x["dynamic_pressure"]
     value, unsteady = aircraft.value, aircraft.unsteady
     area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
-    chords = v0 / (unsteady.reference_chord or chord)
     mass, inertia = aircraft.inertia.mass, aircraft.inertia.iyy or 1.0
     thrust = x.get("thrust", s.thrust)
-    gust_series = back(gust, s)
-    alpha = alpha_i + gust_series
+    alpha = flow.alpha_i + flow.gust
     force = qbar * area
     cx = (mass * ax - thrust * math.cos(aircraft.thrust_angle)) / force
     cz = (mass * az + thrust * math.sin(aircraft.thrust_angle)) / force
     sin, cos = np.sin(alpha), np.cos(alpha)
     cl, cd = cx * sin - cz * cos, -cx * cos - cz * sin
-    cm = (inertia * qdot - thrust * aircraft.thrust_pitch_arm) / (force * chord)
+    cm = (inertia * motion.qdot - thrust * aircraft.thrust_pitch_arm) / (force * chord)
 
-    reference = aircraft.reference_speed or v.mean(-1, keepdims=True)
+    reference = aircraft.reference_speed or motion.mean_speed
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
     faster = v / reference
-    cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de + value("CL_gust") * gust_series
-    cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de + value("Cm_gust") * gust_series
+    cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
+    cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
+    if value("CL_gust") or value("Cm_gust"):
+        cl_model = cl_model + value("CL_gust") * flow.gust
+        cm_model = cm_model + value("Cm_gust") * flow.gust
     cl_slope, cm_slope, cl_q, cm_q = value("CL_alpha"), value("Cm_alpha"), value("CL_q"), value("Cm_q")
     if unsteady.memory:
         share, arm, e = unsteady.tail_lift_slope, unsteady.tail_arm / chord, unsteady.downwash
-        late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
-        wing = indicial(unsteady.lift_motion, w, chords) * alpha_spectrum
-        wing += indicial(unsteady.lift_gust, w, chords) * np.exp(0.25j * w * chord / v0) * gust
-        tail = alpha_spectrum + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
-        tail_series = back(tail - e * late * wing, s) + q * unsteady.tail_arm / v
-        wing_series = back(wing, s)
-        cl_model = cl_model + (cl_slope - share * (1 - e)) * wing_series + share * tail_series
-        cm_model = cm_model + (cm_slope + share * arm * (1 - e)) * wing_series - share * arm * tail_series
+        tail = share * (flow.tail + q * unsteady.tail_arm / v)
+        cl_model = cl_model + (cl_slope - share * (1 - e)) * flow.wing + tail
+        cm_model = cm_model + (cm_slope + share * arm * (1 - e)) * flow.wing - arm * tail
         cl_q -= 2 * share * arm * (1 + e)
         cm_q += 2 * share * arm**2 * (1 + e)
     else:
@@ -283,8 +387,9 @@ def _forces(
     cl_model = cl_model + cl_q * qhat
     cm_model = cm_model + cm_q * qhat
     for power in (2, 3):
-        cl_model = cl_model + value(f"CL_alpha{power}") * alpha**power
-        cm_model = cm_model + value(f"Cm_alpha{power}") * alpha**power
+        for name, bent in (("CL", cl_model), ("Cm", cm_model)):
+            if value(f"{name}_alpha{power}"):
+                bent += value(f"{name}_alpha{power}") * alpha**power
     if aircraft.drag is not None:
         cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
     else:
@@ -293,10 +398,12 @@ def _forces(
     nominal = s.nominal.inertia
     lighter = nominal.mass / mass
     pressure = _gain(aircraft, "dynamic_pressure")
-    out[..., LIFT, :] = (cl - cl_model) * lighter * _gain(aircraft, "az") / pressure
-    out[..., DRAG, :] = (cd - cd_model) * lighter * _gain(aircraft, "ax") / pressure
     easier = (nominal.iyy or 1.0) / inertia
-    out[..., MOMENT, :] = (cm - cm_model) * easier * _gain(aircraft, "q") / pressure
+    out = np.empty((*q.shape[:-1], 3, s.n))
+    out[..., 0, :] = (cl - cl_model) * (lighter * _gain(aircraft, "az") / pressure)
+    out[..., 1, :] = (cm - cm_model) * (easier * _gain(aircraft, "q") / pressure)
+    out[..., 2, :] = (cd - cd_model) * (lighter * _gain(aircraft, "ax") / pressure)
+    return out
 
 
 def _gain(aircraft: Aircraft, name: str) -> float:
@@ -338,16 +445,24 @@ class Spectra:
         return Spectra(self.bins - other.bins, self.steady - other.steady)
 
 
-def spectra(differences: Array, s: Setting) -> Spectra:
-    """Of series (..., 7, n): ends cut, line removed, tapered, transformed."""
+def spectra(differences: Array, s: Setting, rows: tuple[int, ...] | None = None, integrated: bool = True) -> Spectra:
+    """Of series (..., 7, n): ends cut, line removed, tapered, transformed. `rows` in place of the setting's judged
+    ones; `integrated` tells whether the first three are integrals."""
     c = s.cut
-    y = differences[..., list(s.judged), c : s.n - c]
+    rows = s.judged if rows is None else rows
+    y = differences[..., list(rows), c : s.n - c]
     n = y.shape[-1]
-    t = np.linspace(-0.5, 0.5, n)
+    t, window, square = _window(n)
     mean = y.mean(-1)
-    slope = (y * t).sum(-1) / (t * t).sum()
+    slope = (y @ t) / float(t @ t)
     y = y - mean[..., None] - slope[..., None] * t
+    bins = fft.rfft(y * window, axis=-1)[..., s.bins] / math.sqrt(square)
+    sums = np.array([integrated and j in (THETA, DOWN, NORTH) for j in rows], dtype=bool)
+    return Spectra(bins, np.where(sums, slope, mean))
+
+
+@lru_cache(maxsize=16)
+def _window(n: int) -> tuple[Array, Array, float]:
+    """Time from -1/2 to 1/2, the taper, and the sum of its squares."""
     window = signal.windows.tukey(n, TAPER)
-    bins = fft.rfft(y * window, axis=-1)[..., s.bins] / math.sqrt(float((window**2).sum()))
-    integrated = np.array([j in (THETA, DOWN, NORTH) for j in s.judged])
-    return Spectra(bins, np.where(integrated, slope, mean))
+    return np.linspace(-0.5, 0.5, n), window, float((window**2).sum())
