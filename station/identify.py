@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from station.advice import next_input_json, sifted_json
 from station.conventions import SIGNALS, TICK_HZ, TICK_NS
-from station.estimation import postflight
+from station.estimation import cross_spectra, postflight
+from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.kinematics import kinematics
-from station.estimation.methods import LIVE, METHODS, Estimator
+from station.estimation.methods import LIVE, MEASURED, METHODS, Estimator
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable
@@ -31,7 +32,8 @@ from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Qu
 Array = NDArray[np.float64]
 
 SCHEMA: Final = "station.identify/1"
-AVAILABLE: Final = tuple(n for n in METHODS if n in LIVE or n in postflight.POSTFLIGHT)
+FLOWN: Final = (*LIVE, MEASURED)
+"""Run by the estimator that flies."""
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Without gust energy, the first of these that applies is recommended."""
 LEAD_S: Final = 30.0
@@ -39,6 +41,7 @@ LEAD_S: Final = 30.0
 HOLD_S: Final = 3.0
 """Without such a flight, trim of this length is put before the record: filters and delay lines start settled."""
 MIN_LIVE_HZ: Final = 25.0
+DEFAULT_CARD: Final = Card(name="identify", aircraft="", rig="")
 
 
 def identify(
@@ -58,7 +61,7 @@ def identify(
     """Every asked method's derivatives with errors and status, the turbulence, and which method to believe.
 
     `methods`: names of contract.md, or "all". `start_s`, `end_s` on the table's time axis. `imu_position` (m, body) and
-    `noise` (SI) are the rig's, `card` gives the frequencies. `force` applies III and V in calm air too. Raises
+    `noise` (SI) are the rig's, `card` gives the frequencies. `force` applies III, IV and V in calm air too. Raises
     UsageError for an unknown method, an empty interval, or a record that no method can use.
     """
     wanted = _wanted(methods)
@@ -77,8 +80,11 @@ def identify(
     instruments = instruments_json(kinematics(record), record) if "all" in methods or refusal else {}
     if refusal and all(section["status"] != "ok" for section in instruments.values()):
         raise UsageError(f"{log or 'log'}: {refusal}")
-    live = tuple(n for n in wanted if n in LIVE and not refusal)
-    flown = fly(table, record, live, start, axes, card, imu_position, noise, force) if live else None
+    spectra, unmeasured = None, ""
+    if MEASURED in wanted and not refusal:
+        spectra, unmeasured = _measured(table, record, card, imu_position, noise)
+    live = tuple(n for n in wanted if (n in LIVE or (n == MEASURED and spectra)) and not refusal)
+    flown = fly(table, record, live, start, axes, card, imu_position, noise, force, spectra) if live else None
     gust = flown.gust_vertical(record) if flown else None
     if flown and "all" in methods:
         instruments["model_structure"] = structure_json(
@@ -89,12 +95,12 @@ def identify(
     for name in wanted:
         if refusal:
             results[name] = not_applicable(refusal, names(axes))
-        elif name in LIVE and flown is not None:
+        elif name == MEASURED and unmeasured:
+            results[name] = not_applicable(unmeasured, names(axes))
+        elif name in FLOWN and flown is not None:
             results[name] = flown.result(name, record, axes)
-        elif name in postflight.POSTFLIGHT:
-            results[name] = postflight.run(name, record, axes)
         else:
-            results[name] = not_applicable("this station does not have it yet", names(axes))
+            results[name] = postflight.run(name, record, axes)
     recommended = _recommended(results, level)
     if "all" in methods and not refusal:
         angles = {n: flown.alpha(n, record) for n in ("II", "split")} if flown else {}
@@ -113,6 +119,26 @@ def identify(
         "consistency": _consistency(results, axes),
         **instruments,
     }
+
+
+def _measured(
+    table: Table,
+    record: FlightRecord,
+    card: Card | None,
+    imu_position: tuple[float, float, float],
+    noise: Mapping[str, float] | None,
+) -> tuple[VaneSpectra | None, str]:
+    """The vane's spectra on all of the recording, of which `record` is a part, or why there are none."""
+    band = (card.low, card.high) if card is not None else (DEFAULT_CARD.low, DEFAULT_CARD.high)
+    try:
+        if not record.dt <= 1 / MIN_LIVE_HZ:
+            raise NotIdentifiable(f"recorded at {1 / record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
+        whole = record
+        if len(table.t_s) > len(record.t_s):
+            whole, _ = flight_record(table, record.aircraft, imu_position, noise)
+        return cross_spectra.measure(whole, band), ""
+    except NotIdentifiable as why:
+        return None, str(why)
 
 
 def flight_record(
@@ -144,7 +170,7 @@ def flight_record(
 
 def _wanted(methods: Sequence[str]) -> tuple[str, ...]:
     if "all" in methods:
-        return AVAILABLE
+        return tuple(METHODS)
     for name in methods:
         if name not in METHODS:
             near = difflib.get_close_matches(name, METHODS, n=1, cutoff=0.3)
@@ -162,6 +188,7 @@ class Flown:
     last: Mapping[str, MethodEstimate]
     settings: Mapping[str, Any]
     refusal: str = ""
+    spectra: VaneSpectra | None = None
 
     def gust_vertical(self, record: FlightRecord) -> Array | None:
         """Vertical gust (n,) of the split, m/s, on the record's grid; None where attitude and velocity are lacking."""
@@ -185,12 +212,32 @@ class Flown:
         if not estimate.applicable:
             # The numbers stay for comparison, but nobody is to take them for an estimate.
             found = tuple(ParamEstimate(p.name, p.value, p.sd, Status.INVALID, p.why or why) for p in found)
-        return MethodResult(status, why, found, self._fit(estimate, record), dict(self.settings))
+        settings = {**self.settings, **self._correction(name, record)}
+        return MethodResult(status, why, found, self._fit(estimate, record), settings)
+
+    def _correction(self, name: str, record: FlightRecord) -> dict[str, Any]:
+        """What a method does to all of alpha: its delay, or delay and upwash by frequency."""
+        boom = record.aircraft.boom
+        if name == MEASURED and self.spectra is not None:
+            s = self.spectra
+            good = s.believed
+            columns = {
+                "frequency_hz": s.frequencies_hz,
+                "delay_s": s.delay_s,
+                "delay_sd_s": s.delay_sd,
+                "coherence": s.coherence,
+                "sears": s.sears,
+                "upwash": s.upwash,
+            }
+            return {"spectra": {n: c[good].tolist() for n, c in columns.items()}, "segments": s.segments}
+        if name in ("III", "V") and boom is not None:
+            return {"delay_s": boom.vane_x / float(np.nanmean(record.motion["airspeed"]))}
+        return {"delay_s": 0.0} if name == "II" else {}
 
     def alpha(self, method: str, record: FlightRecord) -> Array | None:
-        """The angle of attack (n,) that a method regresses on; None for III and V, whose delays are not rebuilt, and
+        """The angle of attack (n,) that a method regresses on; None for III to V, whose delays are not rebuilt, and
         for physical, which has none."""
-        if method in ("III", "V", "physical") or not self.alphas:
+        if method in ("III", "IV", "V", "physical") or not self.alphas:
             return None
         if method == "II":
             angle = np.array([a.vane + a.zero + a.upwash + a.rate for a in self.alphas])
@@ -228,11 +275,12 @@ def fly(
     imu_position: tuple[float, float, float],
     noise: Mapping[str, float] | None,
     force: bool,
+    spectra: VaneSpectra | None = None,
 ) -> Flown:
     """Run the live estimator over the interval, its filters settled on the flight before or on a made-up trim."""
     if not record.dt <= 1 / MIN_LIVE_HZ:
         return Flown((), record.t_s, {}, {}, f"recorded at {1 / record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
-    used = card if card is not None else Card(name="identify", aircraft=record.aircraft.name, rig="")
+    used = card if card is not None else DEFAULT_CARD
     estimator = Estimator(
         record.aircraft,
         used.model_copy(update={"warm_up": 0.0}),
@@ -241,6 +289,7 @@ def fly(
         methods,
         axes=axes,
         force=force,
+        spectra=spectra,
     )
     before = table.between(start - LEAD_S, start)
     before = before.between(float(before.t_s[0]), start - 1e-9) if len(before.t_s) else before
@@ -261,7 +310,7 @@ def fly(
         "filters_settled_on": f"{start - float(before.t_s[0]):.0f} s of flight" if led else "a held trim",
     }
     t_s = np.array([(f.t_ns - table.t0_ns) * 1e-9 for f in frames])
-    return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings)
+    return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings, spectra=spectra)
 
 
 def _frames(table: Table) -> list[Frame]:

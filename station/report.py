@@ -286,7 +286,7 @@ def _consistency(result: Mapping[str, Any]) -> str:
 def _settings(result: Mapping[str, Any]) -> str:
     rows = []
     for method, found in result["methods"].items():
-        plain = {k: v for k, v in found["settings"].items() if k != "all_parameters"}
+        plain = {k: v for k, v in found["settings"].items() if k not in ("all_parameters", "spectra")}
         words = "; ".join(f"{k.replace('_', ' ')}: {_value(v)}" for k, v in plain.items())
         rows.append(
             f"<tr><td>{_text(method)}</td><td style='text-align:left;white-space:normal'>{_text(words)}</td></tr>"

@@ -12,8 +12,9 @@ import pytest
 
 from station.identify import identify
 from station.log import Table
-from station.profile import Aircraft, Geometry, Inertia
+from station.profile import Aircraft, Card, Doublet, Flight, Geometry, Inertia, load_aircraft, load_rig
 from station.rows import UsageError
+from station.simulation.simulate import fly
 
 TRUTH = {"CL_alpha": 5.5, "CL_q": 12.0, "CL_de": 0.5, "Cm_alpha": -1.3, "Cm_q": -30.0, "Cm_de": -1.7}
 AIRCRAFT = Aircraft(
@@ -208,6 +209,32 @@ def test_near_zero_speed_is_refused() -> None:
     columns = flight() | {"airspeed": np.full(1200, 0.5)}
     with pytest.raises(UsageError, match="airspeed stays below"):
         identify(record(columns), AIRCRAFT)
+
+
+def test_method_iv_measures_the_whole_flight_first_and_refuses_a_short_or_a_calm_one() -> None:
+    aircraft, rig = load_aircraft("twin_otter"), load_rig("bench")
+    doublet = Doublet.model_validate({"kind": "doublet", "start": "92 s", "amplitude": "3.5 deg", "width": "1.3 s"})
+    found = {}
+    for sigma in ("5 ft/s", "0 ft/s"):
+        gusts = Flight.model_validate({"speed": "110 kt", "altitude": "2500 ft", "gust_sigma": sigma})
+        card = Card(name="t", aircraft="t", rig="bench", flight=gusts, manoeuvres=(doublet,))
+        shown, _ = fly(aircraft, rig, card, 120.0, 2)
+        flown = record(shown, aircraft)
+        found[sigma] = identify(flown, aircraft, ["IV"], 90.0, card=card, imu_position=rig.imu_position)
+        sound(found[sigma])
+    made = found["5 ft/s"]["methods"]["IV"]
+    assert made["status"] == "ok"
+    assert parameters(found["5 ft/s"], "IV")["CL_alpha"]["status"] == "estimated"
+    spectra = made["settings"]["spectra"]
+    at = np.interp([1.0, 2.0], spectra["frequency_hz"], spectra["delay_s"])
+    # From gusts alone another simulation has 57 and 91 ms for its aircraft; x/V is 94 ms.
+    assert 0.05 < at[0] < at[1] < 0.11
+    assert min(spectra["coherence"]) > 0.5
+    assert found["0 ft/s"]["methods"]["IV"]["why"] == "calm air: the delay would do harm"
+    short = flown.between(90.0, 120.0)
+    refused = identify(short, aircraft, ["IV"], card=card, imu_position=rig.imu_position)
+    sound(refused)
+    assert "too short to measure spectra" in refused["methods"]["IV"]["why"]
 
 
 def test_usage_errors() -> None:

@@ -193,6 +193,7 @@ def _estimate(
     out, model = np.zeros((_KINDS, 2, 3, ee.MAX_PARAMETERS + 1)), np.zeros((_KINDS, 2, 3))
     solved = np.zeros((_KINDS, 2), dtype=np.bool_)
     scale, tail = np.ones(lines), np.zeros(lines)
+    unmeasured = np.ones((2, lines), dtype=np.complex128)
     zero, calibration, arm = e.boom
     speed, steady_from, split_from, split_run = math.nan, 0.0, 0.0, 0
     if own is not None:
@@ -255,8 +256,9 @@ def _estimate(
             continue
         ridge = lines * (counts[1, 1] + closed[1]) * e.vane_noise**2
         ee.fit_methods(
-            spectrum[0], spectrum[1], e.derivative, scale, tail, ridge, independent, close, past, out, model, solved
-        )
+            spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, ridge, independent, close, past, out,
+            model, solved,
+        )  # fmt: skip
         if e.has_benchmarks:
             _fit_benchmarks(e, spectrum[0], spectrum[2], counts[2, 1], extra_past, close[0], results, run)
         for i in range(3):

@@ -2,10 +2,11 @@
 
     CL = CL_alpha alpha + CL_q q c/2V + CL_de de (+ C_d d),   Cm alike
 
-Methods differ in their alpha only: II the calibrated vane with its rate term; III that, delayed by x/V; V the delay
-and the scale 1/(1 + k_u(f)), k_u(f) = k_u0 |S(k)|/|S(0)|; split the angle of attack at the CG of alpha.py; split+gust
-also the regressor d(t) = alpha_g(t) - alpha_g(t - l_t/V) for the tail, which meets the gust later, under a weak ridge
-that lets it vanish in calm air. Per radian, rates normalised with q c/2V.
+Methods differ in their alpha only: II the calibrated vane with its rate term; III that, delayed by x/V; IV with delay
+and scale 1/(1 + k_u(f)) by frequency, from spectra measured before (cross_spectra); V III with the scale
+1/(1 + k_u(f)), k_u(f) = k_u0 |S(k)|/|S(0)|; split the angle of attack at the CG of alpha.py; split+gust also the
+regressor d(t) = alpha_g(t) - alpha_g(t - l_t/V) for the tail, which meets the gust later, under a weak ridge that lets
+it vanish in calm air. Per radian, rates normalised with q c/2V.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
+from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
 from station.estimation.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
@@ -28,7 +30,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 KINDS: Final = ("II", "III", "V", "split", "split+gust")
-"""In the order that equation_error.fit_methods numbers them."""
+"""In the order that equation_error.fit_methods numbers them; IV comes after, where spectra are given."""
 
 MIN_PERIODS: Final = 0.5
 """Of the lowest frequency, before anything counts as estimated."""
@@ -83,6 +85,18 @@ def weights(
         tail[i] = math.tan(min(wavenumber * tail_arm / 4.0, 1.0))
 
 
+@njit(cache=True)
+def measured_factors(
+    frequencies: Array, delay: Array, upwash: Array, steady_upwash: float, lead: float, measured: Complex
+) -> None:
+    """Of IV: what turns the vane's part, scaled for `steady_upwash` and delayed by `lead` (s), and the rate's into ones
+    with each frequency's own `delay` (s) and `upwash`. Fills `measured` (2, frequencies)."""
+    for i in range(frequencies.shape[0]):
+        angle = 2.0 * math.pi * frequencies[i] * (lead - delay[i])
+        measured[1, i] = complex(math.cos(angle), math.sin(angle))
+        measured[0, i] = measured[1, i] * (1.0 + steady_upwash) / (1.0 + upwash[i])
+
+
 class Derivatives:
     """Spectra of the flight so far and what each method makes of them."""
 
@@ -95,8 +109,10 @@ class Derivatives:
         names: tuple[str, ...],
         dt: float,
         forgetting_s: float,
+        spectra: VaneSpectra | None = None,
     ) -> None:
-        """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives."""
+        """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives. `spectra`: of
+        IV."""
         self._dt = dt
         self._warm_up_s = card.warm_up
         self._step_hz = card.step
@@ -112,15 +128,20 @@ class Derivatives:
         self.lacking = ""
         """What has been missing for a while."""
         self._names = names
-        self._out = np.zeros((len(KINDS), 2, 3, MAX_PARAMETERS + 1))
-        self._past = np.zeros((len(KINDS), 2, PAST))
+        self._kinds = (*KINDS, "IV") if spectra else KINDS
+        kinds = len(self._kinds)
+        is_split = [kind.startswith("split") for kind in self._kinds]
+        self._fitted = (np.flatnonzero(~np.array(is_split)), np.flatnonzero(is_split))
+        """Kinds that either group of signals is for."""
+        self._out = np.zeros((kinds, 2, 3, MAX_PARAMETERS + 1))
+        self._past = np.zeros((kinds, 2, PAST))
         self._close = np.zeros(2, dtype=np.bool_)
         self._segment = 1.0 / card.step
         self._keep = math.exp(-self._segment / forgetting_s)
         self._closed = np.zeros((2, 2))
         """Of either group's closed segments: samples, and elevator energy on all lines."""
-        self._model = np.zeros((len(KINDS), 2, 3))
-        self._solved = np.zeros((len(KINDS), 2), dtype=np.bool_)
+        self._model = np.zeros((kinds, 2, 3))
+        self._solved = np.zeros((kinds, 2), dtype=np.bool_)
         self._independent = np.zeros(2)
         known = [abs(aircraft.value(n.replace("CZ", "CL"))) for n in names]
         self._known = (known[:3], known[3:])
@@ -131,6 +152,9 @@ class Derivatives:
         self._speed = math.nan
         self._scale = np.ones(len(self._frequencies))
         self._tail = np.zeros(len(self._frequencies))
+        self._by_frequency = spectra.at(self._frequencies) if spectra else None
+        self._arm = aircraft.boom.vane_x if aircraft.boom else 0.0
+        self._measured = np.ones((2, len(self._frequencies)), dtype=np.complex128)
 
     def clear(self) -> None:
         """Begin anew; the high-passes stay warm."""
@@ -159,7 +183,7 @@ class Derivatives:
         blocked = [self._blocked(0), self._blocked(1)]
         found = []
         for method in self._methods:
-            m = KINDS.index(method)
+            m = self._kinds.index(method)
             status, why = blocked[method.startswith("split")]
             if method == "split+gust" and not self._has_tail:
                 status, why = Status.INVALID, "the aircraft profile gives no tail arm"
@@ -173,6 +197,9 @@ class Derivatives:
         if not abs(mean_speed - self._speed) < 0.001 * mean_speed:
             self._speed = mean_speed
             weights(self._lengths, mean_speed, self._frequencies, SEARS_K, SEARS, self._scale, self._tail)
+            if self._by_frequency:
+                upwash = self._lengths[2]
+                measured_factors(self._frequencies, *self._by_frequency, upwash, self._arm / mean_speed, self._measured)
         for i, group in enumerate(self._groups):
             self._independent[i] = group.samples * self._dt * self._step_hz
             self._close[i] = group.samples * self._dt >= self._segment
@@ -181,6 +208,7 @@ class Derivatives:
             split.spectrum,
             self._derivative,
             self._scale,
+            self._measured,
             self._tail,
             # What the vane's noise alone leaves in d on all lines.
             len(self._frequencies) * self._samples[1] * self._noise["alpha_vane"] ** 2,
@@ -195,7 +223,7 @@ class Derivatives:
             if self._close[i]:
                 self._closed[i] += group.samples, _energy(group.spectrum[1])
                 self._closed[i] *= self._keep
-                self._past[3 * i : 3 + 2 * i] *= self._keep
+                self._past[self._fitted[i]] *= self._keep
                 group.clear()
 
     def _blocked(self, i: int) -> tuple[Status, str]:

@@ -222,6 +222,7 @@ def fit_methods(
     split: Complex,
     derivative: Array,
     scale: Array,
+    measured: Complex,
     tail: Array,
     ridge: float,
     independent: Array,
@@ -231,12 +232,13 @@ def fit_methods(
     model: Array,
     solved: Flags,
 ) -> None:
-    """Both equations of II, III, V, split and split+gust, in that order.
+    """Both equations of II, III, V, split and split+gust, in that order, and of IV where `out` has a sixth place.
 
     `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for
-    its central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `ridge`: of the gust
-    regressor. `independent` and `close`, (2,): of either group, as in `fit`. Edits `past` (5, 2, PAST); fills `out`
-    (5, 2, 3, MAX_PARAMETERS + 1), as `fit` does, `model` (5, 2, 3) and `solved` (5, 2).
+    its central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `measured`: factors of
+    the delayed vane and rate parts in IV, (2, frequencies). `ridge`: of the gust regressor. `independent` and `close`,
+    (2,): of either group, as in `fit`. Edits `past` (kinds, 2, PAST); fills `out` (kinds, 2, 3, MAX_PARAMETERS + 1), as
+    `fit` does, `model` (kinds, 2, 3) and `solved` (kinds, 2); kinds is 5, or 6 with IV.
 
     `model` is what the structure leaves, in each parameter. The gust meets wing and tail late, and d carries the first
     order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V and a
@@ -249,16 +251,19 @@ def fit_methods(
     ridges = np.zeros(4)
     ridges[3] = ridge
     inverse = np.zeros((4, 4))
-    for back in range(5):
-        kind = 4 - back
-        side = 1 if kind >= 3 else 0
-        group = split if kind >= 3 else steady
+    for turn in range(out.shape[0]):
+        # split+gust first, which the others' `model` is taken from.
+        kind = 4 - turn if turn < 5 else 5
+        side = 1 if kind == 3 or kind == 4 else 0
+        group = split if side == 1 else steady
         n = 4 if kind == 4 else 3
         for f in range(lines):
             if kind == 1:
                 x[0, f] = group[5, f] + group[6, f]
             elif kind == 2:
                 x[0, f] = group[5, f] * scale[f] + group[6, f]
+            elif kind == 5:
+                x[0, f] = group[5, f] * measured[0, f] + group[6, f] * measured[1, f]
             else:
                 x[0, f] = group[4, f]
             if kind == 4:
@@ -273,7 +278,7 @@ def fit_methods(
             done = fit(x[:n], z, ridges[:n], independent[side], sums, close[side], each, inverse)
             solved[kind, equation] = done
             for i in range(3):
-                if kind < 4:
+                if kind != 4:
                     off = out[kind, equation, 0, i] - out[4, equation, 0, i] if solved[4, equation] else 0.0
                     model[kind, equation, i] = math.hypot(off, model[4, equation, i])
                 else:

@@ -15,6 +15,7 @@ from station.estimation import conditioning as cond
 from station.estimation import tick
 from station.estimation.alpha import Vane
 from station.estimation.conditioning import Array, Conditioner
+from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import ROW, Sides
 from station.estimation.inertial import Inertial
@@ -42,7 +43,7 @@ METHODS: Final = {
         Method("I", "equation error in the time domain, vane calibrated steadily"),
         Method("II", "recursive Fourier transform, vane calibrated steadily with its rate term", live=True),
         Method("III", "II with all of alpha delayed by x/V", live=True, turbulence_only=True),
-        Method("IV", "II with delay and scale spectra as measured", turbulence_only=True),
+        Method("IV", "II with delay and scale by frequency, from spectra measured before", turbulence_only=True),
         Method("V", "III with the upwash falling with frequency as Sears' lift", live=True, turbulence_only=True),
         Method("VI", "extended Kalman filter"),
         Method("split", "motion and gust parts of the vane corrected apart", live=True),
@@ -54,6 +55,8 @@ METHODS: Final = {
     )
 }
 LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)
+MEASURED: Final = "IV"
+"""Runs as the live ones do, but needs the spectra of minutes of flight first."""
 
 NOISE: Final = {
     "alpha_vane": to_si(0.05, "deg"),
@@ -84,10 +87,10 @@ SETTLE_TICKS: Final = 25
 class Estimator:
     """Angle of attack and derivatives, one 50 Hz frame at a time.
 
-    II, III and V use the calibrated vane; split and split+gust also attitude and velocity. `force` applies III and V
-    in calm air too. `axes`: CL (wind) or CZ (body). `forgetting_s`: time constant with which the past fades from the
-    transforms; by default it does not, and `start_point` begins anew. `step` never raises; the same frames give the
-    same bits.
+    II, III and V use the calibrated vane; split and split+gust also attitude and velocity. IV needs `spectra`, measured
+    on the flight before. `force` applies III, IV and V in calm air too. `axes`: CL (wind) or CZ (body).
+    `forgetting_s`: time constant with which the past fades from the transforms; by default it does not, and
+    `start_point` begins anew. `step` never raises; the same frames give the same bits.
     """
 
     def __init__(
@@ -101,13 +104,16 @@ class Estimator:
         axes: Literal["wind", "body"] = "wind",
         force: bool = False,
         forgetting_s: float = math.inf,
+        spectra: VaneSpectra | None = None,
     ) -> None:
         """`imu_position`: m from the CG, body axes. `noise`: standard deviation of each signal, SI.
 
-        Raises UsageError for a method that does not run live.
+        Raises UsageError for a method that does not run live, or IV without `spectra`.
         """
         for name in methods:
-            if name not in LIVE:
+            if name == MEASURED and spectra is None:
+                raise UsageError("IV needs spectra of the vane, measured on a flight before")
+            if name not in LIVE and name != MEASURED:
                 raise UsageError(f"{name} is no live method: choose from {', '.join(LIVE)}")
         self._dt = dt = 1.0 / TICK_HZ
         given = {k: v for k, v in (noise or {}).items() if v > 0}
@@ -121,7 +127,7 @@ class Estimator:
         self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
         self._sides = Sides(aircraft, imu_position, dt, axes == "body")
         simple = tuple(name for name in methods if name != "physical")
-        self._derivatives = Derivatives(aircraft, card, self._noise, simple, names, dt, forgetting_s)
+        self._derivatives = Derivatives(aircraft, card, self._noise, simple, names, dt, forgetting_s, spectra)
         self._physical = (
             Physical(aircraft, card, self._noise, names, dt, forgetting_s) if "physical" in methods else None
         )
@@ -143,11 +149,11 @@ class Estimator:
         self._fresh_run = 0
         self._split_run = 0
         self._held_run = 0
-        self._copy = (aircraft, card, imu_position, dict(noise or {}), methods, axes, force, forgetting_s)
+        self._copy = (aircraft, card, imu_position, dict(noise or {}), methods, axes, force, forgetting_s, spectra)
 
     def warm_up(self) -> None:
         """Compile every kernel, so that no tick of a flight has to: a made-up flight through a twin of this one."""
-        aircraft, card, position, noise, methods, axes, force, forgetting = self._copy
+        aircraft, card, position, noise, methods, axes, force, forgetting, spectra = self._copy
         twin = Estimator(
             aircraft,
             card.model_copy(update={"warm_up": 0.0}),
@@ -157,6 +163,7 @@ class Estimator:
             axes=axes,
             force=force,
             forgetting_s=forgetting,
+            spectra=spectra,
         )
         steady = {"airspeed": 50.0, "az": -9.81, "ax": 0.5, "v_north": 50.0, "dynamic_pressure": 1500.0}
         steady["mass"] = aircraft.inertia.mass
