@@ -62,7 +62,7 @@ def cross_spectra(x: Array, y: Array, usable: Flags, dt: float, segment: int) ->
     """
     window = get_window("hann", segment)
     scale = 2.0 * dt / float(window @ window)
-    frequencies = np.fft.rfftfreq(segment, dt)
+    frequencies: Array = np.asarray(np.fft.rfftfreq(segment, dt), dtype=np.float64)
     xx, yy = np.zeros(len(frequencies)), np.zeros(len(frequencies))
     xy = np.zeros(len(frequencies), dtype=np.complex128)
     count = 0
@@ -136,7 +136,7 @@ def vane_spectra(
     kept = [np.flatnonzero(member == i) for i in range(1, BINS + 1)]
     kept = [lines for lines in kept if len(lines)]
 
-    def binned(x: NDArray[np.generic]) -> Complex:
+    def binned(x: Array | Complex) -> Complex:
         return np.array([np.mean(x[lines]) for lines in kept], dtype=np.complex128)
 
     f, xx, yy, xy = (binned(x) for x in (found.frequencies_hz, found.xx, found.yy, found.xy))
