@@ -82,6 +82,13 @@ class Boom(Frozen):
     vane_damping: float = Field(default=0.35, gt=0, lt=2)
     flexure: Annotated[float, quantity("rad s2/m")] = 0.0
     """Vane angle per specific force down: positive where the boom droops when pulled up."""
+    tip_load: float = Field(default=0.0, ge=-1.0, le=1.0)
+    """Vane angle by which the boom bends per flow angle, for each kPa of dynamic pressure."""
+    mode_frequency: Annotated[Hertz, Positive] | None = None
+    """Of the boom's first bending mode; without one it bends at once."""
+    mode_damping: float = Field(default=0.03, gt=0, lt=2)
+    mode_length: Metres = 0.0
+    """How far the vane rises per radian of bending: about 2/3 of a slender boom's length."""
 
     @property
     def steady_calibration(self) -> float:
@@ -105,6 +112,8 @@ class Unsteady(Frozen):
     """How much later than tail_arm/V the downwash reaches the tail."""
     reference_chord: Annotated[Metres, Positive] | None = None
     """Chord that the times of the indicial responses are counted in; the geometry's if left out."""
+    gust_span: Metres = Field(default=0.0, ge=0)
+    """Distance flown over which the wing averages gusts along its span, 0 for none."""
     lift_motion: Indicial | None = None
     lift_gust: Indicial | None = None
     upwash_motion: Indicial | None = None

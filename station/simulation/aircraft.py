@@ -24,14 +24,14 @@ from station.rows import ProfileError
 from station.simulation.angles import arctangent, sine_cosine
 
 U, W, Q, THETA, DISTANCE, HEIGHT, ELEVATOR, THRUST, LAGS = range(9)
-"""State: u, w (m/s), q (rad/s), theta (rad), distance flown through the air mass (m), height (m), elevator (rad),
-thrust (N); from LAGS on the memory of the lift, first of the motion, then of the gust (rad)."""
+"""State: u, w (m/s), q (rad/s), theta (rad), distance flown through the air mass (m), height (m), elevator's drive (rad;
+the surface follows it with the play there is), thrust (N); from LAGS on the memory of the lift, first of the motion, then of the gust (rad)."""
 
-(AIRSPEED, PRESSURE, CL, CD, CM, FORCE_X, FORCE_Z, WING, ALPHA, ALPHA_INERTIAL, GUST_LE) = range(11)
+(AIRSPEED, PRESSURE, CL, CD, CM, FORCE_X, FORCE_Z, WING, ALPHA, ALPHA_INERTIAL, GUST_LE, SURFACE) = range(12)
 """What `rates` leaves in `aux`: airspeed (m/s), dynamic pressure (Pa), CL, CD, Cm, specific force at the CG along x and
-z (m/s2), effective wing incidence from trim, angle of attack, its inertial part, gust incidence at the leading edge
-(rad)."""
-AUX_SIZE: Final = 11
+z (m/s2), effective wing incidence from trim, angle of attack, its inertial part, gust incidence at the leading edge,
+elevator surface (rad)."""
+AUX_SIZE: Final = 12
 
 _SUPPORTED: Final = frozenset(
     {f"{c}_{x}" for c in ("CL", "Cm") for x in ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "gust")}
@@ -88,6 +88,8 @@ class Constants(NamedTuple):
     actuator_lag: float
     actuator_rate: float
     actuator_limit: float
+    elevator_play: float
+    """Half of the play between the elevator's drive, where its sensor is, and its surface, rad."""
     trim_alpha: float
     trim_elevator: float
     trim_thrust: float
@@ -184,10 +186,10 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
     return Trim(alpha, de, thrust, _steady(aircraft, speed, alpha, de)[0])
 
 
-def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True) -> Constants:
+def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True, play: float = 0.0) -> Constants:
     """The equations' constants for an aircraft trimmed at that true airspeed (m/s) and height (m).
 
-    `hold` lets the pilot hold both with thrust. Raises ProfileError for an aircraft that cannot be simulated.
+    `hold` lets the pilot hold both with thrust; `play` is the elevator's (whole, rad). Raises ProfileError for an aircraft that cannot be simulated.
     """
     iyy = aircraft.inertia.iyy
     if iyy is None:
@@ -243,6 +245,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         actuator_lag=aircraft.elevator.time_constant,
         actuator_rate=aircraft.elevator.rate_limit,
         actuator_limit=aircraft.elevator.position_limit,
+        elevator_play=0.5 * play,
         trim_alpha=trim.alpha,
         trim_elevator=trim.elevator,
         trim_thrust=trim.thrust,
@@ -257,6 +260,20 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
 def indicial_table(indicial: Indicial | None) -> NDArray[np.float64]:
     """(2, n): amplitudes, and exponents per chord travelled; n = 0 for a response without memory."""
     return np.array([indicial.a, indicial.b]) if indicial else np.zeros((2, 0))
+
+
+def span_averaged(table: NDArray[np.float64], length: float) -> NDArray[np.float64]:
+    """A response to gusts, (2, n), behind a first-order lag of `length` chords travelled, (2, n + 1).
+
+    The wing meets the mean of the gusts along its span. That of a sum of exponentials behind the lag is again one:
+    1 - sum a b'/(b' - b) exp(-b t) - (1 - sum a b'/(b' - b)) exp(-b' t), b' = 1/length.
+    """
+    if length <= 0:
+        return table
+    b = 1.0 / length
+    own = np.where(np.abs(b - table[1]) < 1e-6 * b, table[1] * (1 + 2e-6), table[1])
+    a = table[0] * b / (b - own)
+    return np.array([[*a, 1.0 - a.sum()], [*own, b]])
 
 
 @njit(cache=True, error_model="numpy")
@@ -292,6 +309,8 @@ def rates(
     air: tuple[float, float, float],
     gust: tuple[float, float, float, float, float, float],
     past_wing: float,
+    side: float,
+    surface: float,
     dx: NDArray[np.float64],
     aux: NDArray[np.float64],
 ) -> None:
@@ -299,16 +318,18 @@ def rates(
 
     `air` is what `air_at` gives for a height within a metre of the state's; `gust` (u_g, w_g) at the CG, at the leading
     edge and at the tail, m/s; `past_wing` the wing incidence (from trim, rad) whose downwash reaches the tail now;
-    `command` the commanded elevator, rad.
+    `side` the sideways velocity relative to the air, m/s; `surface` where the elevator was a step ago and `command`
+    where it is commanded, rad.
     """
     u, w, q, theta = x[U], x[W], x[Q], x[THETA]
     ua, wa = u + gust[0], w + gust[1]
-    speed = math.sqrt(ua * ua + wa * wa)
+    speed = math.sqrt(ua * ua + side * side + wa * wa)
     alpha_inertial = arctangent(w, u)
     alpha = arctangent(wa, ua)
     pressure = 0.5 * (air[1] + air[2] * (x[HEIGHT] - air[0])) * speed * speed
     qhat = 0.5 * q * c.chord / (c.reference_speed if c.fixed_rate_reference > 0.0 else speed)
-    de = x[ELEVATOR] - c.trim_elevator
+    moved = min(max(surface, x[ELEVATOR] - c.elevator_play), x[ELEVATOR] + c.elevator_play)
+    de = moved - c.trim_elevator
     faster = (speed - c.trim_speed) / c.reference_speed
 
     nm = lift_motion.shape[1]
@@ -366,3 +387,4 @@ def rates(
     aux[CL], aux[CD], aux[CM] = cl, cd, cm
     aux[FORCE_X], aux[FORCE_Z] = fx, fz
     aux[WING], aux[ALPHA], aux[ALPHA_INERTIAL], aux[GUST_LE] = wing, alpha, alpha_inertial, gust_le
+    aux[SURFACE] = moved

@@ -1,11 +1,15 @@
 """What the vane on the nose boom shows.
 
-    vane = H_v{ (1 + k_f) alpha_boom + k_w (F_m{alpha_i} + F_g{alpha_g at the wing's leading edge}) + c_b az } + zero
+    vane = H_v{ (1 + k_f) alpha_boom + k_w (F_m{alpha_i} + F_g{alpha_g at the wing's leading edge}) + bend } + zero
 
 alpha_boom is the flow angle where the vane is: from the motion, with w lowered by q r (a nose-up rate moves the boom
 up), and from the gust met there. k_f, the upwash of the body, has no memory; k_w, that of the wing, follows the
 vorticity, so it has one (F_m for motion, F_g for a gust met at the leading edge). H_v is the vane's second-order
-dynamics. All lags are advanced exactly for inputs that are straight lines between samples.
+dynamics.
+
+The boom bends by c_b az under its own weight and by c_t qbar times the flow angle under the load on its tip. Without a
+mode it does so at once, az being that at the CG; with one, az is that at the vane, the bending is H_b's, the second
+order of the mode, and the tip's own velocity counts too: bend - length bend' / V. All lags are advanced exactly for inputs that are straight lines between samples.
 """
 
 from __future__ import annotations
@@ -25,16 +29,10 @@ NO_BOOM = Boom.model_validate({"vane_x": "0 m"})
 """For an aircraft without one: a vane at the CG, without upwash."""
 
 
-class VaneConstants(NamedTuple):
-    """One vane at a fixed sampling interval."""
+class SecondOrder(NamedTuple):
+    """A system wn^2 / (s^2 + 2 zeta wn s + wn^2) at a fixed sampling interval: transition matrix and the weights of the
+    last and the new input, which goes straight from one to the other."""
 
-    x: float
-    z: float
-    body: float
-    wing: float
-    zero: float
-    flexure: float
-    """Bending of the boom that turns the vane, rad per m/s2 of specific force down (negative when it is pulled up)."""
     a11: float
     a12: float
     a21: float
@@ -45,16 +43,47 @@ class VaneConstants(NamedTuple):
     new2: float
 
 
-def vane_constants(boom: Boom, dt: float) -> VaneConstants:
-    """The vane sampled every `dt` seconds: transition matrix and input weights of H_v for a first-order hold."""
-    wn, zeta = 2 * math.pi * boom.vane_frequency, boom.vane_damping
+class VaneConstants(NamedTuple):
+    """One vane at a fixed sampling interval."""
+
+    x: float
+    z: float
+    body: float
+    wing: float
+    zero: float
+    flexure: float
+    """Bending of the boom that turns the vane, rad per m/s2 of specific force down (negative when it is pulled up)."""
+    tip_load: float
+    """Bending per rad of flow angle and Pa of dynamic pressure."""
+    has_mode: bool
+    mode: SecondOrder
+    mode_length: float
+    """How far the vane rises per rad of bending, m."""
+    a11: float
+    a12: float
+    a21: float
+    a22: float
+    old1: float
+    old2: float
+    new1: float
+    new2: float
+
+
+def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
+    """The system of that natural frequency (Hz) and damping ratio sampled every `dt` seconds, for a first-order hold."""
+    wn = 2 * math.pi * frequency
     m = np.zeros((4, 4))
-    m[:2, :2] = dt * np.array([[0.0, 1.0], [-(wn**2), -2 * zeta * wn]])
+    m[:2, :2] = dt * np.array([[0.0, 1.0], [-(wn**2), -2 * damping * wn]])
     m[1, 2] = dt * wn**2
     m[2, 3] = 1.0
     e = expm(m)
     a, first, second = e[:2, :2], e[:2, 2], e[:2, 3]
-    old, new = first - second, second
+    return SecondOrder(*(float(v) for part in (a.ravel(), first - second, second) for v in part))
+
+
+def vane_constants(boom: Boom, dt: float) -> VaneConstants:
+    """The vane, and its boom, sampled every `dt` seconds."""
+    frequency = boom.mode_frequency
     return VaneConstants(
         boom.vane_x,
         boom.vane_z,
@@ -62,9 +91,11 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         boom.upwash_wing,
         boom.zero,
         boom.flexure,
-        *(float(v) for v in a.ravel()),
-        *(float(v) for v in old),
-        *(float(v) for v in new),
+        boom.tip_load / 1000.0,
+        frequency is not None,
+        second_order(frequency or 1.0, boom.mode_damping, dt),
+        boom.mode_length,
+        *second_order(boom.vane_frequency, boom.vane_damping, dt),
     )
 
 
@@ -91,7 +122,7 @@ def upwash_step(table: NDArray[np.float64], state: NDArray[np.float64], old: flo
 
 
 @njit(cache=True, error_model="numpy")
-def vane_step(v: VaneConstants, state: NDArray[np.float64], new: float) -> float:
+def vane_step(v: VaneConstants | SecondOrder, state: NDArray[np.float64], new: float) -> float:
     """Advance the vane's dynamics by one interval with the flow angle going straight from the last one to `new`.
 
     state (3): angle, its rate, last flow angle; changed in place. Returns the angle, rad.
@@ -111,3 +142,22 @@ def flow_angle(v: VaneConstants, u: float, w: float, q: float, ug: float, wg: fl
     """
     angle: float = (1.0 + v.body) * arctangent(w - q * v.x + wg, u + q * v.z + ug) + v.wing * wing
     return angle
+
+
+@njit(cache=True, error_model="numpy")
+def bending(
+    v: VaneConstants, state: NDArray[np.float64], begins: bool, az: float, qdot: float, pressure: float, speed: float,
+    flow: float,
+) -> float:  # fmt: skip
+    """What the boom's bending adds to the angle at the vane, rad.
+
+    az: specific force at the CG; pressure: dynamic, Pa; flow: the angle without bending. state (3): bending, its rate,
+    last load; changed in place, at rest under the load where the flight `begins`.
+    """
+    if not v.has_mode:
+        return v.flexure * az + v.tip_load * pressure * flow
+    load = v.flexure * (az - qdot * v.x) + v.tip_load * pressure * flow
+    if begins:
+        state[0], state[1], state[2] = load, 0.0, load
+    bend = vane_step(v.mode, state, load)
+    return bend - v.mode_length * state[1] / speed

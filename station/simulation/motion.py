@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ
 from station.simulation import aircraft as ac
-from station.simulation.boom import VaneConstants, flow_angle, upwash_step, vane_step
+from station.simulation.boom import VaneConstants, bending, flow_angle, upwash_step, vane_step
 from station.simulation.gusts import gust_at
 
 RATE_HZ: Final = 200
 DT: Final = 1.0 / RATE_HZ
 EVERY: Final = RATE_HZ // TICK_HZ
 
-TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm")
+TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm", "elevator_drive")
 """What no sensor shows: angle of attack at the CG and its parts from motion and gust (rad), the gust at the CG (m/s,
-updraught and headwind positive), the aerodynamic coefficients about the CG."""
+updraught and headwind positive), the aerodynamic coefficients about the CG, and the angle (rad) that drives the
+elevator's surface through its play: where the sensor is."""
 COLUMNS: Final = (*SIGNALS, *TRUTH)
 
 
@@ -28,6 +29,7 @@ class Site(NamedTuple):
     """The imu's place, the mean wind, the heading and the earth under the flight; m, m/s, rad."""
 
     imu_x: float
+    imu_y: float
     imu_z: float
     wind_north: float
     wind_east: float
@@ -50,9 +52,9 @@ class Memory(NamedTuple):
     upwash_motion: NDArray[np.float64]
     upwash_gust: NDArray[np.float64]
     vane: NDArray[np.float64]
-    """(2, 3): states of the alpha and beta vanes."""
+    """(3, 3): states of the alpha and beta vanes and of the boom's bending."""
     last: NDArray[np.float64]
-    """Inertial and leading-edge gust incidence at the last step, rad."""
+    """Inertial and leading-edge gust incidence and the elevator's surface at the last step, rad."""
 
 
 class Tables(NamedTuple):
@@ -85,8 +87,8 @@ def at_rest(c: ac.Constants, tables: Tables, behind: float, field: NDArray[np.fl
         np.zeros(3, dtype=np.int64),
         np.zeros(tables.upwash_motion.shape[1]),
         np.zeros(tables.upwash_gust.shape[1]),
-        np.zeros((2, 3)),
-        np.zeros(2),
+        np.zeros((3, 3)),
+        np.array([0.0, 0.0, c.trim_elevator]),
     )
 
 
@@ -116,10 +118,12 @@ def _stage(
     first: int,
     air: tuple[float, float, float],
     memory: Memory,
+    side: float,
     dx: NDArray[np.float64],
     aux: NDArray[np.float64],
 ) -> int:
-    """The state's derivative with the gusts and the downwash where each part of the aircraft is."""
+    """The state's derivative with the gusts and the downwash where each part of the aircraft is. `side`: the sideways
+    velocity relative to the air, m/s."""
     s = x[ac.DISTANCE]
     nose, tail = s + 0.25 * c.chord, s - c.tail_arm
     late = s - c.gust_arm
@@ -132,7 +136,8 @@ def _stage(
         gust_at(field, first, late, 2),
     )
     past, entry = _downwash_source(memory.wake, memory.marks[1], memory.marks[2], tail - c.downwash_delay * x[ac.U])
-    ac.rates(c, tables.lift_motion, tables.lift_gust, x, command, air, gust, past, dx, aux)
+    surface = memory.last[2]
+    ac.rates(c, tables.lift_motion, tables.lift_gust, x, command, air, gust, past, side, surface, dx, aux)
     return entry
 
 
@@ -167,12 +172,13 @@ def _record(
     row[18] = latitude
     row[19] = site.longitude + east / (site.radius_east * math.cos(0.5 * (latitude + site.latitude)))
     row[20] = height
-    row[21], row[22], row[23] = x[ac.ELEVATOR], 0.0, 0.0
+    row[21], row[22], row[23] = aux[ac.SURFACE], 0.0, 0.0
     row[24], row[25] = x[ac.THRUST], c.mass
     row[26], row[27], row[28] = 0.0, dx[ac.Q], 0.0
     row[29], row[30] = aux[ac.ALPHA], aux[ac.ALPHA_INERTIAL]
     row[31] = aux[ac.ALPHA] - aux[ac.ALPHA_INERTIAL]
     row[32], row[33], row[34], row[35] = gust[1], gust[0], aux[ac.CL], aux[ac.CM]
+    row[36] = x[ac.ELEVATOR]
 
 
 # numba's cache does not notice changes of what `advance` calls in other modules: after editing one, touch this file.
@@ -215,12 +221,14 @@ def advance(
                 first,
                 air,
                 memory,
+                0.0,
                 slope,
                 aux if stage == 0 else spare,
             )
             if stage == 0:
                 marks[2] = entry
-                vanes = _vanes(c, tables, vane, memory, field, first, aux)
+                memory.last[2] = aux[ac.SURFACE]
+                vanes = _vanes(c, tables, vane, memory, field, first, (slope[ac.Q], 0.0, 0.0), aux)
                 if k % every == 0:
                     here = (gust_at(field, first, s, 0), gust_at(field, first, s, 2))
                     _record(c, site, marks[0] * DT, x, slope, aux, here, vanes, out[k // every])
@@ -245,9 +253,11 @@ def _vanes(
     memory: Memory,
     field: NDArray[np.float64],
     first: int,
+    moving: tuple[float, float, float],
     aux: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """The angles that both vanes show now, rad, from the flow at the last step and at this one."""
+    """The angles that both vanes show now, rad, from the flow at the last step and at this one. `moving`: pitch
+    acceleration (rad/s2), and how much faster than pitching alone makes it the vane moves sideways and down, m/s."""
     x = memory.x
     s, alpha_i, gust_le = x[ac.DISTANCE], aux[ac.ALPHA_INERTIAL], aux[ac.GUST_LE]
     begins = memory.marks[0] == 0
@@ -260,8 +270,10 @@ def _vanes(
     wing += upwash_step(tables.upwash_gust, memory.upwash_gust, memory.last[1], gust_le, chords)
     memory.last[0], memory.last[1] = alpha_i, gust_le
     ug, wg = gust_at(field, first, s + vane.x, 0), gust_at(field, first, s + vane.x, 2)
-    flow = flow_angle(vane, x[ac.U], x[ac.W], x[ac.Q], ug, wg, wing) + vane.flexure * aux[ac.FORCE_Z]
-    side = math.asin(gust_at(field, first, s + vane.x, 1) / aux[ac.AIRSPEED])
+    speed = aux[ac.AIRSPEED]
+    flow = flow_angle(vane, x[ac.U], x[ac.W] + moving[2], x[ac.Q], ug, wg, wing)
+    flow += bending(vane, memory.vane[2], begins, aux[ac.FORCE_Z], moving[0], aux[ac.PRESSURE], speed, flow)
+    side = math.asin((gust_at(field, first, s + vane.x, 1) + moving[1]) / speed)
     if begins:
         memory.vane[0, 0], memory.vane[0, 2] = flow, flow
         memory.vane[1, 0], memory.vane[1, 2] = side, side

@@ -52,15 +52,11 @@ class Simulation:
     ) -> None:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
         one, commanded from trim at every half step (rad), is flown in place of the manoeuvres. Raises ProfileError."""
-        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold)
+        play = aircraft.instruments["elevator"].backlash if "elevator" in aircraft.instruments else 0.0
+        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, play)
         boom = aircraft.boom or NO_BOOM
         unsteady = aircraft.unsteady
-        self._tables = Tables(
-            ac.indicial_table(unsteady.lift_motion),
-            ac.indicial_table(unsteady.lift_gust),
-            ac.indicial_table(unsteady.upwash_motion),
-            ac.indicial_table(unsteady.upwash_gust),
-        )
+        self._tables = indicial_tables(aircraft)
         self._vane = vane_constants(boom, DT)
         self._site = site(flight, imu_position)
         self._manoeuvres = tuple(manoeuvres)
@@ -129,7 +125,9 @@ def indicial_tables(aircraft: Aircraft) -> Tables:
     """The aircraft's four indicial responses."""
     u = aircraft.unsteady
     responses = (u.lift_motion, u.lift_gust, u.upwash_motion, u.upwash_gust)
-    return Tables(*(ac.indicial_table(response) for response in responses))
+    tables = Tables(*(ac.indicial_table(response) for response in responses))
+    span = u.gust_span / (u.reference_chord or aircraft.geometry.chord)
+    return tables._replace(lift_gust=ac.span_averaged(tables.lift_gust, span))
 
 
 def reach(aircraft: Aircraft) -> tuple[float, float]:
@@ -143,6 +141,7 @@ def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:
     w2 = 1 - _ECCENTRICITY2 * math.sin(ORIGIN[0]) ** 2
     return Site(
         imu_x=imu_position[0],
+        imu_y=imu_position[1],
         imu_z=imu_position[2],
         wind_north=flight.wind_north,
         wind_east=flight.wind_east,

@@ -26,7 +26,8 @@ def derivative(c: ac.Constants, x: np.ndarray, command: float | None = None, gus
     dx, aux = np.zeros_like(x), np.zeros(ac.AUX_SIZE)
     motion, gusts = tables or (NO_LAG, NO_LAG)
     air = ac.air_at(c, x[ac.HEIGHT])
-    ac.rates(c, motion, gusts, x, c.trim_elevator if command is None else command, air, gust, past, dx, aux)
+    at = x[ac.ELEVATOR]
+    ac.rates(c, motion, gusts, x, c.trim_elevator if command is None else command, air, gust, past, 0.0, at, dx, aux)
     return dx, aux
 
 
