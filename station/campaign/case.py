@@ -59,7 +59,7 @@ def flown_aircraft(scenario: Scenario, beside: Path | None = None) -> Aircraft:
 def known_aircraft(scenario: Scenario, flown: Aircraft) -> Aircraft:
     """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth.
 
-    Without memory of the lift the upwash still has its own.
+    Where the lift has no memory they are not told: `physical` is to show what that costs.
     """
     boom: Boom | None = flown.boom if scenario.alpha == "boom" else None
     unsteady = flown.unsteady.model_copy(update={"memory": True})

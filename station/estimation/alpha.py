@@ -208,12 +208,12 @@ def parameters(aircraft: Aircraft, dt: float) -> Array:
     whole = expm(system * dt)
     hold, ramp = whole[:2, 2], whole[:2, 3]
     par[_VANE : _VANE + 8] = (*whole[:2, :2].ravel(), *(hold - ramp), *ramp)
-    steady = not aircraft.unsteady.memory
+    # The upwash follows the wing's vorticity: an aircraft whose lift has no memory still has this one.
     for response, amplitude, rate, terms in (
         (aircraft.unsteady.upwash_motion, _MA, _MB, _NM),
         (aircraft.unsteady.upwash_gust, _GA, _GB, _NG),
     ):
-        fit = Indicial(a=(0.0,), b=(1.0,)) if steady or response is None else response
+        fit = Indicial(a=(0.0,), b=(1.0,)) if response is None else response
         count = min(len(fit.a), 4)
         par[terms] = count
         par[amplitude : amplitude + count] = fit.a[:count]
