@@ -118,8 +118,8 @@ def test_without_inertial_alpha_there_is_no_split_but_the_rest():
 
 @pytest.mark.parametrize("memory", [True, False])
 def test_upwash_keeps_its_memory_where_the_lift_has_none(memory):
-    """Simulation and correction agree in calm air, perfect sensors: the motion explains the vane to 0.003 deg, and would to
-    0.014 deg if either left the memory out."""
+    """Simulation and correction agree in calm air, perfect sensors: the motion explains the vane to 0.003 deg, and
+    would to 0.014 deg if either left the memory out."""
     unsteady = AIRCRAFT.unsteady.model_copy(update={"memory": memory})
     aircraft = AIRCRAFT.model_copy(update={"unsteady": unsteady})
     flight = Flight(speed="110 kt", altitude="2500 ft", gust_sigma="0 ft/s")

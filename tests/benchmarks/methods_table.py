@@ -1,0 +1,128 @@
+"""Every method on the same simulated flights: the README's table, and the picture of one flight. Run by hand; prints,
+asserts nothing.
+
+    uv run python tests/benchmarks/methods_table.py [--seeds 8] [--workers 2] [--rows PATH]   the table
+    uv run python tests/benchmarks/methods_table.py --picture PATH                            the picture
+
+Flights of 150 s, the manoeuvre in the last 30 s; IV measures its spectra on all of each. III, IV and V are forced in
+calm air. Errors are mean RMSE in per cent over CL_alpha, Cm_alpha, Cm_q, Cm_de: of `physical` from the tabulated
+derivatives, of all others from what the manoeuvre gives in calm air with a perfect angle of attack (as campaign
+monte_carlo has it).
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from station.campaign.case import prepare, reference
+from station.campaign.spec import METHODS as SLOTS
+from station.campaign.spec import Case, load_plan
+from station.conventions import LONGITUDINAL
+from station.identify import identify
+from station.log import Table
+from station.profile import Card, Doublet, Flight, Multisine, load_aircraft, load_rig
+from station.simulation.simulate import fly
+
+METHODS = ("I", "II", "III", "IV", "V", "VI", "split", "split+gust", "physical")
+AIRCRAFT = {"A": "twin_otter_martos", "B": "twin_otter"}
+SIGMAS = (0.0, 2.5, 5.0, 10.0)
+INPUTS = ("doublet", "multisine")
+COUNTED = ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de")
+SECONDS, START = 150.0, 120.0
+Values = dict[str, tuple[float, float]]
+
+
+def card(sigma: float, kind: str) -> Card:
+    gusts = Flight.model_validate({"speed": "110 kt", "altitude": "2500 ft", "gust_sigma": f"{sigma} ft/s"})
+    doublet = {"kind": "doublet", "start": f"{START + 2} s", "amplitude": "3.5 deg", "width": "1.3 s"}
+    multisine = {"kind": "multisine", "start": f"{START} s", "duration": "30 s", "amplitude": "2 deg"}
+    wave = Doublet.model_validate(doublet) if kind == "doublet" else Multisine.model_validate(multisine)
+    return Card(name="table", aircraft="", rig="bench", flight=gusts, manoeuvres=(wave,))
+
+
+def flown(aircraft: str, sigma: float, kind: str, seed: int, methods: tuple[str, ...]) -> dict[str, Any]:
+    """What identify makes of one flight."""
+    profile, rig, test = load_aircraft(AIRCRAFT[aircraft]), load_rig("bench"), card(sigma, kind)
+    shown, _ = fly(profile, rig, test, SECONDS, seed)
+    for name in ("thrust", "mass", "pdot", "qdot", "rdot"):
+        shown.pop(name, None)
+    table = Table(np.arange(len(shown["q"])) * 0.02, shown, profile, 0)
+    options: dict[str, Any] = {"card": test, "imu_position": rig.imu_position, "noise": rig.noise_si()}
+    return identify(table, profile, methods, START, force=True, **options)
+
+
+def values(found: dict[str, Any]) -> dict[str, Values]:
+    return {
+        method: {n: (p["estimate"], p["std_error"]) for n, p in made["parameters"].items() if n in LONGITUDINAL}
+        for method, made in found["methods"].items()
+    }
+
+
+@cache
+def wanted(aircraft: str, kind: str) -> dict[str, dict[str, float]]:
+    """For each method the six derivatives that it should give."""
+    plan = load_plan("monte_carlo")
+    case = next(
+        c
+        for c in plan.cases
+        if (c.scenario.aircraft, c.scenario.lift, c.scenario.input) == (AIRCRAFT[aircraft], "unsteady", kind)
+    )
+    target = reference(plan, prepare(plan, Case(case.number, case.levels, case.scenario)))
+    calm, table = target[SLOTS.index("II")].ravel(), target[SLOTS.index("physical")].ravel()
+    return {m: dict(zip(LONGITUDINAL, table if m == "physical" else calm, strict=True)) for m in (*METHODS, "oe", "fe")}
+
+
+def one(job: tuple[str, float, str, int], methods: tuple[str, ...]) -> dict[str, Any]:
+    aircraft, sigma, kind, seed = job
+    found = values(flown(*job, methods))
+    return {"aircraft": aircraft, "sigma": sigma, "input": kind, "seed": seed, "methods": found}
+
+
+def rmse(rows: list[dict[str, Any]], method: str, aircraft: str, kind: str) -> float:
+    target = wanted(aircraft, kind)[method]
+    errors = [[r["methods"][method][n][0] / target[n] - 1 for n in COUNTED] for r in rows]
+    return 100 * float(np.sqrt(np.mean(np.square(errors), axis=0)).mean())
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    print("| | " + " | ".join(METHODS) + " |\n|---" * 1 + "|---" * len(METHODS) + "|")
+    for aircraft, kind, sigma in itertools.product(AIRCRAFT, INPUTS, SIGMAS):
+        mine = [r for r in rows if (r["aircraft"], r["input"], r["sigma"]) == (aircraft, kind, sigma)]
+        if mine:
+            label = f"{aircraft}, " + (f"σ {sigma:g} ft/s" if sigma else "calm") + f", {kind}"
+            print(f"| {label} | " + " | ".join(f"{rmse(mine, m, aircraft, kind):.1f}" for m in METHODS) + " |")
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--seeds", type=int, default=8)
+    options.add_argument("--workers", type=int, default=2)
+    options.add_argument("--rows", type=Path, help="every flight's estimates, one JSON line each; added to")
+    options.add_argument("--also", nargs="*", default=[], help="more methods: oe fe")
+    options.add_argument("--only", nargs="*", default=[], help="aircraft: A B")
+    asked = options.parse_args()
+    jobs = list(itertools.product(asked.only or AIRCRAFT, SIGMAS, INPUTS, range(1, asked.seeds + 1)))
+    done: list[dict[str, Any]] = []
+    if asked.rows and asked.rows.exists():
+        done = [json.loads(line) for line in asked.rows.read_text().splitlines()]
+    known = {(r["aircraft"], r["sigma"], r["input"], r["seed"]) for r in done}
+    left = [job for job in jobs if job not in known]
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for row in pool.map(partial(one, methods=(*METHODS, *asked.also)), left):
+            done.append(row)
+            if asked.rows:
+                with asked.rows.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+    print_table(done)
+
+
+if __name__ == "__main__":
+    main()
