@@ -39,10 +39,14 @@ class _Buffer:
         self.stream = stream
         self.columns = tuple(SIGNAL_INDEX[name] for name in stream.signals)
         self.wraps = tuple(name in ANGLES_THAT_WRAP for name in stream.signals)
-        self.low = tuple(SIGNALS[name].low for name in stream.signals)
-        self.high = tuple(SIGNALS[name].high for name in stream.signals)
-        self.max_rate = tuple(SIGNALS[name].max_rate for name in stream.signals)
-        self.jitter = tuple(NOISE_JUMP * noise.get(name, 0.0) for name in stream.signals)
+        known = [SIGNALS[name] for name in stream.signals]
+        self.limits = (
+            tuple(signal.low for signal in known),
+            tuple(signal.high for signal in known),
+            tuple(signal.max_rate for signal in known),
+            tuple(NOISE_JUMP * noise.get(name, 0.0) for name in stream.signals),
+        )
+        """Of each signal: least and greatest value, rate, and noise in a jump."""
         self.period_ns = round(1e9 / stream.rate_hz)
         # A stamp counted in steps is half a step early against the floor of arrivals, whether it is cut or rounded:
         # the floor is where cutting took nothing, or where rounding added half a step.
@@ -64,8 +68,12 @@ class _Buffer:
         self.first_arrival_ns: int | None = None
         self.count = 0
         self.gaps = 0
-        self.bad = 0
         self.late_until = 0
+        self.window_ns = max(400_000_000, 6 * self.period_ns)
+        """Over which the rate is counted."""
+        self.few = SLOW_SHARE * self.window_ns / self.period_ns - 1
+        self.active: dict[Code, int] = {}
+        """Conditions that hold, and since when."""
 
 
 class Aligner:
@@ -78,7 +86,6 @@ class Aligner:
         for buffer in self._buffers.values():
             self._by_device.setdefault(buffer.stream.device, []).append(buffer)
         self._events: list[Event] = []
-        self._active: dict[tuple[str, Code], int] = {}
         self._told: dict[tuple[str, Code], tuple[int, int]] = {}
         self._bad: dict[str, int] = {}
         self._start_ns: int | None = None
@@ -87,7 +94,7 @@ class Aligner:
 
     def accept(self, row: Rows) -> None:
         """Take one row; all but samples, clock exchanges and events pass by."""
-        if isinstance(row, Sample):
+        if type(row) is Sample:
             buffer = self._buffers.get(row.stream)
             if buffer is not None:
                 self._take(buffer, row)
@@ -176,19 +183,21 @@ class Aligner:
             buffer.same = buffer.same + 1 if values == last else 0
         masked: list[float] | None = None
         dt = max((t_ns - buffer.last_t_ns) * 1e-9, 0.5e-9 * buffer.period_ns)
+        low, high, max_rate, jitter = buffer.limits
+        suspect_until = buffer.suspect_until
         for i, value in enumerate(values):
-            if not buffer.low[i] <= value <= buffer.high[i]:
+            if not low[i] <= value <= high[i]:
                 signal = buffer.stream.signals[i]
                 if not math.isnan(value):
                     self._count(row.t_ns, buffer.stream.name, Code.RANGE, 1, f"{signal} = {value:.4g} cannot be true")
                 masked = masked or list(values)
                 masked[i] = NAN
                 continue
-            if last is not None and abs(value - last[i]) > buffer.max_rate[i] * dt + buffer.jitter[i]:
-                buffer.suspect_until[i] = t_ns + SUSPECT_AFTER_JUMP_NS
+            if last is not None and abs(value - last[i]) > max_rate[i] * dt + jitter[i]:
+                suspect_until[i] = t_ns + SUSPECT_AFTER_JUMP_NS
                 detail = f"{buffer.stream.signals[i]} jumped by {value - last[i]:.4g}"
                 self._count(row.t_ns, buffer.stream.name, Code.JUMP, 1, detail)
-            if t_ns < buffer.suspect_until[i]:
+            if t_ns < suspect_until[i]:
                 masked = masked or list(values)
                 masked[i] = NAN
         buffer.last_values = values
@@ -207,7 +216,7 @@ class Aligner:
         if j < 0:
             return
         t0, before = samples[j]
-        if (buffer.stream.name, Code.STUCK) in self._active:
+        if Code.STUCK in buffer.active:
             for column in buffer.columns:
                 quality[column] = Quality.SUSPECT
             return
@@ -261,32 +270,34 @@ class Aligner:
     # --- health
 
     def _watch(self, buffer: _Buffer, now_ns: int) -> None:
-        name = buffer.stream.name
-        start_ns = buffer.last_arrival_ns if buffer.last_arrival_ns is not None else self._start_ns
-        silent_ns = now_ns - (start_ns or now_ns)
-        never = buffer.last_arrival_ns is None
+        arrived_ns, active, arrivals = buffer.last_arrival_ns, buffer.active, buffer.arrivals
+        never = arrived_ns is None
+        silent_ns = now_ns - ((self._start_ns or now_ns) if arrived_ns is None else arrived_ns)
         stale = silent_ns > (2_000_000_000 if never else buffer.stale_ns)
-        self._set(now_ns, name, Code.STALE, stale, f"nothing for {silent_ns * 1e-9:.2f} s")
-        stuck = bool(buffer.stuck_count_at) and buffer.same >= buffer.stuck_count_at and not stale
-        self._set(now_ns, name, Code.STUCK, stuck, "the same values again and again")
-        self._set(now_ns, name, Code.LATE, now_ns < buffer.late_until, "messages arrive late by their own clock")
-        window_ns = max(400_000_000, 6 * buffer.period_ns)
-        while buffer.arrivals and now_ns - buffer.arrivals[0] > window_ns:
-            buffer.arrivals.popleft()
-        settled = buffer.first_arrival_ns is not None and now_ns - buffer.first_arrival_ns > window_ns
-        expected = window_ns / buffer.period_ns
-        slow = settled and not stale and len(buffer.arrivals) + 1 < SLOW_SHARE * expected
-        self._set(now_ns, name, Code.SLOW, slow, f"below {SLOW_SHARE:.0%} of {buffer.stream.rate_hz:g} Hz")
+        if stale is not (Code.STALE in active):
+            self._turn(now_ns, buffer, Code.STALE, f"nothing for {silent_ns * 1e-9:.2f} s")
+        stuck = 0 < buffer.stuck_count_at <= buffer.same and not stale
+        if stuck is not (Code.STUCK in active):
+            self._turn(now_ns, buffer, Code.STUCK, "the same values again and again")
+        if (now_ns < buffer.late_until) is not (Code.LATE in active):
+            self._turn(now_ns, buffer, Code.LATE, "messages arrive late by their own clock")
+        since_ns = now_ns - buffer.window_ns
+        while arrivals and arrivals[0] < since_ns:
+            arrivals.popleft()
+        settled = buffer.first_arrival_ns is not None and buffer.first_arrival_ns < since_ns
+        slow = settled and not stale and len(arrivals) < buffer.few
+        if slow is not (Code.SLOW in active):
+            self._turn(now_ns, buffer, Code.SLOW, f"below {SLOW_SHARE:.0%} of {buffer.stream.rate_hz:g} Hz")
 
-    def _set(self, t_ns: int, source: str, code: Code, on: bool, detail: str) -> None:
-        """Tell when a condition begins, and when it ends."""
-        key = (source, code)
-        if on and key not in self._active:
-            self._active[key] = t_ns
-            self._events.append(Event(t_ns, source, code, 1, detail))
-        elif not on and key in self._active:
-            lasted = (t_ns - self._active.pop(key)) * 1e-9
-            self._events.append(Event(t_ns, source, Code.FRESH, 1, f"{code} over after {lasted:.2f} s"))
+    def _turn(self, t_ns: int, buffer: _Buffer, code: Code, detail: str) -> None:
+        """Tell that a condition begins, or that it ends."""
+        since_ns = buffer.active.pop(code, None)
+        if since_ns is None:
+            buffer.active[code] = t_ns
+            self._events.append(Event(t_ns, buffer.stream.name, code, 1, detail))
+        else:
+            over = f"{code} over after {(t_ns - since_ns) * 1e-9:.2f} s"
+            self._events.append(Event(t_ns, buffer.stream.name, Code.FRESH, 1, over))
 
     def _count(self, t_ns: int, source: str, code: Code, count: int, detail: str) -> None:
         """Tell at once the first time, then count until `REPEAT_NS` have passed."""
@@ -310,13 +321,12 @@ class Aligner:
     def _health(self, now_ns: int) -> Health:
         rows = []
         for name, b in self._buffers.items():
-            window_s = max(0.4, 6e-9 * b.period_ns)
             age_s = max(now_ns - b.last_arrival_ns, 0) * 1e-9 if b.last_arrival_ns is not None else NAN
             rows.append(
                 StreamHealth(
                     stream=name,
                     device=b.stream.device,
-                    rate_hz=len(b.arrivals) / window_s,
+                    rate_hz=len(b.arrivals) / (1e-9 * b.window_ns),
                     age_s=age_s,
                     clock=b.clock.state,
                     offset_s=b.clock.offset_s,
@@ -324,7 +334,7 @@ class Aligner:
                     samples=b.count,
                     gaps=b.gaps,
                     bad=self._bad.get(b.stream.device, 0),
-                    alive=b.last_arrival_ns is not None and (name, Code.STALE) not in self._active,
+                    alive=b.last_arrival_ns is not None and Code.STALE not in b.active,
                 )
             )
         return Health(now_ns, tuple(rows), self._dropped, self._overruns)

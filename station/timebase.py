@@ -73,9 +73,20 @@ class ClockMap:
 
     def update(self, t_device_ns: int, arrival_ns: int) -> Mapped:
         """Take one message's times and say when it was measured on the station's clock."""
-        stepped = self._check_increment(t_device_ns, arrival_ns)
-        if stepped:
-            self._reset()
+        last = self._last
+        stepped = False
+        if last is None:
+            self.state = "unsynced"
+        else:
+            device, arrived = t_device_ns - last[0], arrival_ns - last[1]
+            if device == 0 or self._stuck or self.state == "rejected":
+                self._note_standstill(device)
+            # The device clock jumped, not a late or bunched message: those have a plausible increment of their own.
+            stepped = not -STEP_NS <= device - arrived <= STEP_NS and (
+                abs(device - self._period_ns) > abs(arrived - self._period_ns) or device < -self._period_ns
+            )
+            if stepped:
+                self._reset()
         self._last = (t_device_ns, arrival_ns)
         if self.state == "rejected":
             return Mapped(arrival_ns, 0, stepped)
@@ -83,22 +94,14 @@ class ClockMap:
         t_ns = min(t_device_ns + round(self._floor_at(t_device_ns)), arrival_ns)
         return Mapped(t_ns, arrival_ns - t_ns, stepped)
 
-    def _check_increment(self, t_device_ns: int, arrival_ns: int) -> bool:
-        """Whether the device clock (not the message's journey) jumped since the last message."""
-        if self._last is None:
-            self.state = "unsynced"
-            return False
-        device, arrived = t_device_ns - self._last[0], arrival_ns - self._last[1]
+    def _note_standstill(self, device: int) -> None:
+        """A device clock that stands still cannot be used until it goes again."""
         self._stuck = self._stuck + 1 if device == 0 else 0
         if self._stuck >= 3:
             self.state = "rejected"
         elif self.state == "rejected" and device > 0:
             self.state = "unsynced"
             self._reset()
-        if abs(device - arrived) <= STEP_NS:
-            return False
-        # A late or bunched message: the device's own increment is still a plausible one.
-        return abs(device - self._period_ns) > abs(arrived - self._period_ns) or device < -self._period_ns
 
     def _keep_lowest(self, t_device_ns: int, arrival_ns: int) -> None:
         difference = arrival_ns - t_device_ns

@@ -37,6 +37,7 @@ from station.rows import (
 )
 
 _INF: Final = math.inf
+_INFINITE: Final = (math.inf, -math.inf)
 _NAN: Final = math.nan
 _NAMES: Final = tuple(SIGNALS)
 
@@ -212,7 +213,10 @@ class RowWriter:
             }
             return {**{p.name: derivative for p in row.parameters}, "applicable": _TRUE_OR_FALSE, "why": _TEXT}
 
-        return self._topic(row, row.method, f"/method/{row.method}", properties), _json(body)
+        data = _ENCODE(body)
+        if b"null" in data and any(p.value in _INFINITE or p.sd in _INFINITE for p in row.parameters):
+            data = _json(body)
+        return self._topic(row, row.method, f"/method/{row.method}", properties), data
 
     def _event(self, row: Event) -> tuple[Topic, bytes]:
         topic = self._topics.get((Event, ""))
