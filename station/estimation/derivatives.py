@@ -181,13 +181,18 @@ class Derivatives:
         if self._samples[0] > 0 and mean_speed > 0:
             self._fit(mean_speed)
         blocked = [self._blocked(0), self._blocked(1)]
+        out, model, solved = self._out.tolist(), self._model.tolist(), self._solved.tolist()
         found = []
         for method in self._methods:
             m = self._kinds.index(method)
             status, why = blocked[method.startswith("split")]
             if method == "split+gust" and not self._has_tail:
                 status, why = Status.INVALID, "the aircraft profile gives no tail arm"
-            parameters = self._judge(m, 0, status, why) + self._judge(m, 1, status, why)
+            count = 4 if method == "split+gust" else 3
+            parameters: list[ParamEstimate] = []
+            for e in (0, 1):
+                fit = out[m][e] if solved[m][e] else None
+                parameters += self._judge(e, count, fit, model[m][e], status, why)
             reason = applicable.get(method, "")
             found.append(MethodEstimate(t_ns, method, tuple(parameters), not reason, reason))
         return tuple(found)
@@ -240,17 +245,26 @@ class Derivatives:
             return Status.UNESTIMATED, "no elevator input"
         return Status.ESTIMATED, ""
 
-    def _judge(self, m: int, equation: int, status: Status, why: str) -> list[ParamEstimate]:
+    def _judge(
+        self,
+        equation: int,
+        parameters: int,
+        fit: list[list[float]] | None,
+        model: list[float],
+        status: Status,
+        why: str,
+    ) -> list[ParamEstimate]:
+        """`fit`: of so many `parameters` as equation_error.fit_methods gives it, None if it could not be solved;
+        `model`: standard deviations by the model's error."""
         names = self._names[3 * equation : 3 * equation + 3]
         if equation == 1 and not self._has_inertia:
-            status, why = Status.INVALID, "the aircraft profile gives no iyy"
-        elif status is Status.ESTIMATED and not self._solved[m, equation]:
+            status, why, fit = Status.INVALID, "the aircraft profile gives no iyy", None
+        elif status is Status.ESTIMATED and fit is None:
             status, why = Status.INVALID, "the regressors cannot be told apart"
-        if not self._solved[m, equation] or (equation == 1 and not self._has_inertia):
+        if fit is None:
             return [ParamEstimate(n, math.nan, math.nan, status, why) for n in names]
-        (*values, r2), (*errors, _), (*inflation, _) = self._out[m, equation, :, : 5 if m == 4 else 4].tolist()
-        model = self._model[m, equation].tolist()
-        known = self._known[equation]
+        values, errors, inflation = fit
+        known, r2 = self._known[equation], values[parameters]
         if status is Status.ESTIMATED and r2 < MIN_R2:
             status, why = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
         found = []
