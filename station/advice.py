@@ -13,7 +13,7 @@ from station.conventions import LONGITUDINAL
 from station.estimation.inputs import rank_inputs
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
-from station.estimation.results import Axes, MethodResult, equations
+from station.estimation.results import Axes, MethodResult, equations, judge, names, not_applicable, result_of, unknown
 from station.estimation.sifting import sift
 from station.profile import Card, Multisine
 from station.rows import Status
@@ -21,6 +21,8 @@ from station.rows import Status
 Array = NDArray[np.float64]
 
 SHOWN: Final = 5
+SIFTED: Final = ("II", "split")
+"""Methods that lines can be sifted for."""
 
 
 def sifted_json(
@@ -61,6 +63,28 @@ def sifted_json(
     if not made:
         return refused | {"why": "no angle of attack throughout"}
     return {"status": "ok", "why": "", "methods": made}
+
+
+def sifted_results(found: Mapping[str, Any], record: FlightRecord, axes: Axes) -> dict[str, MethodResult]:
+    """What `sifted_json` found in the place of each method's own estimates, refusals included."""
+    results = {}
+    for method in SIFTED:
+        made = found.get("methods", {}).get(method)
+        if made is None:
+            why = found["why"] or "no angle of attack throughout"
+            results[method] = not_applicable(f"lines cannot be sifted: {why}", names(axes))
+            continue
+        parameters = []
+        for name in names(axes):
+            p = made["parameters"].get(name)
+            if p is None:
+                parameters += unknown([name], Status.INVALID, "no finite coefficient")
+            else:
+                value, error = np.array([p["estimate"]]), np.array([p["std_error"]])
+                parameters += judge(record, [name], value, error, None)
+        settings = {"sifted_lines_hz": made["lines_hz"], "lines_between_agree": made["agree"]}
+        results[method] = result_of(parameters, {}, settings)
+    return results
 
 
 def next_input_json(record: FlightRecord, result: MethodResult | None) -> dict[str, Any]:

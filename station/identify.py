@@ -15,7 +15,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from station.advice import next_input_json, sifted_json
+from station.advice import SIFTED, next_input_json, sifted_json, sifted_results
 from station.conventions import SIGNALS, TICK_HZ, TICK_NS
 from station.estimation import cross_spectra, postflight
 from station.estimation.cross_spectra import VaneSpectra
@@ -57,11 +57,13 @@ def identify(
     imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     noise: Mapping[str, float] | None = None,
     force: bool = False,
+    sift: bool = False,
 ) -> dict[str, Any]:
     """Every asked method's derivatives with errors and status, the turbulence, and which method to believe.
 
     `methods`: names of contract.md, or "all". `start_s`, `end_s` on the table's time axis. `imu_position` (m, body) and
-    `noise` (SI) are the rig's, `card` gives the frequencies. `force` applies III, IV and V in calm air too. Raises
+    `noise` (SI) are the rig's, `card` gives the frequencies. `force` applies III, IV and V in calm air too.
+    `sift`: II and split from the lines that the card's multisine excites, and from no others. Raises
     UsageError for an unknown method, an empty interval, or a record that no method can use.
     """
     wanted = _wanted(methods)
@@ -101,10 +103,14 @@ def identify(
             results[name] = flown.result(name, record, axes)
         else:
             results[name] = postflight.run(name, record, axes)
+    if ("all" in methods or sift) and not refusal:
+        angles = {n: flown.alpha(n, record) for n in SIFTED if n in results} if flown else {}
+        instruments["sifted"] = sifted_json(record, angles, card, axes)
+        if sift:
+            only = sifted_results(instruments["sifted"], record, axes)
+            results |= {n: r for n, r in only.items() if n in results}
     recommended = _recommended(results, level)
     if "all" in methods and not refusal:
-        angles = {n: flown.alpha(n, record) for n in ("II", "split")} if flown else {}
-        instruments["sifted"] = sifted_json(record, angles, card, axes)
         instruments["next_input"] = next_input_json(record, results.get(recommended or "II"))
     return {
         "schema": SCHEMA,

@@ -7,7 +7,7 @@ import pytest
 
 from station.advice import next_input_json, sifted_json
 from station.estimation.results import MethodResult
-from station.identify import flight_record
+from station.identify import flight_record, identify
 from station.identify import fly as refly
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Multisine, load_aircraft
@@ -45,6 +45,28 @@ def test_sifted_lines_of_a_flight_in_light_turbulence() -> None:
     assert not found["agree"]
     assert found["parameters"]["CL_alpha"]["estimate"] == pytest.approx(5.66, rel=0.04)
     assert found["parameters"]["Cm_alpha"]["estimate"] == pytest.approx(-1.2, abs=0.2)
+
+
+def test_identify_takes_ii_and_split_from_the_sifted_lines_where_asked() -> None:
+    card = _card("5 ft/s", MULTISINE)
+    flown, record, _ = _record(card, 4)
+    found = identify(flown, record.aircraft, ["II", "split", "I"], 20.0, card=card, sift=True)
+    json.dumps(found, allow_nan=False)
+    for name in ("II", "split"):
+        made = found["methods"][name]
+        assert made["status"] == "ok"
+        assert made["settings"]["sifted_lines_hz"] == pytest.approx(np.arange(1, 21) / 10)
+        lines = found["sifted"]["methods"][name]["parameters"]
+        for derivative, p in made["parameters"].items():
+            assert p["estimate"] == lines[derivative]["estimate"]
+    assert "sifted_lines_hz" not in found["methods"]["I"]["settings"]
+    # Lines that the gusts do not drive: nearer to calm air's than all lines together.
+    whole = identify(flown, record.aircraft, ["split"], 20.0, card=card)["methods"]["split"]["parameters"]
+    sifted = found["methods"]["split"]["parameters"]
+    assert abs(sifted["Cm_alpha"]["estimate"] + 1.105) < abs(whole["Cm_alpha"]["estimate"] + 1.105)
+    unlike = identify(flown, record.aircraft, ["II", "I"], 20.0, card=_card("5 ft/s"), sift=True)
+    assert unlike["methods"]["II"]["why"] == "lines cannot be sifted: no multisine on the card"
+    assert unlike["recommended"] == "I"
 
 
 def test_no_multisine_no_sifting() -> None:
