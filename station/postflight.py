@@ -156,6 +156,7 @@ def identify(
     end: Annotated[float | None, typer.Option("--to", metavar="S")] = None,
     point: Annotated[int | None, typer.Option(metavar="N", help="the interval of a test point")] = None,
     axes: Annotated[Axes, typer.Option(help="CL (wind) or CZ (body)")] = Axes.wind,
+    sift: Annotated[bool, typer.Option("--sift", help="II and split from the lines that a multisine excites")] = False,
     aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
@@ -187,6 +188,7 @@ def identify(
         card=about.card,
         imu_position=rig_place,
         noise=noise,
+        sift=sift,
     )
     if report is not None:
         page = write_report(result, flown, report, card=about.card, imu_position=rig_place, noise=noise)
