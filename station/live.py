@@ -70,6 +70,8 @@ def run(
             log.append(beat.rows)
             log.append((tick,))
         for row in beat.rows:
+            if type(row) is RawBlock:  # for the log alone
+                continue
             aligner.accept(row)
             if isinstance(row, Event) and row.code is Code.POINT_START:
                 estimator.start_point()

@@ -56,7 +56,7 @@ class ClockMap:
     @property
     def offset_s(self) -> float:
         """Station minus device time at the last message, s."""
-        return 1e-9 * self._floor_at(self._last[0]) if self._last else 0.0
+        return 1e-9 * self._less_journey(self._floor_line(self._last[0])) if self._last else 0.0
 
     @property
     def drift_ppm(self) -> float:
@@ -90,8 +90,17 @@ class ClockMap:
         self._last = (t_device_ns, arrival_ns)
         if self.state == "rejected":
             return Mapped(arrival_ns, 0, stepped)
-        self._keep_lowest(t_device_ns, arrival_ns)
-        t_ns = min(t_device_ns + round(self._floor_at(t_device_ns)), arrival_ns)
+        difference = arrival_ns - t_device_ns
+        lowest = self._bin
+        if lowest is None or lowest[0] != (arrival_ns + self._phase_ns) // BIN_NS:
+            self._next_bin(t_device_ns, arrival_ns)
+        elif difference < lowest[2]:
+            self._bin = (lowest[0], t_device_ns, difference)
+        floor = self._floor_line(t_device_ns)
+        if difference < floor:  # an earlier message than any before: the floor is at least this low
+            self._floor_ns += difference - floor
+            floor = float(difference)
+        t_ns = min(t_device_ns + round(self._less_journey(floor)), arrival_ns)
         return Mapped(t_ns, arrival_ns - t_ns, stepped)
 
     def _note_standstill(self, device: int) -> None:
@@ -103,7 +112,7 @@ class ClockMap:
             self.state = "unsynced"
             self._reset()
 
-    def _keep_lowest(self, t_device_ns: int, arrival_ns: int) -> None:
+    def _next_bin(self, t_device_ns: int, arrival_ns: int) -> None:
         difference = arrival_ns - t_device_ns
         if self._first_ns is None:
             self._first_ns = arrival_ns
@@ -111,19 +120,12 @@ class ClockMap:
             self._floor_ns = float(difference)
             self._slope = 0.0
             self.state = "unsynced"
-        number = (arrival_ns + self._phase_ns) // BIN_NS
-        if self._bin is None or number != self._bin[0]:
-            if self._bin is not None:
-                self._points.append(self._bin[1:])
-                while self._points and t_device_ns - self._points[0][0] > WINDOW_NS:
-                    self._points.popleft()
-                self._fit(arrival_ns - self._first_ns)
-            self._bin = (number, t_device_ns, difference)
-        elif difference < self._bin[2]:
-            self._bin = (number, t_device_ns, difference)
-        below = difference - self._floor_line(t_device_ns)
-        if below < 0:  # an earlier message than any before: the floor is at least this low
-            self._floor_ns += below
+        if self._bin is not None:
+            self._points.append(self._bin[1:])
+            while self._points and t_device_ns - self._points[0][0] > WINDOW_NS:
+                self._points.popleft()
+            self._fit(arrival_ns - self._first_ns)
+        self._bin = ((arrival_ns + self._phase_ns) // BIN_NS, t_device_ns, difference)
 
     def _fit(self, span_ns: int) -> None:
         slope = 0.0
@@ -139,14 +141,11 @@ class ClockMap:
     def _floor_line(self, t_device_ns: int) -> float:
         return self._floor_ns + self._slope * (t_device_ns - self._x0_ns)
 
-    def _floor_at(self, t_device_ns: int) -> float:
+    def _less_journey(self, floor_ns: float) -> float:
         """Station minus device time, ns: the floor, less the shortest journey where an exchange has measured it."""
-        floor = self._floor_line(t_device_ns)
-        if self._best_exchange is not None:
-            journey = floor - self._best_exchange[0]
-            if 0 < journey <= MAX_ROUND_TRIP_NS:
-                return floor - journey
-        return floor
+        if self._best_exchange is not None and 0 < floor_ns - self._best_exchange[0] <= MAX_ROUND_TRIP_NS:
+            return self._best_exchange[0]
+        return floor_ns
 
 
 def _hull_slope(points: deque[tuple[int, int]]) -> float:
