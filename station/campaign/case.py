@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.campaign import physical
-from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, fly_batch
+from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
 from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
 from station.conventions import SIGNAL_INDEX, TICK_HZ
 from station.estimation import physical_signals, spectra
@@ -34,11 +34,12 @@ from station.simulation.simulate import indicial_tables, reach, site
 
 Array = NDArray[np.float64]
 
-TOGETHER: Final = 16
-"""Flights of one call of the compiled pass: little memory, and no time lost between calls."""
+TOGETHER: Final = 8
+"""Flights of one call of the compiled halves: little memory, and no time lost between calls."""
 _REGRESSORS: Final = ("alpha_vane", "q", "elevator")
-_FARTHER: Final = 1.25
-"""The field is made for flights at this many times the trim speed."""
+_FASTER: Final = 2.5
+"""The field is made for flights that go this many standard deviations of the gust faster than trimmed, and 2 %; one that
+goes farther is flown again."""
 _TICK_S: Final = 1.0 / TICK_HZ
 
 
@@ -109,7 +110,8 @@ def prepare(plan: Plan, case: Case) -> Setup:
     steps = (plan.ticks + (REACH if is_distorted else 0)) * EVERY
     behind, ahead = reach(flown)
     first = field_start(behind)
-    points = math.ceil((_FARTHER * flight.speed * steps * DT + ahead) / STEP) + 4 - first
+    fastest = 1.02 * flight.speed + _FASTER * flight.gust_sigma
+    points = math.ceil((fastest * steps * DT + ahead) / STEP) + 4 - first
     constants = ac.constants(flown, flight.speed, flight.altitude)
     half_steps = np.arange(2 * steps + 1, dtype=np.float64) * (0.5 * DT)
     added = elevator_input(manoeuvres_of(campaign, scenario), half_steps)
@@ -191,49 +193,113 @@ def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[
         calm = setup.air._replace(field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)))
         silent = setup.sensors._replace(noisy=np.empty(0, dtype=np.int64), noise=np.empty(0))
         setup = replace(setup, air=calm, sensors=silent)
-    wind = np.zeros((TOGETHER, setup.points, 5))
-    white = np.zeros((TOGETHER, len(setup.sensors.noisy), setup.sensors.ticks))
+    room = Room.of(setup, TOGETHER)
     for begin in range(seeds.start, seeds.stop, TOGETHER):
         chunk = range(begin, min(begin + TOGETHER, seeds.stop))
-        results = _fly_chunk(setup, chunk, wind, white)
-        field = wind
-        while not _stayed(setup, field, results):
+        here = room.first(len(chunk))
+        here.fly(setup, chunk)
+        wider = setup
+        while not _stayed(wider, here.reached):
             # A flight went farther than the field: one that goes on begins with the same numbers.
-            field = np.zeros((TOGETHER, 2 * field.shape[1], 5))
-            results = _fly_chunk(setup, chunk, field, white)
+            wider = replace(wider, points=2 * wider.points)
+            here = Room.of(wider, len(chunk))
+            here.fly(wider, chunk)
+        results = nothing(len(chunk))
+        for run in range(len(chunk)):
+            estimate(setup.estimation, setup.physical, here.shown[run], here.true_alpha[run], results, run)
         results.estimate[~results.solved] = math.nan
         results.error[~results.solved] = math.nan
         yield chunk, results
 
 
-def _fly_chunk(setup: Setup, chunk: range, wind: Array, white: Array) -> Results:
-    """Random numbers are drawn as GustField and Channel draw them: a stream for the field, one for each noisy one."""
-    n = len(chunk)
-    state = np.zeros((n, 5))
-    for i, seed in enumerate(chunk):
-        if setup.air.field.sigmas[2] > 0:
-            rng = np.random.default_rng(np.random.SeedSequence(seed))
-            rng.standard_normal(out=state[i])
-            rng.standard_normal(out=wind[i])
-        for j, signal in enumerate(setup.sensors.noisy.tolist()):
-            np.random.default_rng([seed, 1 + signal]).standard_normal(out=white[i, j])
-    results = Results(
-        np.full((n, SLOTS, 2, 3), math.nan),
-        np.full((n, SLOTS, 2, 3), math.nan),
-        np.zeros((n, SLOTS, 2, 3)),
-        np.full((n, SLOTS, 2), math.nan),
-        np.zeros((n, SLOTS, 2), dtype=np.bool_),
-        np.zeros(n),
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Arrays for some flights, used again and again: see fly_and_measure."""
+
+    state: Array
+    wind: Array
+    white: Array
+    shown: Array
+    true_alpha: Array
+    reached: Array
+
+    @classmethod
+    def of(cls, setup: Setup, runs: int) -> Room:
+        ticks = setup.sensors.ticks
+        return cls(
+            np.zeros((runs, 5)),
+            np.zeros((runs, setup.points, 5)),
+            np.zeros((runs, len(setup.sensors.noisy), ticks)),
+            np.empty((runs, ticks, len(SIGNAL_INDEX))),
+            np.empty((runs, ticks)),
+            np.zeros(runs),
+        )
+
+    def first(self, runs: int) -> Room:
+        """That part of it."""
+        return Room(
+            self.state[:runs],
+            self.wind[:runs],
+            self.white[:runs],
+            self.shown[:runs],
+            self.true_alpha[:runs],
+            self.reached[:runs],
+        )
+
+    def fly(self, setup: Setup, seeds: range) -> None:
+        """Random numbers are drawn as GustField and Channel draw them: a stream for the field, one for each noisy
+        signal."""
+        for i, seed in enumerate(seeds):
+            if setup.air.field.sigmas[2] > 0:
+                rng = np.random.default_rng(np.random.SeedSequence(seed))
+                rng.standard_normal(out=self.state[i])
+                rng.standard_normal(out=self.wind[i])
+            for j, signal in enumerate(setup.sensors.noisy.tolist()):
+                np.random.default_rng([seed, 1 + signal]).standard_normal(out=self.white[i, j])
+        fly_and_measure(
+            setup.air,
+            setup.sensors,
+            self.state,
+            self.wind,
+            self.white,
+            self.shown,
+            self.true_alpha,
+            self.reached,
+        )
+
+
+def nothing(runs: int) -> Results:
+    """Results to be filled."""
+    return Results(
+        np.full((runs, SLOTS, 2, 3), math.nan),
+        np.full((runs, SLOTS, 2, 3), math.nan),
+        np.zeros((runs, SLOTS, 2, 3)),
+        np.full((runs, SLOTS, 2), math.nan),
+        np.zeros((runs, SLOTS, 2), dtype=np.bool_),
     )
-    fly_batch(setup.air, setup.sensors, setup.estimation, setup.physical, state, wind[:n], white[:n], results)
-    return results
 
 
-def _stayed(setup: Setup, wind: Array, results: Results) -> bool:
+PARTS: Final = 3
+"""Of the compiled code, which take the same time when two processes share them in this order."""
+
+
+def compile_part(plan: Plan, part: int) -> None:
+    """Compile a part of what flies and estimates, or load it where that has been done."""
+    setup = prepare(plan, plan.cases[0])
+    e, none = setup.estimation, Room.of(setup, 1)
+    if part == 0:
+        estimate(e, setup.physical, none.shown[0, :0], none.true_alpha[0, :0], nothing(1), 0)
+    elif part == 1:
+        compile_fits(e)
+    else:
+        none.first(0).fly(setup, range(0))
+
+
+def _stayed(setup: Setup, reached: Array) -> bool:
     """Whether no flight left its field."""
     air = setup.air
-    end = (wind.shape[1] + air.first) * STEP - max(air.vane.x, air.constants.chord) - 1.0
-    return air.field.sigmas[2] == 0 or bool(results.reached.max() < end)
+    end = (setup.points + air.first) * STEP - max(air.vane.x, air.constants.chord) - 1.0
+    return air.field.sigmas[2] == 0 or bool(reached.max() < end)
 
 
 def reference(plan: Plan, setup: Setup) -> Array:

@@ -26,6 +26,7 @@ from typing import Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from station.campaign.case import PARTS, compile_part
 from station.campaign.rows import fly_rows
 from station.campaign.spec import Plan
 from station.rows import LogError, StationError, UsageError
@@ -167,6 +168,7 @@ def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(workers, len(missing)), mp_context=context) as pool:
             try:
+                wait([pool.submit(compile_part, plan, part) for part in range(PARTS)])
                 for i, rows in _in_flight(missing, lambda i: pool.submit(fly_rows, plan, planned[i]), 2 * workers):
                     store.keep(i, rows)
                     done(len(planned[i]))

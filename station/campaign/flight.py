@@ -1,7 +1,9 @@
-"""One flight in one compiled pass: fly, measure, estimate.
+"""Flights compiled as a whole: fly and measure, then estimate.
 
 Nothing is computed here that the simulation and the estimators do not compute: their kernels are called in the order in
 which `simulation.fly` and `estimation.methods.Estimator` call them for frames without gaps, and give the same numbers.
+The two halves compile apart, so two processes do it in half the time. Arrays are copied by loops: numba takes seconds
+to compile the check of two arrays' shapes.
 """
 
 from __future__ import annotations
@@ -118,17 +120,29 @@ class Results(NamedTuple):
     """What the model's structure may be wrong by; 0 where the pass does not know."""
     r2: Array
     solved: NDArray[np.bool_]
-    reached: Array
-    """How far each flight got, m."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _deviation(x: Array) -> float:
+    mean = 0.0
+    for value in x:
+        mean += value
+    mean /= x.shape[0]
+    total = 0.0
+    for value in x:
+        total += (value - mean) ** 2
+    return math.sqrt(total / x.shape[0])
+
+
+@njit(cache=True, error_model="numpy")
 def _measure(sensors: Sensors, truth: Array, white: Array, shown: Array) -> None:
     """What the sensors show, (ticks, signals), of the truth, (ticks or more, COLUMNS)."""
     n = sensors.ticks
-    shown[:] = truth[:n, :_SIGNALS]
-    if sensors.is_perfect:
-        shown[:, _VANE] = truth[:n, _TRUE_ALPHA]
+    for k in range(n):
+        for i in range(_SIGNALS):
+            shown[k, i] = truth[k, i]
+        if sensors.is_perfect:
+            shown[k, _VANE] = truth[k, _TRUE_ALPHA]
     if sensors.distortion.shape[0] > 0:
         part = truth[:, _TRUE_GUST] if sensors.distorts_gust else truth[:, _TRUE_ALPHA]
         distort(sensors.distortion, sensors.vane, part, shown[:, _VANE])
@@ -136,12 +150,12 @@ def _measure(sensors: Sensors, truth: Array, white: Array, shown: Array) -> None
         column = shown[:, sensors.noisy[i]]
         sd = sensors.noise[i]
         if sensors.signal_to_noise > 0.0:
-            sd = np.std(column) / sensors.signal_to_noise
+            sd = _deviation(column) / sensors.signal_to_noise
         for k in range(n):
             column[k] += sd * white[i, k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _fit_benchmarks(
     e: Estimation, steady: NDArray[np.complex128], extra: NDArray[np.complex128], samples: float, past: Array,
     close: bool, results: Results, run: int,
@@ -150,26 +164,33 @@ def _fit_benchmarks(
     lines = steady.shape[1]
     x = np.empty((3, lines), dtype=np.complex128)
     z = np.empty(lines, dtype=np.complex128)
-    out = np.zeros((3, 4))
+    # A slice, as fit_methods hands on: one kind of array, one compilation.
+    out = np.zeros((3, ee.MAX_PARAMETERS + 1))[:, :4]
     inverse = np.zeros((4, 4))
-    x[1], x[2] = steady[0], steady[1]
     for i in range(2):
-        x[0] = extra[i]
+        at = _KINDS + i
         for equation in range(2):
-            z[:] = steady[2] if equation == 0 else steady[3] * e.derivative
+            for f in range(lines):
+                x[0, f], x[1, f], x[2, f] = extra[i, f], steady[0, f], steady[1, f]
+                z[f] = steady[2, f] if equation == 0 else steady[3, f] * e.derivative[f]
             done = ee.fit(x, z, np.zeros(3), samples * _DT * e.step, past[i, equation], close, out, inverse)
-            at = _KINDS + i
             results.solved[run, at, equation] = done
-            results.estimate[run, at, equation] = out[0, :3]
-            results.error[run, at, equation] = out[1, :3]
+            for j in range(3):
+                results.estimate[run, at, equation, j] = out[0, j]
+                results.error[run, at, equation, j] = out[1, j]
             results.r2[run, at, equation] = out[0, 3]
 
 
-@njit(cache=True)
-def _estimate(
+# As in simulation/motion.py: after editing a kernel that is called from here, touch this file.
+@njit(cache=True, error_model="numpy")
+def estimate(
     e: Estimation, own: physical.Constants | None, shown: Array, true_alpha: Array, results: Results, run: int
 ) -> None:
-    """Every method's estimates at the end of a record, as the Estimator comes to them tick by tick."""
+    """Every method's estimates at the end of a record, as the Estimator comes to them tick by tick.
+
+    `own`: for the method physical, where it is wanted; shown (ticks, signals), true_alpha (ticks,). Fills `results` of
+    this `run`.
+    """
     n, lines = shown.shape[0], e.frequencies.shape[0]
     inertial_state, inertial_ring = np.zeros(inertial.STATE), np.zeros((inertial.RING, 7))
     inertial_out = np.full(inertial.OUT, math.nan)
@@ -233,7 +254,8 @@ def _estimate(
             if split_run > 0:
                 if counts[1, 0] == 0.0:
                     split_from = t
-                split_x[:4], split_x[4:] = made[:4], made[7:9]
+                for i in range(6):
+                    split_x[i] = made[i if i < 4 else 3 + i]
                 opens = due and split_from <= late
                 spectra.step(e.sos, e.rest, filters[1], split_x, spectrum[1], phase[1], e.turn, counts[1], opens)
             if own is not None and split_run > SETTLE_TICKS:
@@ -248,12 +270,12 @@ def _estimate(
             continue
         if not abs(mean - speed) < 0.001 * mean:
             speed = mean
-            weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, scale, tail)
         for i in range(2):
             independent[i] = counts[i, 1] * _DT * e.step
             close[i] = counts[i, 1] * _DT >= e.segment
         if not (k + 1 == n or close[0] or close[1]):
             continue
+        weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, scale, tail)
         ridge = lines * (counts[1, 1] + closed[1]) * e.vane_noise**2
         ee.fit_methods(
             spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, ridge, independent, close, past, out,
@@ -266,7 +288,7 @@ def _estimate(
                 closed[i] += counts[i, 1]
                 counts[i, 1] = 0.0
                 spectrum[i][:] = 0.0
-                phase[i] = 1.0
+                phase[i, :] = 1.0
     if own is not None and kept.sums[2] > 0.0:
         for i in range(6):
             results.estimate[run, PHYSICAL, i // 3, i % 3] = kept.theta[i]
@@ -276,41 +298,50 @@ def _estimate(
         for equation in range(2):
             results.solved[run, PHYSICAL, equation] = True
             results.r2[run, PHYSICAL, equation] = 1.0 - kept.quality[equation] / kept.quality[2 + equation]
-    results.estimate[run, :_KINDS] = out[:, :, 0, :3]
-    results.error[run, :_KINDS] = out[:, :, 1, :3]
-    results.model[run, :_KINDS] = model
     for kind in range(_KINDS):
         for equation in range(2):
+            for i in range(3):
+                results.estimate[run, kind, equation, i] = out[kind, equation, 0, i]
+                results.error[run, kind, equation, i] = out[kind, equation, 1, i]
+                results.model[run, kind, equation, i] = model[kind, equation, i]
             results.r2[run, kind, equation] = out[kind, equation, 0, 4 if kind == 4 else 3]
             results.solved[run, kind, equation] = solved[kind, equation]
 
 
 # As in simulation/motion.py: after editing a kernel that is called from here, touch this file.
-@njit(cache=True)
-def fly_batch(
-    air: Air,
-    sensors: Sensors,
-    e: Estimation,
-    own: physical.Constants | None,
-    state: Array,
-    wind: Array,
-    white: Array,
-    results: Results,
+@njit(cache=True, error_model="numpy")
+def fly_and_measure(
+    air: Air, sensors: Sensors, state: Array, wind: Array, white: Array, shown: Array, true_alpha: Array, reached: Array
 ) -> None:
-    """Fly, measure and estimate some flights of a case; `own`: for the method physical, where it is wanted.
+    """Some flights of a case, and what their sensors show.
 
     state (runs, 5) and wind (runs, points, 5): white noise of unit variance for the field; white (runs, noisy, ticks)
-    for the sensors. Fills `results`.
+    for the sensors. Fills shown (runs, ticks, signals), the angle of attack at the CG, true_alpha (runs, ticks), and
+    how far each flight got, reached (runs,), m.
     """
     reach = sensors.distortion.shape[0] // 2
     truth = np.empty((sensors.ticks + reach, len(COLUMNS)))
-    shown = np.empty((sensors.ticks, _SIGNALS))
     field = np.zeros((wind.shape[1], 3))
     for run in range(wind.shape[0]):
         if air.field.sigmas[2] > 0.0:
             fill(air.field, wind[run], state[run].copy(), air.first, field)
         memory = at_rest(air.constants, air.tables, air.behind, field, air.first)
         advance(air.constants, air.tables, air.vane, air.site, memory, air.command, field, air.first, EVERY, truth)
-        results.reached[run] = memory.x[ac.DISTANCE]
-        _measure(sensors, truth, white[run], shown)
-        _estimate(e, own, shown, truth[:, _TRUE_ALPHA], results, run)
+        reached[run] = memory.x[ac.DISTANCE]
+        _measure(sensors, truth, white[run], shown[run])
+        for k in range(sensors.ticks):
+            true_alpha[run, k] = truth[k, _TRUE_ALPHA]
+
+
+def compile_fits(e: Estimation) -> None:
+    """Compile the fits alone, with arguments of the kinds that `estimate` has for them: it then finds them done."""
+    lines = len(e.frequencies)
+    ones, none = np.ones(lines), np.zeros((_WING_BODY, lines), dtype=np.complex128)
+    past, out, model = (
+        np.zeros((_KINDS, 2, ee.PAST)),
+        np.zeros((_KINDS, 2, 3, ee.MAX_PARAMETERS + 1)),
+        np.zeros((_KINDS, 2, 3)),
+    )
+    solved, close, whole = np.zeros((_KINDS, 2), dtype=np.bool_), np.zeros(2, dtype=np.bool_), np.ones(2)
+    weights(e.lengths, 50.0, e.frequencies, e.sears_k, e.sears, ones.copy(), ones.copy())
+    ee.fit_methods(none, none, ones, ones, none, ones, 1.0, whole, close, past, out, model, solved)

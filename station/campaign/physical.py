@@ -56,7 +56,7 @@ class Memory(NamedTuple):
     rho: Array
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def begin(c: Constants, sections: int, lines: int) -> Memory:
     """At the start of a flight."""
     return Memory(
@@ -79,7 +79,7 @@ def begin(c: Constants, sections: int, lines: int) -> Memory:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follow(c: Constants, m: Memory, is_split: bool, gust: float, alpha_i: float, speed: float, ground: float) -> None:
     """The signals of one tick: gust at the boom and inertial angle of attack, rad, airspeed and inertial speed, m/s."""
     if is_split:
@@ -89,7 +89,7 @@ def follow(c: Constants, m: Memory, is_split: bool, gust: float, alpha_i: float,
         m.out[:] = math.nan
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add(
     c: Constants,
     m: Memory,

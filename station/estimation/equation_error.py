@@ -52,9 +52,11 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
     Angular accelerations are central differences. `thrust` (2,): mean of what the drag polar leaves over, and its
     count. Returns False while there are fewer than three rows; `history` (3, ROW) starts as NaN.
     """
-    history[0] = history[1]
-    history[1] = history[2]
-    history[2] = row
+    # By element: numba takes seconds to compile the check of two arrays' shapes.
+    for i in range(ROW):
+        history[0, i] = history[1, i]
+        history[1, i] = history[2, i]
+        history[2, i] = row[i]
     h = history[1]
     if not (math.isfinite(history[0, _Q]) and math.isfinite(h[_Q])):
         return False
