@@ -23,7 +23,7 @@ from station.estimation.kinematics import kinematics
 from station.estimation.methods import LIVE, MEASURED, METHODS, Estimator
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
-from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable
+from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable, widened
 from station.instruments import instruments_json, structure_json
 from station.log import Table
 from station.profile import Aircraft, Card
@@ -36,6 +36,10 @@ FLOWN: Final = (*LIVE, MEASURED)
 """Run by the estimator that flies."""
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Without gust energy, the first of these that applies is recommended."""
+BY_VANE: Final = ("I", "VI", "oe", "fe")
+"""Methods whose angle of attack is the vane's, with its lead on gusts."""
+WITNESSES: Final = ("split+gust", "split")
+"""What tells how far that misleads them: the first of these that applies."""
 LEAD_S: Final = 30.0
 """Flight before the interval that the filters run on."""
 HOLD_S: Final = 3.0
@@ -85,7 +89,9 @@ def identify(
     spectra, unmeasured = None, ""
     if MEASURED in wanted and not refusal:
         spectra, unmeasured = _measured(table, record, card, imu_position, noise)
-    live = tuple(n for n in wanted if (n in LIVE or (n == MEASURED and spectra)) and not refusal)
+    beside = WITNESSES if set(BY_VANE) & set(wanted) else ()
+    live = tuple(n for n in LIVE if n in wanted or n in beside) if not refusal else ()
+    live += (MEASURED,) if spectra else ()
     flown = fly(table, record, live, start, axes, card, imu_position, noise, force, spectra) if live else None
     gust = flown.gust_vertical(record) if flown else None
     if flown and "all" in methods:
@@ -103,8 +109,11 @@ def identify(
             results[name] = flown.result(name, record, axes)
         else:
             results[name] = postflight.run(name, record, axes)
+            # In calm air I keeps the errors that others publish for it.
+            if name in BY_VANE and flown is not None and not (name == "I" and level == "calm"):
+                results[name] = flown.widened(results[name], record, axes)
     if ("all" in methods or sift) and not refusal:
-        angles = {n: flown.alpha(n, record) for n in SIFTED if n in results} if flown else {}
+        angles: dict[str, Array | None] = {n: flown.alpha(n, record) for n in SIFTED if n in results} if flown else {}
         instruments["sifted"] = sifted_json(record, angles, card, axes)
         if sift:
             only = sifted_results(instruments["sifted"], record, axes)
@@ -239,6 +248,15 @@ class Flown:
         if name in ("III", "V") and boom is not None:
             return {"delay_s": boom.vane_x / float(np.nanmean(record.motion["airspeed"]))}
         return {"delay_s": 0.0} if name == "II" else {}
+
+    def widened(self, result: MethodResult, record: FlightRecord, axes: Axes) -> MethodResult:
+        """A result that goes by the vane, its errors widened where the split shows it misled."""
+        if not self.refusal:
+            for name in WITNESSES:
+                witness = self.result(name, record, axes)
+                if witness.status == "ok":
+                    return widened(result, witness, name)
+        return result
 
     def alpha(self, method: str, record: FlightRecord) -> Array | None:
         """The angle of attack (n,) that a method regresses on; None for III to V, whose delays are not rebuilt, and
