@@ -31,6 +31,14 @@ Opener = Callable[[], Port]
 
 
 @dataclass(slots=True)
+class _Told:
+    """How many of a link's faults have been reported, and when last."""
+
+    count: int = 0
+    t_ns: int | None = None
+
+
+@dataclass(slots=True)
 class _Timeline:
     """A wrapping device time made continuous: the candidate nearest to where the time passed since puts it."""
 
@@ -47,7 +55,7 @@ class _Timeline:
 class Adapter:
     """Serves one device. `start` returns at once; `stop` joins the thread and closes the port.
 
-    Puts RawBlock, Sample, TimeSync and Event rows (CONNECT, DISCONNECT, RECONNECT, CRC, their source the device's
+    Puts RawBlock, Sample, TimeSync and Event rows (CONNECT, DISCONNECT, RECONNECT, CRC, GAP, their source the device's
     name). `put` is called from the adapter's thread and must not block.
     """
 
@@ -72,8 +80,7 @@ class Adapter:
             self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", channels))
         self._timelines: dict[int, _Timeline] = {}
         self._seqs: dict[str | int, int] = {}
-        self._reported = 0
-        self._reported_ns: int | None = None
+        self._told = {Code.CRC: _Told(), Code.GAP: _Told()}
         self._may_excuse = False
         self._ever_connected = False
         self._lost = False
@@ -146,7 +153,7 @@ class Adapter:
                         self._sample(t_ns, reading)
                     else:
                         self._sync(t_ns, reading)
-            self._report_bad(t_ns)
+            self._report(t_ns)
             request = self.codec.outgoing(self._clock.now_ns())
             if request:
                 port.write(request)
@@ -173,18 +180,22 @@ class Adapter:
         offset_ns = (reply.sent_ns + t_ns) // 2 - reply.device_ns
         self._put(TimeSync(t_ns, self.device.name, offset_ns, t_ns - reply.sent_ns))
 
-    def _report_bad(self, t_ns: int) -> None:
+    def _report(self, t_ns: int) -> None:
         bad = self.codec.bad + self.codec.resyncs
-        fresh = bad - self._reported
-        if self._may_excuse and fresh:
+        if self._may_excuse and bad > self._told[Code.CRC].count:
             self._may_excuse = False
-            fresh -= 1
-            self._reported += 1
+            self._told[Code.CRC].count += 1
         if self._heard:
             self._may_excuse = False
-        if fresh and (self._reported_ns is None or t_ns - self._reported_ns >= REPORT_EVERY_NS):
-            self._put(Event(t_ns, self.device.name, Code.CRC, fresh, "unreadable messages"))
-            self._reported, self._reported_ns = bad, t_ns
+        self._tell(t_ns, Code.CRC, bad, "unreadable messages")
+        self._tell(t_ns, Code.GAP, self.codec.lost, "messages lost by the link's count")
+
+    def _tell(self, t_ns: int, code: Code, count: int, detail: str) -> None:
+        """At once, then at most one event in REPORT_EVERY_NS."""
+        told = self._told[code]
+        if count > told.count and (told.t_ns is None or t_ns - told.t_ns >= REPORT_EVERY_NS):
+            self._put(Event(t_ns, self.device.name, code, count - told.count, detail))
+            told.count, told.t_ns = count, t_ns
 
 
 def _si(channel: Channel, fields: Mapping[str, float]) -> float:

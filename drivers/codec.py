@@ -46,6 +46,8 @@ class Codec(Protocol):
     """Messages refused: checksum, length, signature, nonsense inside."""
     resyncs: int
     """Times bytes were skipped to find the start of a message."""
+    lost: int = 0
+    """Messages missing by a counter that all messages of the link share; one of a message's own is `Reading.seq`."""
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         """Take bytes, cut anywhere; return what is complete. Half a message waits. Never raises."""

@@ -88,6 +88,7 @@ class Aligner:
         self._events: list[Event] = []
         self._told: dict[tuple[str, Code], tuple[int, int]] = {}
         self._bad: dict[str, int] = {}
+        self._lost: dict[str, int] = {}
         self._start_ns: int | None = None
         self._overruns = 0
         self._dropped = 0
@@ -104,6 +105,8 @@ class Aligner:
         elif isinstance(row, Event):
             if row.code is Code.CRC:
                 self._bad[row.source] = self._bad.get(row.source, 0) + row.count
+            elif row.code is Code.GAP:
+                self._lost[row.source] = self._lost.get(row.source, 0) + row.count
             elif row.code is Code.OVERRUN:
                 self._overruns += row.count
             elif row.code is Code.DROPPED:
@@ -332,7 +335,7 @@ class Aligner:
                     offset_s=b.clock.offset_s,
                     drift_ppm=b.clock.drift_ppm,
                     samples=b.count,
-                    gaps=b.gaps,
+                    gaps=b.gaps + self._lost.get(b.stream.device, 0),
                     bad=self._bad.get(b.stream.device, 0),
                     alive=b.last_arrival_ns is not None and Code.STALE not in b.active,
                 )

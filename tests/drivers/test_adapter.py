@@ -16,9 +16,10 @@ import serial
 
 from drivers.adapter import Adapter, open_devices
 from drivers.codec import Codec, Reading, TimeReply
+from drivers.mavlink import MavlinkCodec, MavlinkEncoder
 from drivers.serial_boombox import BoomboxCodec, encode_packet
 from station.clock import ManualClock, SystemClock
-from station.profile import CanDevice, Rig, SerialDevice, load_rig, profiles_dir
+from station.profile import CanDevice, MavlinkDevice, Rig, SerialDevice, load_rig, profiles_dir
 from station.rows import Code, DeviceError, Event, RawBlock, Rows, Sample, TimeSync
 
 RIGS = profiles_dir() / "rigs"
@@ -180,6 +181,32 @@ def test_bad_messages_are_reported_at_once_then_gathered() -> None:
     gaps = [b.t_ns - a.t_ns for a, b in itertools.pairwise(events)]
     assert all(250_000_000 <= gap <= 300_000_000 for gap in gaps)
     assert {e.source for e in events} == {"boom"}
+
+
+def test_packets_missing_from_a_link_that_numbers_them_are_a_gap() -> None:
+    device = MavlinkDevice.model_validate(
+        {
+            "name": "autopilot",
+            "link": "mavlink",
+            "url": "udpin:127.0.0.1:0",
+            "streams": [
+                {
+                    "name": "attitude",
+                    "message": "ATTITUDE",
+                    "rate": "50 Hz",
+                    "signals": {"theta": {"field": "pitch", "unit": "rad"}},
+                }
+            ],
+        }
+    )
+    sender = MavlinkEncoder()
+    packets = [sender.encode("ATTITUDE", {"pitch": 0.1}, 20_000_000 * k) for k in range(100)]
+    missing = {10, 11, 60}
+    sink, _ = play([(0.02, p) for k, p in enumerate(packets) if k not in missing], MavlinkCodec(device))
+    gaps = sink.events(Code.GAP)
+    assert [(e.source, e.count) for e in gaps] == [("boom", 2), ("boom", 1)]
+    assert gaps[0].t_ns == 10**12 + 11 * 20_000_000, "with the first packet after those missing"
+    assert sink.events(Code.CRC) == []
 
 
 def test_joining_in_the_middle_of_a_message_is_no_error_but_noise_alone_is() -> None:
