@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -46,6 +46,8 @@ GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
 CORRECTION_STOP_HZ: Final = (6.0, 9.0)
 """Corrections that would raise noise (lags, play) are passed up to the first and stopped from the second."""
+_FAST_ENOUGH_S: Final = 0.03
+"""Records at least this fast are filtered along the path; slower ones cannot be interpolated well up to HIGH_HZ."""
 PLAY_DITHER: Final = 4.0
 """Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
 
@@ -229,6 +231,7 @@ class _Motion(NamedTuple):
     base: Array
     """Speed through the air but for its mean."""
     mean_speed: Array
+    airspeed: Array
 
 
 class _Flow(NamedTuple):
@@ -283,7 +286,7 @@ def _stages(
     """Corrected signals, motion and flow, and what they were made from."""
     found = {name: instrument_of(aircraft, name) for name in signals}
     x = {
-        name: memo.get("signal", (name, found[name]), lambda n=name, v=values: _corrected(np.asarray(v), found[n], s))
+        name: memo.get("signal", (name, found[name]), partial(_corrected, values, found[name], s))
         for name, values in signals.items()
     }
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
@@ -313,41 +316,100 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     if ground is not None:
         out[..., NORTH, :] = ground - along
     base = v if ground is None else ground
-    return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True))
+    return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True), v)
 
 
 def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Setting, drift: float | Array) -> _Flow:
+    # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
+    # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
+    # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
+    # Either is a few per cent of the gust, and looks like another tail.
     w = s.omega
     v0 = motion.mean_speed + drift
     inertial = motion.base + v0
+    there, again = _places(inertial, v0, s)
     boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
     chord = aircraft.geometry.chord
     chords = v0 / (unsteady.reference_chord or chord)
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
-    alpha_spectrum = transform(alpha_i, s)
+    along = transform(_at(alpha_i, there), s)
     vane_response = _vane_response(boom, w)
-    inside = (1 + boom.upwash_body) * transform(alpha_i - motion.q * boom.vane_x / inertial, s)
-    inside += boom.upwash_wing * indicial(unsteady.upwash_motion, w, chords) * alpha_spectrum
+    upwash_spectrum = indicial(unsteady.upwash_motion, w, chords) * along
+    gust_upwash = indicial(unsteady.upwash_gust, w, chords)
+    turned = turned_tail = np.zeros(along.shape, dtype=complex)
+    turned_boom: float | Array = 0.0
+    if s.gusty:
+        surge = _at((motion.airspeed - inertial) / motion.airspeed, there)
+        moved = _at(alpha_i, there)
+        moved = moved - moved.mean(-1, keepdims=True)
+        surging = transform(surge, s)
+        turned = transform(-moved * surge, s)
+        turned_tail = transform(-moved * back(surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
+        at_boom = moved - _at(motion.q * boom.vane_x / inertial, there)
+        turned_boom = _at(-at_boom * back(surging * np.exp(1j * w * boom.vane_x / v0), s), again)
+        upwash_spectrum = upwash_spectrum + gust_upwash * turned
+    upwash = _at(back(upwash_spectrum, s), again)
+    inside = (1 + boom.upwash_body) * (
+        alpha_i - motion.q * boom.vane_x / inertial + turned_boom
+    ) + boom.upwash_wing * upwash
     if boom.flexure:
-        inside += boom.flexure * transform(motion.az, s)
-    vane = x["alpha_vane"] - back(inside * vane_response, s) - boom.zero
+        inside = inside + boom.flexure * motion.az
+    vane = x["alpha_vane"] - back(transform(inside, s) * vane_response, s) - boom.zero
 
-    gust = np.zeros((*alpha_spectrum.shape,), dtype=complex)
+    gust = np.zeros(along.shape, dtype=complex)
     ahead = np.exp(0.25j * w * chord / v0)
     if s.gusty:
         met = (1 + boom.upwash_body) * np.exp(1j * w * boom.vane_x / v0)
-        met = met + boom.upwash_wing * indicial(unsteady.upwash_gust, w, chords) * ahead
-        gust = transform(vane, s) / (vane_response * met) * _pass(w, GUST_PASS_HZ)
+        met = met + boom.upwash_wing * gust_upwash * ahead
+        quick = back(transform(vane, s) / vane_response * _pass(w, GUST_PASS_HZ), s)
+        gust = transform(_at(quick, there), s) / met
     wing_series = tail_series = np.empty(0)
     if unsteady.memory:
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
-        wing = indicial(unsteady.lift_motion, w, chords) * alpha_spectrum
-        wing += indicial(unsteady.lift_gust, w, chords) * ahead * gust
-        tail = alpha_spectrum + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
-        tail_series = back(tail - unsteady.downwash * late * wing, s)
-        wing_series = back(wing, s)
-    return _Flow(v0, alpha_i, back(gust, s), wing_series, tail_series, vane * _gain(aircraft, "alpha_vane"))
+        wing = indicial(unsteady.lift_motion, w, chords) * along
+        wing += indicial(unsteady.lift_gust, w, chords) * (ahead * gust + turned)
+        tail = along + turned_tail + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
+        tail_series = _at(back(tail - unsteady.downwash * late * wing, s), again)
+        wing_series = _at(back(wing, s), again)
+    gust_series = _at(back(gust + turned, s), again)
+    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * _gain(aircraft, "alpha_vane"))
+
+
+Places = tuple[NDArray[np.int64], Array]
+"""Whole samples and what is beyond them."""
+
+
+def _places(speed: Array, v0: Array, s: Setting) -> tuple[Places | None, Places | None]:
+    """Where, in samples, the instants of equal distance are in time, and those of equal time in distance; None where
+    the samples are too few to be interpolated."""
+    if s.dt > _FAST_ENOUGH_S:
+        return None, None
+    n = s.n
+    run = _integral(speed / v0 - 1, 1.0)
+    run = run - run[..., -1:] * np.linspace(0, 1, n)  # both begin and end together
+    at = np.arange(n, dtype=np.float64)
+    distance = at + run
+    flat = distance.reshape(-1, n)
+    time = np.stack([np.interp(at, row, at) for row in flat]).reshape(distance.shape)
+    return _split(time), _split(distance)
+
+
+def _split(place: Array) -> Places:
+    whole = np.clip(np.floor(place).astype(np.int64), 1, place.shape[-1] - 3)
+    return whole, place - whole
+
+
+def _at(x: Array, places: Places | None) -> Array:
+    """A series (..., n) at places between its samples: the cubic through the four nearest."""
+    if places is None:
+        return x
+    k, f = places
+    a, b, c, d = (np.take_along_axis(x, k + j, axis=-1) for j in (-1, 0, 1, 2))
+    left, right = f - 1, f - 2
+    up = f + 1
+    out: Array = -a * f * left * right / 6 + b * up * left * right / 2 - c * up * f * right / 2 + d * up * f * left / 6
+    return out
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
