@@ -73,6 +73,7 @@ def run(
     from drivers.adapter import check_devices, open_devices
     from station import live
     from station.alignment import Aligner
+    from station.estimation.disagreement import Disagreement
     from station.estimation.methods import Estimator
     from station.log import About, LogWriter
     from station.panel import Board, Callbacks, json_lines, plain_lines, run_panel
@@ -89,6 +90,8 @@ def run(
     say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
     estimator = Estimator(aircraft, flight_card, rig.imu_position, rig.frame_noise_si())
     estimator.warm_up()
+    watch = Disagreement(aircraft, rig.imu_position, rig.frame_noise_si())
+    watch.warm_up()
     aligner = Aligner(streams, noise)
 
     with ExitStack() as stack:
@@ -122,7 +125,7 @@ def run(
         def loop() -> None:
             try:
                 source = live.beats(bus, clock, flight_card.lag, stop, duration)
-                live.run(source, aligner, estimator, writer, show, note_time)
+                live.run(source, aligner, estimator, writer, show, note_time, watch)
             except BaseException as error:
                 failure.append(error)
             finally:

@@ -30,7 +30,7 @@ from station.rows import (
     Tick,
 )
 
-CONDITIONS: Final = frozenset((Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK))
+CONDITIONS: Final = frozenset((Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE))
 """Events that hold until another ends them; all others are over when told."""
 RECENT_NS: Final = 3_000_000_000
 _MAX_EVENTS: Final = 200
@@ -116,6 +116,8 @@ class Board:
                     del self.conditions[key]
         elif code in (Code.CONNECT, Code.RECONNECT):
             self.conditions.pop((source, Code.DISCONNECT), None)
+        elif code is Code.AGREE:
+            self.conditions.pop((source, Code.DISAGREE), None)
         elif code is Code.DISK and row.detail.startswith("recording again"):
             self.conditions.pop((source, code), None)
         elif code in CONDITIONS:
@@ -131,6 +133,11 @@ class Board:
     def alarms(self) -> list[Event]:
         """Conditions that hold now and must not be missed, oldest first."""
         return sorted((e for e in list(self.conditions.values()) if e.level is Level.ALARM), key=lambda e: e.t_ns)
+
+    @property
+    def disagreements(self) -> list[Event]:
+        """Where instruments, or they and the model, disagree now; oldest first."""
+        return sorted((e for e in list(self.conditions.values()) if e.code is Code.DISAGREE), key=lambda e: e.t_ns)
 
     def flags(self, stream: str, device: str, now_ns: int) -> list[Code]:
         """What is or was just now the matter with a stream or its device."""
@@ -182,6 +189,7 @@ class Board:
             "dropped": 0 if health is None else health.dropped,
             "test_point": None if point is None else point.count,
             "alarms": [_event(e, self.elapsed_s(e.t_ns)) for e in self.alarms],
+            "disagreements": [_event(e, self.elapsed_s(e.t_ns)) for e in self.disagreements],
             "events": [_event(e, self.elapsed_s(e.t_ns)) for _, e in events],
             "log": {"path": str(self.log_path), "bytes": self.log_bytes},
             "view": {"address": self.address, "dropped": self.view_dropped},

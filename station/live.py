@@ -1,14 +1,15 @@
 """The 50 Hz loop: one function for live, replay and emulation.
 
 Order of rows in a recording, which replay relies on: rows drained by tick k, Tick k, the aligner's events and health,
-Frame k, then the estimates made from it. Every stage is logged before the next one runs.
+Frame k, then the estimates made from it and where instruments disagree (events DISAGREE and AGREE). Every stage is
+logged before the next one runs.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from station.alignment import Aligner
 from station.bus import Bus
@@ -26,6 +27,9 @@ from station.rows import (
     Tick,
     TimeSync,
 )
+
+WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE))
+"""Events that are made from frames, and not from what was drained."""
 
 
 class Beat(NamedTuple):
@@ -46,6 +50,12 @@ class Estimating(Protocol):
         ...
 
 
+class Watching(Protocol):
+    """What the loop asks of who compares instruments and model in flight. `step` never raises."""
+
+    def step(self, frame: Frame, alpha: AlphaEstimate) -> Sequence[Event]: ...
+
+
 class Recording(Protocol):
     def append(self, rows: Iterable[Rows]) -> None: ...
 
@@ -59,6 +69,7 @@ def run(
     log: Recording | None,
     show: Callable[[Sequence[Rows]], None] | None,
     done: Callable[[Beat, Sequence[Rows]], None] | None = None,
+    watch: Watching | None = None,
 ) -> None:
     """Align, log, estimate, log and show each beat of `source` until it ends.
 
@@ -84,6 +95,8 @@ def run(
             log.append(aligned)
         alpha, methods = estimator.step(frame)
         estimates: list[Rows] = [alpha, *methods]
+        if watch is not None:
+            estimates += watch.step(frame, alpha)
         if log is not None:
             log.append(estimates)
             log.flush()
@@ -130,7 +143,7 @@ def recorded_beats(rows: Iterable[Rows]) -> Iterator[Beat]:
         elif isinstance(row, Frame):
             estimates.append(row)
             aligning = False
-        elif isinstance(row, (AlphaEstimate, MethodEstimate)):
+        elif isinstance(row, (AlphaEstimate, MethodEstimate)) or (isinstance(row, Event) and row.code in WATCHED):
             estimates.append(row)
         elif isinstance(row, (Sample, TimeSync, Event, RawBlock)) and not aligning:
             drained.append(row)

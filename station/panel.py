@@ -45,6 +45,7 @@ _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "b
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
 _CLOCK_STYLES: Final = {"synced": "green", "none": "", "converging": "yellow"}
 _TITLE: Final = "bold cyan"
+MOST_WARNINGS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +200,13 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
         yield Text(set_cell_size(text, width), "bold white on red")
     if len(board.alarms) > 4:
         yield Text(set_cell_size(f" and {len(board.alarms) - 4} more alarms", width), "bold white on red")
+    disagreements = board.disagreements
+    for warning in disagreements[-MOST_WARNINGS:]:
+        text = f" CHECK  {warning.detail}  {hms(board.elapsed_s(warning.t_ns))}"
+        yield Text(set_cell_size(text, width), "bold black on yellow")
+    if len(disagreements) > MOST_WARNINGS:
+        text = f" and {len(disagreements) - MOST_WARNINGS} more to check"
+        yield Text(set_cell_size(text, width), "bold black on yellow")
 
 
 def _alpha_lines(board: Board) -> Iterator[Text]:
@@ -399,6 +407,7 @@ def _status_line(board: Board) -> str:
         parts.append(f"links {sum(s.alive for s in streams)}/{len(streams)}")
     parts.append(f"log {board.log_bytes / 2**20:.1f} MiB")
     parts += [f"ALARM {e.source} {e.code}" for e in board.alarms]
+    parts += [f"CHECK {e.detail}" for e in board.disagreements]
     return " | ".join(parts)
 
 

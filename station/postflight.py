@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import sys
@@ -51,6 +52,7 @@ def replay(
     """Run the same estimators over a recording."""
     from station import live
     from station.alignment import Aligner
+    from station.estimation.disagreement import Disagreement
     from station.estimation.methods import Estimator
     from station.view import View
 
@@ -62,6 +64,7 @@ def replay(
     noise = about.rig.noise_si()
     estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
     estimator.warm_up()
+    watch = Disagreement(about.aircraft, about.rig.imu_position, about.rig.frame_noise_si())
     source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
     if rate is not None:
         source = live.paced(source, clock, rate)
@@ -74,8 +77,8 @@ def replay(
             return  # the station died between the tick and its estimates
         counts["rows"] += len(beat.recorded)
         # A crash may have cut the last beat's rows short: what was recorded must match.
-        for was, now in zip(beat.recorded, made, strict=False):
-            if not same_bits(was, now):
+        for was, now in itertools.zip_longest(beat.recorded, made[: len(beat.recorded)]):
+            if now is None or not same_bits(was, now):
                 counts["different"] += 1
                 if not first:
                     first.append(f"first difference at tick {beat.tick.k}: {type(was).__name__}\n{was}\n{now}")
@@ -94,7 +97,7 @@ def replay(
                 if rate is None and counts["beats"] % 200 == 0:
                     viewer.flush(10.0)
 
-        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare)
+        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare, watch)
     if counts["beats"] == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
     print(f"{counts['beats']} ticks, {counts['rows']} rows compared, {counts['different']} different")

@@ -74,6 +74,8 @@ class Code(StrEnum):
     DROPPED = "DROPPED"
     DISK = "DISK"
     ESTIMATOR = "ESTIMATOR"
+    DISAGREE = "DISAGREE"
+    AGREE = "AGREE"
     VIEW = "VIEW"
     MARK = "MARK"
     POINT_START = "POINT_START"
@@ -89,6 +91,7 @@ LEVELS: Final = {
             Code.CONNECT,
             Code.RECONNECT,
             Code.FRESH,
+            Code.AGREE,
             Code.CLOCK_STATE,
             Code.MARK,
             Code.POINT_START,
