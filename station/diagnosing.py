@@ -42,7 +42,6 @@ def diagnose(
     from station.discrepancy.diagnosis import as_json as to_json
     from station.discrepancy.diagnosis import diagnose as solve
     from station.discrepancy.extension import write_profile as write
-    from station.discrepancy.report import write_report
 
     subject = load_aircraft(aircraft) if aircraft else None
     if write_profile is not None and write_profile.exists():
@@ -63,6 +62,8 @@ def diagnose(
     found = solve(fitted, kept, subject, progress=lambda words: say(f"  {words}"))
     result = _finite(to_json(found))
     if report is not None:
+        from station.discrepancy.report import write_report  # and with it matplotlib
+
         say(str(write_report(found, result, report)))
     if write_profile is not None:
         words = "\n".join(e.term.words(e.value) for e in found.effects) or "No effect was found: the same aircraft."

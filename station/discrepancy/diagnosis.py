@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -77,14 +79,13 @@ def diagnose(
     """Compare, name, extend, measure. Raises UsageError."""
     seen, mended = examine([*fitted, *held_out], aircraft)
     fitted, held_out = mended[: len(fitted)], mended[len(fitted) :]
-    references = []
-    for k, record in enumerate(fitted):
-        progress(f"simulating {record.name}")
-        references.append(reference(record, aircraft, seed + 1000 * k))
-    kept = []
-    for k, record in enumerate(held_out):
-        progress(f"simulating {record.name} (held out)")
-        kept.append(reference(record, aircraft, seed + 1000 * (k + len(fitted))))
+    progress(f"simulating {', '.join(r.name for r in (*fitted, *held_out))}")
+    # The flights take most of the time and let go of the interpreter: each record has its own thread.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        made = list(
+            pool.map(lambda kr: reference(kr[1], aircraft, seed + 1000 * kr[0]), enumerate([*fitted, *held_out]))
+        )
+    references, kept = made[: len(fitted)], made[len(fitted) :]
     return diagnosis_of(references, kept, aircraft, progress, seen)
 
 

@@ -182,7 +182,7 @@ def _record(
 
 
 # numba's cache does not notice changes of what `advance` calls in other modules: after editing one, touch this file.
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def advance(
     c: ac.Constants,
     tables: Tables,
