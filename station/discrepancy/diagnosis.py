@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from scipy import stats
@@ -18,7 +18,8 @@ from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
-from station.discrepancy.search import FURTHER, RIVAL, Found, search
+from station.discrepancy.search import FIRST, FURTHER, RIVAL, Found, search
+from station.discrepancy.structure import Doubted, gusts, in_doubt, incomplete, mended
 from station.profile import Aircraft
 from station.rows import UsageError
 
@@ -26,8 +27,6 @@ SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
 NOTABLE_GUST: Final = 0.3
-MODEL_ERROR: Final = 0.05
-"""Share of the predicted forces and moments by which a real aircraft's model may be wrong without an effect."""
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
 
 
@@ -62,11 +61,17 @@ class Diagnosis:
     remarks: tuple[str, ...]
     extended: Aircraft
     """The profile with the accepted effects in it."""
+    before: Aircraft
+    """The profile with what is allowed for moved, nothing named."""
+    after: Aircraft
+    """The same with what was found."""
     seen: tuple[Seen, ...] = ()
     """Effects that needed no fit."""
-    tolerant: tuple[Effect, ...] = ()
-    """Where something is unexplained: what is found when the model itself may be MODEL_ERROR wrong."""
-    tolerant_leftover: Leftover | None = None
+    doubted: Doubted | None = None
+    """Where the model is in doubt: what was allowed for, and what of it is wrong. The effects are those that stand
+    then, the model's own first among them."""
+    strict: tuple[Effect, ...] = ()
+    """What would have been named with the model taken for right."""
 
 
 def diagnose(
@@ -97,32 +102,35 @@ def diagnosis_of(
     seen: Sequence[Seen] = (),
 ) -> Diagnosis:
     """A diagnosis from manoeuvres that have been flown in the simulation already."""
-    problem = Problem(references, aircraft)
+    base = problem = Problem(references, aircraft)
     present = set.intersection(*(set(r.record.signals) for r in references))
     gusty = any(r.setting.gusty for r in references)
     held = any(len(r.record.held) for r in references)
     terms = judged_effects(aircraft, present, gusty, held)
-    found = search(problem, terms, progress)
-    progress("what is left")
-    leftover = judge.left_over(problem, found)
-    if found.accepted.values and (leftover.present or found.drop > LARGE):
-        progress("simulating with the effects")
-        problem, found = _second_look(problem, found)
+    strict: tuple[Effect, ...] = ()
+    if not incomplete(aircraft):
+        found = search(problem, terms, progress)
+        progress("what is left")
         leftover = judge.left_over(problem, found)
-    effects = _effects(found, aircraft)
-    measured = judge.gain(problem, held_out, found)
-    tolerant: tuple[Effect, ...] = ()
-    tolerant_leftover = None
-    if leftover.present:
-        progress(f"allowing the model {100 * MODEL_ERROR:g} % error")
-        lenient = Problem(
-            [reference(r.record, aircraft, 0, MODEL_ERROR, r.flights, (r.mass_share, r.iyy_share)) for r in references],
-            aircraft,
-        )
-        other = search(lenient, terms, progress)
-        tolerant, tolerant_leftover = _effects(other, aircraft), judge.left_over(lenient, other)
+        if found.accepted.values and (leftover.present or found.drop > LARGE):
+            progress("simulating with the effects")
+            problem, found = _second_look(problem, found)
+            leftover = judge.left_over(problem, found)
+        effects = _effects(found, aircraft)
+        before, better = problem.complete(found.null), extended(aircraft, found.accepted.values)
+    doubted = None
+    if incomplete(aircraft) or leftover.present:
+        strict = () if incomplete(aircraft) else effects
+        doubted = in_doubt(references, aircraft, terms, progress)
+        problem, found = doubted.problem, doubted.found
+        if incomplete(aircraft):
+            leftover = judge.left_over(problem, found)
+        effects = _effects_in_doubt(doubted, aircraft)
+        before, better = base.complete(base.null()), mended(doubted, aircraft)
+    after = problem.complete(found.accepted)
+    measured = judge.gain(before, after, held_out) if effects else None
     verdict: Verdict = "no_effect"
-    if leftover.present:
+    if leftover.present or (doubted is not None and doubted.misses_much):
         verdict = "unexplained"
     elif any(e.rivals for e in effects):
         verdict = "confounded"
@@ -134,10 +142,11 @@ def diagnosis_of(
         if g > NOTABLE_GUST
     ]
     remarks += dict.fromkeys(w for r in references if (w := describe_missing(r.record)))
-    values = {e.term.id: e.value for e in effects}
+    if doubted is not None and aircraft.boom is None:
+        remarks.append(_about_the_vane(better))
     return Diagnosis(
-        aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks),
-        extended(aircraft, values), tuple(seen), tolerant, tolerant_leftover,
+        aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks), better,
+        before, after, tuple(seen), doubted, strict,
     )  # fmt: skip
 
 
@@ -150,7 +159,7 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     same = bare(subject).model_dump() == bare(problem.aircraft).model_dump()  # instruments alone: it flies alike
     try:
         references = [
-            reference(r.record, subject, 500 + k, 0.0, r.flights if same else None, (r.mass_share, r.iyy_share))
+            reference(r.record, subject, 500 + k, r.flights if same else None, (r.mass_share, r.iyy_share))
             for k, r in enumerate(problem.references)
         ]
     except UsageError:
@@ -197,6 +206,39 @@ def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:
     return tuple(sorted(out, key=lambda e: -e.drop))
 
 
+def _effects_in_doubt(d: Doubted, aircraft: Aircraft) -> tuple[Effect, ...]:
+    """The effects that stand with the model in doubt, and what of the model is wrong."""
+    found = [replace(e, rivals=(*e.rivals, *_as_likely(d, e))) for e in _effects(d.found, aircraft)]
+    wrong = list(d.parts)
+    if incomplete(aircraft) and (gust := gusts(d.problem, d.found.accepted)) is not None:
+        wrong.append(gust)
+    found += [Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in wrong]
+    return tuple(sorted(found, key=lambda e: -e.drop))
+
+
+def _as_likely(d: Doubted, e: Effect) -> tuple[str, ...]:
+    """Effects that the instruments among themselves like better than one named."""
+    own = d.support.get(e.term.id)
+    if own is None:
+        return ()
+    named = {*d.found.accepted.values, *e.rivals}
+    return tuple(n for n, v in d.support.items() if v > own and n not in named and _of_vane(n) == _of_vane(e.term.id))
+
+
+def _of_vane(name: str) -> bool:
+    return name.startswith(("alpha_vane.", "boom."))
+
+
+def _about_the_vane(better: Aircraft) -> str:
+    """What the record says of a vane that the profile does not describe."""
+    boom, late = better.boom, better.instruments.get("alpha_vane")
+    assert boom is not None
+    return (
+        f"the profile does not say where the alpha vane is, nor how late: it reads as if {boom.vane_x:.1f} m ahead of "
+        f"the CG, {1e3 * (late.latency if late else 0.0):.0f} ms late, with {100 * boom.upwash_body:.0f} % upwash"
+    )
+
+
 def _without(found: Found, others: frozenset[str]) -> float:
     """Cost of the best refitted candidate within `others`."""
     costs = [f.cost for ids, f in found.refitted.items() if ids <= others and math.isfinite(f.cost)]
@@ -206,12 +248,11 @@ def _without(found: Found, others: frozenset[str]) -> float:
 def as_json(d: Diagnosis) -> dict[str, Any]:
     """station.diagnose/1; more than the contract's fields is there, nothing less."""
     problem, found = d.problem, d.found
-    before_aircraft, after_aircraft = judge.complete(problem, found.null), judge.complete(problem, found.accepted)
     white = {name: p > judge.LEFT_LOG_P for name, p in d.leftover.by_series}
     residuals: dict[str, Any] = {}
     for name in white:
-        before = [judge.channel_error(r, before_aircraft).get(name, float("nan")) for r in problem.references]
-        after = [judge.channel_error(r, after_aircraft).get(name, float("nan")) for r in problem.references]
+        before = [judge.channel_error(r, d.before).get(name, float("nan")) for r in problem.references]
+        after = [judge.channel_error(r, d.after).get(name, float("nan")) for r in problem.references]
         residuals[name] = {"rms_before": _rms(before), "rms_after": _rms(after), "white": white[name]}
     return {
         "schema": SCHEMA,
@@ -219,7 +260,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "fitted_on": [r.record.name for r in problem.references],
         "held_out": [r.record.name for r in d.held_out],
         "verdict": d.verdict,
-        "effects": [*map(_seen_json, d.seen), *(_effect_json(e, d.verdict == "unexplained") for e in d.effects)],
+        "effects": [*map(_seen_json, d.seen), *(_effect_json(e, _is_suspect(d, e)) for e in d.effects)],
         "gain": _gain_json(d),
         "unexplained": {
             "present": d.leftover.present,
@@ -230,7 +271,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
             "log_p": d.leftover.log_p,
             "score": d.leftover.score,
         },
-        "with_model_error": _tolerant_json(d),
+        "with_model_error": _doubted_json(d),
         "residuals": residuals,
         "derivatives": {
             a.name: {"change_percent": 100 * a.sd * float(m), "in_prior_sd": float(m)}
@@ -254,6 +295,7 @@ def _seen_json(s: Seen) -> dict[str, Any]:
         "sentence": s.sentence,
         "value": s.value,
         "unit": s.unit,
+        "shown": s.unit,
         "ci95": [s.value, s.value],
         "evidence": {"p_value": 0.0, "signature": s.signature, "drop": None},
         "confounded_with": [],
@@ -262,13 +304,19 @@ def _seen_json(s: Seen) -> dict[str, Any]:
     }
 
 
-def _tolerant_json(d: Diagnosis) -> dict[str, Any] | None:
-    if d.tolerant_leftover is None:
+def _is_suspect(d: Diagnosis, e: Effect) -> bool:
+    """Whether what is unexplained may have made it: not where the instruments say so among themselves."""
+    sure = d.doubted is not None and d.doubted.support.get(e.term.id, 0.0) > FIRST
+    return d.verdict == "unexplained" and not sure
+
+
+def _doubted_json(d: Diagnosis) -> dict[str, Any] | None:
+    if d.doubted is None:
         return None
     return {
-        "share": MODEL_ERROR,
-        "effects": [_effect_json(e, d.tolerant_leftover.present) for e in d.tolerant],
-        "unexplained": d.tolerant_leftover.present,
+        "missed": dict(d.doubted.shares),
+        "instruments_say": {n: v for n, v in d.doubted.support.items() if v > 0},
+        "with_the_model_taken_for_right": [_effect_json(e, True) for e in d.strict],
     }
 
 
@@ -284,6 +332,7 @@ def _effect_json(e: Effect, suspect: bool) -> dict[str, Any]:
         "sentence": e.term.words(e.value),
         "value": e.value,
         "unit": e.term.unit,
+        "shown": e.term.shown,
         "ci95": list(e.ci95),
         "evidence": {"p_value": float(stats.chi2.sf(max(e.drop, 0.0), 1)), "signature": target, "drop": e.drop},
         "confounded_with": list(e.rivals),

@@ -164,7 +164,7 @@ def _icing(a: Aircraft, eta: float) -> Aircraft:
     return _zero_drag(a, 0.5 * eta * zero)
 
 
-def _unsteady(field: str) -> Extend:
+def unsteady(field: str) -> Extend:
     def change(a: Aircraft, x: float) -> Aircraft:
         old = getattr(a.unsteady, field)
         return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={field: old + x})})
@@ -266,11 +266,11 @@ EFFECTS: Final[tuple[Term, ...]] = (
          _memory("lift_motion", "lift_gust"), aerodynamic=True),
     Term("gust.tail_penetration", "CL Cm", 0, "1", "%", -1, 2, 0.03,
          "Gusts meet the tail later by {value} of its arm than the profile says.",
-         "a calm manoeuvre: it shows in turbulence only", _unsteady("tail_penetration"), aerodynamic=True,
+         "a calm manoeuvre: it shows in turbulence only", unsteady("tail_penetration"), aerodynamic=True,
          gust_only=True),
     Term("aero.downwash_lag", "CL Cm", 0, "s", "ms", -0.2, 0.5, 0.01,
          "The downwash reaches the tail {value} later than the tail arm over the speed.",
-         "a calm multisine and one in turbulence", _unsteady("downwash_delay"), aerodynamic=True),
+         "a calm multisine and one in turbulence", unsteady("downwash_delay"), aerodynamic=True),
     Term("aero.CL_q", "CL", 0, "1", "1", -40, 40, 2, "Lift follows pitch rate: CL_q = {value}.",
          "a multisine in calm air", derivative("CL_q"), aerodynamic=True),
     Term("aero.CL_de", "CL", 0, "1", "1", -3, 3, 0.1, "The elevator itself lifts: CL_de = {value}.",

@@ -79,10 +79,13 @@ def gust_variance(y: Array, share: Array, counts: Array, start: float) -> float:
 class Problem:
     """All manoeuvres of a diagnosis and one base aircraft; candidates are effects on top of it."""
 
-    def __init__(self, references: Sequence[Reference], aircraft: Aircraft) -> None:
+    def __init__(
+        self, references: Sequence[Reference], aircraft: Aircraft, allowed: Sequence[Allowance] | None = None
+    ) -> None:
+        """`allowed` in place of what the profile's uncertainties allow."""
         self.references = tuple(references)
         self.aircraft = aircraft
-        self.allowed: tuple[Allowance, ...] = allowances(aircraft)
+        self.allowed: tuple[Allowance, ...] = allowances(aircraft) if allowed is None else tuple(allowed)
         self.shares = [turbulent_share(r) for r in self.references]
         self.counts = [trust(r) for r in self.references]
         self._columns: dict[str, list[Array]] = {}
@@ -185,10 +188,21 @@ class Problem:
 
     def null(self) -> Fit:
         """Nothing but what is allowed for."""
-        gust = [r.gust_guess for r in self.references]
-        none = [np.zeros((0, len(y))) for y in self._base]
-        x, _, found, cost = self.solve(self._base, none, self.allowed_columns({}, self._base), gust, 5)
-        return Fit({}, {}, x, found, cost)
+        return self.fixed({}, [r.gust_guess for r in self.references])
+
+    def fixed(self, values: Mapping[str, float], gust: Sequence[float]) -> Fit:
+        """Effects as given; what is allowed for, and the gust, fitted."""
+        here = self.at(values) if values else self._base
+        none = [np.zeros((0, len(y))) for y in here]
+        x, _, found, cost = self.solve(here, none, self.allowed_columns(values, here), gust, 5)
+        return Fit(dict(values), {}, x, found, cost)
+
+    def complete(self, fit: Fit) -> Aircraft:
+        """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
+        aircraft = extended(self.aircraft, fit.values)
+        for allowance, moved in zip(self.allowed, fit.moved, strict=False):
+            aircraft = allowance.extend(aircraft, allowance.sd * float(moved))
+        return aircraft
 
     def refit(self, ids: Sequence[str], start: Mapping[str, float], gust: Sequence[float]) -> Fit:
         """Gauss-Newton for these effects together from a start, each within its physical range."""

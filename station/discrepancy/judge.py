@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.signal import windows
 
-from station.discrepancy.effects import BY_ID, extended
+from station.discrepancy.effects import BY_ID
 from station.discrepancy.fit import INDEPENDENT, Fit, Problem, gust_variance, trust, turbulent_share, whitened
 from station.discrepancy.reference import Reference
 from station.discrepancy.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, TAPER, THETA, VANE, Spectra
@@ -75,18 +75,10 @@ class Gain:
     by_record: tuple[tuple[str, float, float], ...]
 
 
-def complete(problem: Problem, fit: Fit) -> Aircraft:
-    """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
-    aircraft = extended(problem.aircraft, fit.values)
-    for allowance, moved in zip(problem.allowed, fit.moved, strict=False):
-        aircraft = allowance.extend(aircraft, allowance.sd * float(moved))
-    return aircraft
-
-
 def left_over(problem: Problem, found: Found) -> Leftover:
     """The tests of what is left after the accepted effects."""
     fit = found.accepted
-    aircraft = complete(problem, fit)
+    aircraft = problem.complete(fit)
     left = [r.differences(aircraft, problem.drift(fit, k)) for k, r in enumerate(problem.references)]
     worst = (0.0, 0, (0.0, 0.0))
     totals: dict[int, tuple[float, float]] = {}
@@ -199,11 +191,10 @@ def _motion(reference: Reference) -> dict[str, Complex]:
     return out
 
 
-def gain(problem: Problem, held_out: Sequence[Reference], found: Found) -> Gain | None:
-    """Held-out error without and with the accepted effects, everything frozen as fitted; None with nothing to judge."""
-    if not held_out or not found.accepted.values:
+def gain(before_aircraft: Aircraft, after_aircraft: Aircraft, held_out: Sequence[Reference]) -> Gain | None:
+    """Held-out error without and with what was found, both aircraft as fitted; None with nothing held out."""
+    if not held_out:
         return None
-    before_aircraft, after_aircraft = complete(problem, found.null), complete(problem, found.accepted)
     blocks: list[tuple[float, float, float]] = []
     by_record = []
     for r in held_out:

@@ -92,9 +92,7 @@ def spread(whitener: Whitener) -> tuple[Complex, Complex]:
     """The covariances (m, k, k) that it was made from: calm, and turbulent per unit of s2."""
     back = np.linalg.inv(whitener.rotate)
     other = np.conj(np.swapaxes(back, -1, -2))
-    calm: Complex = back @ other
-    turbulent: Complex = (back * whitener.turbulent[:, None, :]) @ other
-    return calm, turbulent
+    return np.asarray(back @ other, dtype=complex), np.asarray((back * whitener.turbulent[:, None, :]) @ other, complex)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,11 +173,10 @@ def fly(record: Record, aircraft: Aircraft, seed: int = 0, loading: tuple[float,
 
 
 def reference(
-    record: Record, aircraft: Aircraft, seed: int = 0, model_error: float = 0.0, flights: Flights | None = None,
+    record: Record, aircraft: Aircraft, seed: int = 0, flights: Flights | None = None,
     loading: tuple[float, float] | None = None,
 ) -> Reference:  # fmt: skip
-    """What a manoeuvre would look like without effects. `model_error` is the share of the predicted forces and moments
-    that no candidate can be asked to explain; `flights` are those of `fly`, where they are made already."""
+    """What a manoeuvre would look like without effects; `flights` are those of `fly`, where they are made already."""
     own_shares = loading or shares(aircraft, record)
     flown = loaded(aircraft, record, *own_shares)
     plain = bare(flown)
@@ -203,8 +200,6 @@ def reference(
     draws = _noisy(nominal, noise, record.dt, np.random.default_rng([seed, 17]), DRAWS)
     noise_part = spectra(series(draws, plain, own), own).minus(mean)
     calm = _covariance(noise_part.bins)
-    if model_error:
-        calm = calm + _model_error(model_error, nominal, plain, own)
     k = len(judged)
     steady_calm = np.atleast_2d(np.cov(noise_part.steady.T)) * (DRAWS - 1) / (DRAWS - k - 2)
     steady_gust = np.atleast_2d(np.cov(gust_part.steady.T)) * (FLIGHTS - 1) / (FLIGHTS - k - 2)
@@ -302,27 +297,6 @@ def _covariance(z: Complex) -> Complex:
             out[a:b] += weight * raw[a + offset : b + offset]
             total[a:b] += weight
     return np.asarray(out / total[:, None, None], dtype=complex)
-
-
-def _model_error(share: float, nominal: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> Complex:
-    """Covariance (m, k, k) of an error that is a share of what the model predicts to change, smooth in frequency."""
-    still = aircraft.model_copy(
-        update={
-            "derivatives": {
-                n: d.model_copy(update={"value": 0.0}) if n.split("_")[1] != "0" else d
-                for n, d in aircraft.derivatives.items()
-            },
-            "unsteady": aircraft.unsteady.model_copy(update={"memory": False}),
-        }
-    )
-    whole = spectra(series(nominal, still, s), s).bins
-    powers = np.abs(whole) ** 2 * share**2
-    smooth = _covariance(np.sqrt(powers)[None].astype(complex))
-    out = np.zeros_like(smooth)
-    for row, j in enumerate(s.judged):
-        if j > VANE:
-            out[:, row, row] = smooth[:, row, row]
-    return out
 
 
 # --- the sensors' noise, from the record itself

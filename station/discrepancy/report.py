@@ -6,7 +6,7 @@ import base64
 import html
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,36 +56,40 @@ _MEANING: Final = {
 
 def write_report(found: Diagnosis, result: Mapping[str, Any], folder: Path) -> Path:
     """Write the page into `folder` as diagnosis.html; returns its path. Raises LogError if it cannot be written."""
-    before, after = judge.complete(found.problem, found.found.null), judge.complete(found.problem, found.found.accepted)
+    before, after = found.before, found.after
     body = [
         f"<h1>{_text(result['aircraft'])}: measured against simulated</h1>",
         f'<p class="verdict">{_VERDICT[found.verdict]}</p>',
-        _effects(result),
+        effects_table(result),
         _left(result),
+        _doubted(result["with_model_error"]),
         _next(found),
         _gain(result),
-        _image(_by_record(found, before, after), "error of each manoeuvre before and after")
+        image(_by_record(found, before, after), "error of each manoeuvre before and after")
         if result["effects"]
         else "",
         "<h2>What differs, by instrument and model</h2>",
-        _image(_spectra(found, before, after), "spectra of each series before and after"),
+        image(_spectra(found, before, after), "spectra of each series before and after"),
         _residuals(result),
         "<h2>In time</h2>",
-        _image(_times(found, before, after), "each series over time before and after"),
+        image(_times(found, before, after), "each series over time before and after"),
         "<h2>What was checked</h2>",
-        _image(_drops(found), "how much each effect alone would explain"),
+        image(_drops(found), "how much each effect alone would explain"),
         _checked(result),
         _derivatives(result),
         _settings(result),
     ]
-    title = f"Diagnosis: {_text(result['aircraft'])}"
+    return write_page(f"Diagnosis: {result['aircraft']}", body, folder / FILE_NAME)
+
+
+def write_page(title: str, body: Sequence[str], path: Path) -> Path:
+    """A page of these pieces of HTML. Raises LogError if it cannot be written."""
     page = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{_text(title)}</title>'
         f"<style>{_STYLE}</style>{''.join(body)}</html>\n"
     )
-    path = folder / FILE_NAME
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error.strerror}") from error
@@ -99,24 +103,28 @@ def _text(value: object) -> str:
     return html.escape(str(value))
 
 
-def _shown(name: str, value: float) -> str:
-    term = BY_ID[name]
-    unit = "" if term.shown == "1" else f" {term.shown}"
-    return f"{from_si(value, term.shown):.3g}{unit}"
+def _shown(name: str, value: float, unit: str = "1") -> str:
+    term = BY_ID.get(name)
+    shown = term.shown if term else unit
+    return f"{from_si(value, shown):.3g}{'' if shown == '1' else f' {shown}'}"
 
 
-def _effects(result: Mapping[str, Any]) -> str:
+def effects_table(result: Mapping[str, Any]) -> str:
+    """The effects of a result, with values and intervals; nothing where there are none."""
     if not result["effects"]:
         return ""
     rows = []
     for e in result["effects"]:
         low, high = e["ci95"]
+        drop, unit = e["evidence"]["drop"], e.get("shown", e["unit"])
+        evidence = "seen at once" if drop is None else f"{drop:.1f}"
         rivals = f"could also be {', '.join(e['confounded_with'])}" if e["confounded_with"] else ""
         suspect = " (suspect)" if e["suspect"] else ""
         rows.append(
             f"<tr><td>{_text(e['id'])}{suspect}</td><td class='words'>{_text(e['sentence'])} {_text(rivals)}</td>"
-            f"<td>{_shown(e['id'], e['value'])}</td><td>{_shown(e['id'], low)} to {_shown(e['id'], high)}</td>"
-            f"<td>{e['evidence']['drop']:.1f}</td></tr>"
+            f"<td>{_shown(e['id'], e['value'], unit)}</td>"
+            f"<td>{_shown(e['id'], low, unit)} to {_shown(e['id'], high, unit)}</td>"
+            f"<td>{evidence}</td></tr>"
         )
     head = "<tr><th>effect</th><th class='words'>in words</th><th>value</th><th>95 %</th><th>evidence</th></tr>"
     note = f"Evidence is the drop of -2 log likelihood; {FIRST:g} is asked of a first effect."
@@ -133,17 +141,22 @@ def _left(result: Mapping[str, Any]) -> str:
     numbers = f"log p {left['log_p']:.1f} (limit {judge.LEFT_LOG_P:g}), coherence {left['score']:.1f} "
     return (
         f"<h2>Unexplained</h2><p>What is left has structure: {where}.</p>"
-        f'<p class="note">{numbers}(limit {judge.LEFT_SCORE:g}).</p>{_tolerant(result["with_model_error"])}'
+        f'<p class="note">{numbers}(limit {judge.LEFT_SCORE:g}).</p>'
     )
 
 
-def _tolerant(found: Mapping[str, Any] | None) -> str:
-    """What stands when the model itself may be somewhat wrong."""
+def _doubted(found: Mapping[str, Any] | None) -> str:
+    """What was allowed for, where the model is in doubt."""
     if found is None:
         return ""
-    words = " ".join(e["sentence"] for e in found["effects"]) or "nothing is found."
-    still = " Even so something is unexplained." if found["unexplained"] else " Nothing is unexplained then."
-    return f"<p>If forces and moments of the model may be {100 * found['share']:g} % wrong: {_text(words)}{still}</p>"
+    missed = ", ".join(f"{100 * v:.0f} % of {n}" for n, v in found["missed"].items())
+    words = " ".join(e["sentence"] for e in found["with_the_model_taken_for_right"])
+    return (
+        "<h2>The model in doubt</h2><p>The aircraft's model does not suffice. Its derivatives and terms were freed, "
+        f"and what it still misses ({_text(missed)}) was taken as noise. Instruments "
+        "are named only where they contradict each other, without any aerodynamics.</p>"
+        + (f'<p class="note">With the model taken for right: {_text(words)}</p>' if words else "")
+    )
 
 
 def _next(found: Diagnosis) -> str:
@@ -227,7 +240,8 @@ def _settings(result: Mapping[str, Any]) -> str:
 # --- pictures
 
 
-def _image(figure: Figure, words: str) -> str:
+def image(figure: Figure, words: str) -> str:
+    """The figure as an element of the page."""
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(buffer, format="png")

@@ -53,8 +53,14 @@ class Found:
         return self.null.cost - self.accepted.cost
 
 
-def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], None] = lambda _: None) -> Found:
-    """Names of the effects that the records ask for, or none."""
+def search(
+    problem: Problem,
+    terms: Sequence[Term],
+    progress: Callable[[str], None] = lambda _: None,
+    first_asked: float = FIRST,
+) -> Found:
+    """Names of the effects that the records ask for, or none; `first_asked` is the drop asked of a single effect."""
+    more_asked = FURTHER + first_asked - FIRST
     null = problem.null()
     base = problem.at({})
     refitted: dict[frozenset[str], Fit] = {}
@@ -82,7 +88,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     first = null.cost - best.cost
 
     accepted = null
-    if first > FURTHER:
+    if first > more_asked:
         progress("pairs of effects")
         pairs = _pairs(problem, terms, null, base)[:PAIRS]
         for single in [s for s in singles[:2] if frozenset(s.ids) in refitted]:
@@ -90,13 +96,13 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
         for ids, start in pairs:
             refit(ids, start, best.gust)
         doubles = _of_size(refitted, 2)
-        if first > FIRST:
+        if first > first_asked:
             accepted = best
         if doubles:
             both = doubles[0]
-            threshold = max(FURTHER, FURTHER_SHARE * first)
+            threshold = max(more_asked, FURTHER_SHARE * first)
             if (accepted is best and best.cost - both.cost > threshold) or (
-                accepted is null and null.cost - both.cost > PAIR
+                accepted is null and null.cost - both.cost > PAIR + 2 * (first_asked - FIRST)
             ):
                 accepted = both
         while 2 <= len(accepted.values) < MOST:
@@ -104,7 +110,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
             for ids, start in _partners(problem, terms, accepted)[:PARTNERS]:
                 refit(ids, start, accepted.gust)
             more = _of_size(refitted, len(accepted.values) + 1)
-            threshold = max(FURTHER, FURTHER_SHARE * (null.cost - accepted.cost))
+            threshold = max(more_asked, FURTHER_SHARE * (null.cost - accepted.cost))
             if not more or accepted.cost - more[0].cost <= threshold:
                 break
             accepted = more[0]
