@@ -163,7 +163,7 @@ def widened(result: MethodResult, witness: MethodResult, called: str) -> MethodR
     A method that takes the vane's for the angle of attack at the CG is biased by gusts, and no scatter of its residuals
     tells by how much: it may be as wrong as it lies off `witness`, which corrects the gust's part, and as that one is.
     Twice the error covers 96 to 100 % of the time then (24 flights each of both Twin Otters from calm air to 10 ft/s),
-    without it down to 4 %. Parameters that the witness has not estimated stay as they are.
+    without it as little as 0 %. Parameters that the witness has not estimated stay as they are.
     """
     known = {p.name: p for p in witness.parameters if p.status is Status.ESTIMATED and math.isfinite(p.sd)}
     made = tuple(

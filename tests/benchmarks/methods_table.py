@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from station.campaign.case import prepare, reference
 from station.campaign.spec import METHODS as SLOTS
@@ -93,12 +95,57 @@ def rmse(rows: list[dict[str, Any]], method: str, aircraft: str, kind: str) -> f
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
-    print("| | " + " | ".join(METHODS) + " |\n|---" * 1 + "|---" * len(METHODS) + "|")
-    for aircraft, kind, sigma in itertools.product(AIRCRAFT, INPUTS, SIGMAS):
-        mine = [r for r in rows if (r["aircraft"], r["input"], r["sigma"]) == (aircraft, kind, sigma)]
-        if mine:
-            label = f"{aircraft}, " + (f"σ {sigma:g} ft/s" if sigma else "calm") + f", {kind}"
-            print(f"| {label} | " + " | ".join(f"{rmse(mine, m, aircraft, kind):.1f}" for m in METHODS) + " |")
+    print(f"| {' / '.join(AIRCRAFT)} | {' | '.join(METHODS)} |")
+    print("|---" * (len(METHODS) + 1) + "|")
+    for kind, sigma in itertools.product(INPUTS, SIGMAS):
+        cells = []
+        for method in METHODS:
+            both = []
+            for aircraft in AIRCRAFT:
+                mine = [r for r in rows if (r["aircraft"], r["input"], r["sigma"]) == (aircraft, kind, sigma)]
+                both.append(f"{rmse(mine, method, aircraft, kind):.1f}" if mine else "")
+            cells.append(" / ".join(both))
+        print(f"| {f'σ {sigma:g} ft/s' if sigma else 'calm'}, {kind} | {' | '.join(cells)} |")
+
+
+def picture(path: Path) -> None:
+    """All methods on one flight of set A in light turbulence, beside what three flights give in calm air."""
+    found = values(flown("A", 5.0, "doublet", 1, METHODS))
+    calm = [values(flown("A", 0.0, "doublet", seed, ("split",)))["split"] for seed in (6, 7, 8)]
+    figure = Figure(figsize=(10, 5.4), layout="constrained")
+    for axes, name in zip(figure.subplots(2, 3).flat, LONGITUDINAL, strict=True):
+        level = [c[name][0] for c in calm]
+        table = wanted("A", "doublet")["physical"][name]
+        axes.axhspan(min(level), max(level), color="#009e73", alpha=0.25, lw=0)
+        axes.plot(np.full(3, -1.0), level, "D", color="#009e73", ms=5)
+        axes.axhline(table, color="#8a92a0", lw=1, ls=(0, (4, 3)))
+        shown = [*level, table]
+        for i, method in enumerate(METHODS):
+            value, error = found[method][name]
+            colour = "#d55e00" if method == "physical" else "#0072b2" if method.startswith("split") else "#1f2430"
+            axes.errorbar(i, value, yerr=2 * error, fmt="o", color=colour, ms=5, lw=1.3, capsize=3)
+            shown += [value]
+            if method == "split+gust":
+                shown += [value - 2 * error, value + 2 * error]
+        # Bounds of the methods that gusts mislead are wide: they run out of the frame.
+        margin = 0.25 * (max(shown) - min(shown))
+        axes.set_ylim(min(shown) - margin, max(shown) + margin)
+        axes.set_xlim(-1.6, len(METHODS) - 0.4)
+        axes.set_xticks(range(-1, len(METHODS)), ["calm", *METHODS], fontsize=8, rotation=50, ha="right")
+        axes.set_title(name, fontsize=11, loc="left")
+        axes.tick_params(labelsize=8, length=2)
+        axes.grid(axis="y", color="#eceef2")
+        axes.set_axisbelow(True)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    figure.suptitle(
+        "One flight in light turbulence (σ 5 ft/s, elevator doublet), ±2 standard errors. Green: three flights in calm "
+        "air; dashed: the aircraft's own",
+        fontsize=9,
+    )
+    FigureCanvasAgg(figure)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
 
 
 def main() -> None:
@@ -107,8 +154,12 @@ def main() -> None:
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--rows", type=Path, help="every flight's estimates, one JSON line each; added to")
     options.add_argument("--also", nargs="*", default=[], help="more methods: oe fe")
+    options.add_argument("--picture", type=Path, help="draw one flight instead")
     options.add_argument("--only", nargs="*", default=[], help="aircraft: A B")
     asked = options.parse_args()
+    if asked.picture:
+        picture(asked.picture)
+        return
     jobs = list(itertools.product(asked.only or AIRCRAFT, SIGMAS, INPUTS, range(1, asked.seeds + 1)))
     done: list[dict[str, Any]] = []
     if asked.rows and asked.rows.exists():
