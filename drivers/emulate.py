@@ -129,11 +129,9 @@ def _fly(
 def _source(profiles: Profiles, recording: Recording | None) -> Source:
     if recording is not None:
         return Playback(recording)
-    from station.simulation.simulate import Simulation
+    from station.simulation.simulate import installed
 
-    return Simulation(
-        profiles.aircraft, profiles.card.flight, profiles.card.manoeuvres, imu_position=profiles.rig.imu_position
-    )
+    return installed(profiles.aircraft, profiles.rig, profiles.card)
 
 
 def _length(rows: Mapping[str, Floats]) -> int:

@@ -114,6 +114,7 @@ class MessageSource:
         phase_s: float = 0.0,
         noise: bool = True,
     ) -> None:
+        """`noise`: whether the rig's noise is added."""
         channels = [(s.latency, name, c) for s in streams for name, c in s.signals.items()]
         self.message = message
         self._rate = rate_hz
@@ -209,7 +210,7 @@ class DeviceScript:
         self._truth = Truth(self.signals, keep_s=latest + 0.1)
         self._encode = encode
         # A recording carries its sensors' own noise.
-        noise = card.flight.source == "simulation"
+        noise = card.flight.source != "recording"
         seed = (card.flight.seed, index)
         rates = {message: max(s.rate for s in group) for message, group in grouped.items()} | dict(also)
         self._sources = []
@@ -217,7 +218,10 @@ class DeviceScript:
             group = grouped.get(message, [])
             signals = tuple(s for stream in group for s in stream.signals)
             mine = faults_of(card.faults, device.name, [s.name for s in group], signals)
-            luck = MessageFaults(mine, signals, np.random.default_rng((*seed, number, 1)))
+            # What a message carries is lost together: the worst of its streams counts.
+            share, length = max(((s.dropout, s.dropout_length) for s in group), default=(0.0, 0.0))
+            gaps = (share, length * rate) if noise else (0.0, 0.0)
+            luck = MessageFaults(mine, signals, np.random.default_rng((*seed, number, 1)), gaps)
             self._sources.append(
                 MessageSource(message, group, rate, self._truth, luck, (*seed, number, 0), index * _PHASE_S, noise)
             )

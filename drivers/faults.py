@@ -46,7 +46,20 @@ class MessageFaults:
     the way a flight is cut into blocks changes nothing.
     """
 
-    def __init__(self, faults: Sequence[Fault], signals: tuple[str, ...], rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        faults: Sequence[Fault],
+        signals: tuple[str, ...],
+        rng: np.random.Generator,
+        gaps: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """`gaps`: share of the messages that the link loses all the time, and the mean length of a gap in messages (0:
+        each message by itself)."""
+        share, length = gaps
+        self._share = share
+        self._stays = 1.0 - 1.0 / max(length, 1.0 / (1.0 - share))
+        """Chance that a message after a lost one is lost too."""
+        self._inside = rng.random() < share if share else False
         self._faults = tuple(f for f in faults if f.kind not in ("unplug", "clock_step"))
         self._signals = signals
         self._rng = rng
@@ -60,6 +73,11 @@ class MessageFaults:
         healthy, values = values, values.copy()
         silent, lost, garbage = (np.zeros(n, dtype=np.bool_) for _ in range(3))
         delay = np.zeros(n)
+        if self._share:
+            begins = self._share / (1.0 - self._share) * (1.0 - self._stays)
+            for i, u in enumerate(self._rng.random(n).tolist()):
+                lost[i] = self._inside
+                self._inside = u < (self._stays if self._inside else begins)
         for number, fault in enumerate(self._faults):
             on = (t >= fault.start) & (t < fault.start + fault.duration)
             if not on.any():

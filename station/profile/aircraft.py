@@ -24,6 +24,7 @@ from station.profile.quantity import (
     nearest,
     quantity,
 )
+from station.profile.uncertainty import Uncertainty
 
 
 class Derivative(Frozen):
@@ -113,7 +114,7 @@ class Unsteady(Frozen):
     reference_chord: Annotated[Metres, Positive] | None = None
     """Chord that the times of the indicial responses are counted in; the geometry's if left out."""
     gust_span: Metres = Field(default=0.0, ge=0)
-    """Distance flown over which the wing averages gusts along its span, 0 for none."""
+    """Length of the lag by which the wing averages gusts along its span: about a quarter of it; 0 for none."""
     lift_motion: Indicial | None = None
     lift_gust: Indicial | None = None
     upwash_motion: Indicial | None = None
@@ -170,7 +171,10 @@ class Aircraft(Frozen):
     """Nose-up moment per newton of thrust, m."""
     drag: Drag | None = None
     unsteady: Unsteady = Unsteady(memory=False)
+    uncertainty: Uncertainty = Uncertainty()
     elevator: Actuator = Actuator()
+    aileron: Actuator = Actuator()
+    rudder: Actuator = Actuator()
     kinematics_only: bool = False
     """Geometry and mass are placeholders: instruments can be calibrated with such a profile, derivatives not found."""
     instruments: dict[str, Instrument] = Field(default_factory=dict)

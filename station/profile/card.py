@@ -13,7 +13,7 @@ from station.profile.quantity import Bytes, Frozen, Hertz, Metres, MetresPerSeco
 
 class _Input(Frozen):
     start: Seconds
-    surface: Literal["elevator"] = "elevator"
+    surface: Literal["elevator", "aileron", "rudder"] = "elevator"
     amplitude: Radians
     repeat: Annotated[Seconds, Positive] | None = None
     """Fly it again each so many seconds, for as long as the flight lasts."""
@@ -72,7 +72,8 @@ class Fault(Frozen):
 class Flight(Frozen):
     """What the emulated aircraft flies."""
 
-    source: Literal["simulation", "recording"] = "simulation"
+    source: Literal["simulation", "jsbsim", "recording"] = "simulation"
+    """jsbsim: JSBSim's DHC-6, which needs the package jsbsim; boom, sensors and gusts are those of the profiles."""
     recording: str | None = None
     """A station log, for source = "recording"; its aircraft is flown."""
     lead_in: Seconds = 0.0

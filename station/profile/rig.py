@@ -24,6 +24,8 @@ class Channel(Frozen):
     table: tuple[tuple[float, float], ...] | None = None
     noise: float = Field(default=0.0, ge=0)
     """Standard deviation, in `unit`: what the emulated device adds and what the estimator expects."""
+    drift: float = Field(default=0.0, ge=0)
+    """How far the emulated device's zero wanders in a minute (standard deviation of a random walk), in `unit`."""
 
     @model_validator(mode="before")
     @classmethod
@@ -66,6 +68,10 @@ class Channel(Frozen):
         """The noise's standard deviation in SI."""
         return self.noise * UNITS[UNIT_ALIASES.get(self.unit, self.unit)].factor
 
+    def drift_si(self) -> float:
+        """The random walk's standard deviation after a second, SI."""
+        return self.drift * UNITS[UNIT_ALIASES.get(self.unit, self.unit)].factor / math.sqrt(60.0)
+
 
 def _interpolate(table: tuple[tuple[float, float], ...], x: float) -> float:
     i = 1
@@ -85,6 +91,10 @@ class StreamProfile(Frozen):
     """How old the values are when the message is stamped by the device (or arrives, if it carries no time)."""
     stamp_resolution: Seconds = 0.0
     """The step in which the device counts its time."""
+    dropout: float = Field(default=0.0, ge=0, le=0.9)
+    """Share of its messages that the emulated device loses."""
+    dropout_length: Seconds = Field(default=0.0, ge=0)
+    """Mean length of a gap; 0: each message is lost or not by itself."""
     signals: dict[str, Channel]
 
     @model_validator(mode="after")

@@ -24,8 +24,9 @@ from station.rows import ProfileError
 from station.simulation.angles import arctangent, sine_cosine
 
 U, W, Q, THETA, DISTANCE, HEIGHT, ELEVATOR, THRUST, LAGS = range(9)
-"""State: u, w (m/s), q (rad/s), theta (rad), distance flown through the air mass (m), height (m), elevator's drive (rad;
-the surface follows it with the play there is), thrust (N); from LAGS on the memory of the lift, first of the motion, then of the gust (rad)."""
+"""State: u, w (m/s), q (rad/s), theta (rad), distance flown through the air mass (m), height (m), the elevator's drive
+(rad), which its surface follows with the play there is, thrust (N); from LAGS on the memory of the lift, first of the
+motion, then of the gust (rad)."""
 
 (AIRSPEED, PRESSURE, CL, CD, CM, FORCE_X, FORCE_Z, WING, ALPHA, ALPHA_INERTIAL, GUST_LE, SURFACE) = range(12)
 """What `rates` leaves in `aux`: airspeed (m/s), dynamic pressure (Pa), CL, CD, Cm, specific force at the CG along x and
@@ -189,7 +190,8 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
 def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True, play: float = 0.0) -> Constants:
     """The equations' constants for an aircraft trimmed at that true airspeed (m/s) and height (m).
 
-    `hold` lets the pilot hold both with thrust; `play` is the elevator's (whole, rad). Raises ProfileError for an aircraft that cannot be simulated.
+    `hold` lets the pilot hold both with thrust; `play` is the elevator's (whole, rad). Raises ProfileError for an
+    aircraft that cannot be simulated.
     """
     iyy = aircraft.inertia.iyy
     if iyy is None:

@@ -9,7 +9,8 @@ dynamics.
 
 The boom bends by c_b az under its own weight and by c_t qbar times the flow angle under the load on its tip. Without a
 mode it does so at once, az being that at the CG; with one, az is that at the vane, the bending is H_b's, the second
-order of the mode, and the tip's own velocity counts too: bend - length bend' / V. All lags are advanced exactly for inputs that are straight lines between samples.
+order of the mode, and the tip's own velocity counts too: bend - length bend' / V. All lags are advanced exactly for
+inputs that are straight lines between samples.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class VaneConstants(NamedTuple):
 
 
 def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
-    """The system of that natural frequency (Hz) and damping ratio sampled every `dt` seconds, for a first-order hold."""
+    """The system of that natural frequency (Hz) and damping ratio, sampled every `dt` seconds."""
     wn = 2 * math.pi * frequency
     m = np.zeros((4, 4))
     m[:2, :2] = dt * np.array([[0.0, 1.0], [-(wn**2), -2 * damping * wn]])
@@ -160,4 +161,5 @@ def bending(
     if begins:
         state[0], state[1], state[2] = load, 0.0, load
     bend = vane_step(v.mode, state, load)
-    return bend - v.mode_length * state[1] / speed
+    out: float = bend - v.mode_length * state[1] / speed
+    return out

@@ -1,26 +1,23 @@
-"""A simulated flight: aircraft, air, boom and test inputs together, stepped at 200 Hz.
+"""A simulated flight with its wings level: aircraft, air, boom and test inputs together, stepped at 200 Hz.
 
-`Simulation` gives the truth piece by piece, as far as it is asked; `fly` a whole flight with its sensors. Both are
-deterministic: the same seed gives the same bits however the flight is cut into pieces.
+Deterministic: the same seed gives the same bits however the flight is cut into pieces.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import SIGNALS, TICK_HZ
-from station.profile import Aircraft, Card, Flight, Manoeuvre, Rig
+from station.profile import Aircraft, Flight, Manoeuvre
 from station.simulation import aircraft as ac
 from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import GustField, dryden, field_constants
 from station.simulation.manoeuvres import elevator_input
-from station.simulation.motion import COLUMNS, DT, EVERY, Site, Tables, advance, at_rest
-from station.simulation.sensors import Channel, Sensor, sensors_of, with_errors
+from station.simulation.motion import COLUMNS, DT, Site, Tables, advance, at_rest
 
 ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
@@ -52,8 +49,7 @@ class Simulation:
     ) -> None:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
         one, commanded from trim at every half step (rad), is flown in place of the manoeuvres. Raises ProfileError."""
-        play = aircraft.instruments["elevator"].backlash if "elevator" in aircraft.instruments else 0.0
-        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, play)
+        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft))
         boom = aircraft.boom or NO_BOOM
         unsteady = aircraft.unsteady
         self._tables = indicial_tables(aircraft)
@@ -121,6 +117,12 @@ class Simulation:
         self._field.cover(s - self._behind, s + self._ahead + far)
 
 
+def elevator_play(aircraft: Aircraft) -> float:
+    """Width of the play between the elevator's drive and its surface, rad."""
+    errors = aircraft.instruments.get("elevator")
+    return errors.backlash if errors else 0.0
+
+
 def indicial_tables(aircraft: Aircraft) -> Tables:
     """The aircraft's four indicial responses."""
     u = aircraft.unsteady
@@ -151,30 +153,3 @@ def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:
         radius_north=_EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5,
         radius_east=_EQUATOR / math.sqrt(w2),
     )
-
-
-def fly(
-    aircraft: Aircraft,
-    sensors: Rig | Mapping[str, Sensor],
-    card: Card,
-    duration_s: float,
-    seed: int | None = None,
-) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
-    """A whole flight of a card: what the sensors show at 50 Hz, and the truth at the same instants.
-
-    With a rig, its signals with its noise; with a mapping, every signal, perfect where the mapping has none. Both
-    dictionaries hold (n,) arrays in SI; truth has "time" (s), all signals without errors, and TRUTH. `seed` replaces
-    the flight's. Raises ProfileError.
-    """
-    place = (0.0, 0.0, 0.0)
-    if isinstance(sensors, Rig):
-        channels, place = sensors_of(sensors), sensors.imu_position
-    else:
-        channels = {name: sensors.get(name, Sensor()) for name in SIGNALS}
-    channels = with_errors(channels, aircraft.instruments)
-    place = (place[0] + aircraft.imu_offset[0], place[1] + aircraft.imu_offset[1], place[2] + aircraft.imu_offset[2])
-    seed = card.flight.seed if seed is None else seed
-    simulation = Simulation(aircraft, card.flight, card.manoeuvres, place, seed)
-    exact = simulation.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
-    shown = {name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items()}
-    return shown, {name: values[::EVERY].copy() for name, values in exact.items()}

@@ -26,14 +26,21 @@ _ATTEMPTS = 6
 
 
 def elevator_input(manoeuvres: Sequence[Manoeuvre], time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Elevator added to trim at times of flight (s), rad. Inputs that overlap add up; one repeated before its end
-    starts anew.
+    """What the manoeuvres add to the trimmed elevator at times of flight (s), rad. See `surface_input`."""
+    return surface_input(manoeuvres, time, "elevator")
 
-    A positive amplitude moves the trailing edge down first. Raises ProfileError for a multisine without a harmonic in
-    its band.
+
+def surface_input(manoeuvres: Sequence[Manoeuvre], time: NDArray[np.float64], surface: str) -> NDArray[np.float64]:
+    """What the manoeuvres add to a trimmed surface at times of flight (s), rad. Inputs that overlap add up; one
+    repeated before its end starts anew.
+
+    A positive amplitude moves the surface to its positive side first. Raises ProfileError for a multisine
+    without a harmonic in its band.
     """
     total = np.zeros_like(time)
     for m in manoeuvres:
+        if m.surface != surface:
+            continue
         since = time - m.start + _EDGE
         if m.repeat is not None:
             since = np.where(since >= 0, np.mod(since, m.repeat), since)

@@ -109,7 +109,7 @@ def _downwash_source(wake: NDArray[np.float64], newest: int, start: int, place: 
 
 # This and what follows is inlined: a call would copy all the constants, which takes as long as using them.
 @njit(cache=True, error_model="numpy", inline="always")
-def _stage(
+def stage_rates(
     c: ac.Constants,
     tables: Tables,
     x: NDArray[np.float64],
@@ -142,7 +142,7 @@ def _stage(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _record(
+def record(
     c: ac.Constants,
     site: Site,
     time: float,
@@ -212,7 +212,7 @@ def advance(
             trial[i] = x[i]
             total[i] = 0.0
         for stage in range(4):
-            entry = _stage(
+            entry = stage_rates(
                 c,
                 tables,
                 trial,
@@ -228,10 +228,10 @@ def advance(
             if stage == 0:
                 marks[2] = entry
                 memory.last[2] = aux[ac.SURFACE]
-                vanes = _vanes(c, tables, vane, memory, field, first, (slope[ac.Q], 0.0, 0.0), aux)
+                vanes = vanes_now(c.memory_chord, tables, vane, memory, field, first, (slope[ac.Q], 0.0, 0.0), aux)
                 if k % every == 0:
                     here = (gust_at(field, first, s, 0), gust_at(field, first, s, 2))
-                    _record(c, site, marks[0] * DT, x, slope, aux, here, vanes, out[k // every])
+                    record(c, site, marks[0] * DT, x, slope, aux, here, vanes, out[k // every])
                 marks[0] += 1
                 marks[1] += 1
                 memory.wake[0, marks[1] % ring] = s
@@ -246,8 +246,8 @@ def advance(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _vanes(
-    c: ac.Constants,
+def vanes_now(
+    chord: float,
     tables: Tables,
     vane: VaneConstants,
     memory: Memory,
@@ -256,8 +256,11 @@ def _vanes(
     moving: tuple[float, float, float],
     aux: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """The angles that both vanes show now, rad, from the flow at the last step and at this one. `moving`: pitch
-    acceleration (rad/s2), and how much faster than pitching alone makes it the vane moves sideways and down, m/s."""
+    """The angles that both vanes show now, rad, from the flow at the last step and at this one.
+
+    `chord`: what the upwash's memory is counted in, m. `moving`: pitch
+    acceleration (rad/s2), and how much faster than pitching alone makes it the vane moves sideways and down, m/s.
+    """
     x = memory.x
     s, alpha_i, gust_le = x[ac.DISTANCE], aux[ac.ALPHA_INERTIAL], aux[ac.GUST_LE]
     begins = memory.marks[0] == 0
@@ -265,7 +268,7 @@ def _vanes(
         memory.last[0], memory.last[1] = alpha_i, gust_le
         memory.upwash_motion[:] = alpha_i
         memory.upwash_gust[:] = gust_le
-    chords = aux[ac.AIRSPEED] * DT / c.memory_chord
+    chords = aux[ac.AIRSPEED] * DT / chord
     wing = upwash_step(tables.upwash_motion, memory.upwash_motion, memory.last[0], alpha_i, chords)
     wing += upwash_step(tables.upwash_gust, memory.upwash_gust, memory.last[1], gust_le, chords)
     memory.last[0], memory.last[1] = alpha_i, gust_le

@@ -141,6 +141,22 @@ def test_noise_is_the_rigs_and_repeats_with_the_seed_however_the_flight_is_cut()
     assert abs(float(np.mean(noise))) < 0.01
 
 
+@pytest.mark.parametrize(("length", "mean"), [("0 s", 1 / 0.8), ("50 ms", 10.0)])
+def test_a_link_loses_its_share_of_messages_and_their_numbers(length: str, mean: float) -> None:
+    lossy = boom()
+    vanes = lossy.streams[0].model_copy(update={"dropout": 0.2, "dropout_length": float(length.split()[0]) / 1000})
+    device = lossy.model_copy(update={"streams": (vanes, *lossy.streams[1:])})
+    once = sent(device, card(), seconds=60.0)
+    assert sent(device, card(), seconds=60.0, rows=33) == once
+    numbers = [r.seq or 0 for _, r in heard(once)]
+    missing = [(b - a - 1) % 256 for a, b in pairwise(numbers)]
+    gaps = [n for n in missing if n]
+    # A gap's length and the way to the next are geometric: each mean is known to 1/sqrt(gaps) of itself.
+    assert sum(gaps) / len(gaps) == pytest.approx(mean, rel=4 / math.sqrt(len(gaps)))
+    assert sum(missing) / 12_001 == pytest.approx(0.2, rel=6 / math.sqrt(len(gaps)))
+    assert len(heard(once, message=2)) == 3001
+
+
 def test_a_recording_gets_no_noise_on_top_of_its_own() -> None:
     assert sent(boom(noise=0.05), card(source="recording")) == sent(boom(), card())
 

@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
+from scipy.special import hankel2, jv
 
-from station.profile import Aircraft, Doublet, Flight, load_aircraft
+from station.profile import Aircraft, Doublet, Flight, Indicial, load_aircraft
 from station.rows import ProfileError
 from station.simulation import Simulation
 from station.simulation import aircraft as ac
@@ -165,9 +167,9 @@ LIFT_MOTION = {0.1: (0.999, -1), 0.5: (0.973, -5), 1.0: (0.929, -7), 2.0: (0.853
 LIFT_GUST = {0.1: (0.999, -2), 0.5: (0.983, -11)}
 
 
-def test_lift_memory_in_frequency_is_the_vortex_lattices() -> None:
-    """The model linearised numerically about trim, its wing incidence against the vortex lattice's table."""
-    aircraft = load_aircraft("twin_otter")
+def wing_response(aircraft: Aircraft, f: float) -> tuple[complex, complex]:
+    """Wing incidence per incidence of the motion and per gust met at the leading edge, at f Hz: the equations
+    linearised numerically about trim."""
     c = ac.constants(aircraft, SPEED, HEIGHT)
     tables = (ac.indicial_table(aircraft.unsteady.lift_motion), ac.indicial_table(aircraft.unsteady.lift_gust))
     x0 = ac.trimmed_state(c, 4)
@@ -184,11 +186,58 @@ def test_lift_memory_in_frequency_is_the_vortex_lattices() -> None:
     across = -math.sin(c.trim_alpha) * unit[ac.U] + math.cos(c.trim_alpha) * unit[ac.W]
     motion = slope(across) * SPEED
     gust = slope(0 * unit[0], 1.0) * SPEED / math.cos(c.trim_alpha)
-    for column, table, gain_off, phase_off in ((motion, LIFT_MOTION, 0.002, 2.0), (gust, LIFT_GUST, 0.011, 3.5)):
+    inverse = np.linalg.inv(2j * math.pi * f * np.eye(4) - states[:4])
+    one, other = (complex(states[4] @ inverse @ column[:4] + column[4]) for column in (motion, gust))
+    return one, other
+
+
+def test_lift_memory_in_frequency_is_the_vortex_lattices() -> None:
+    aircraft = load_aircraft("twin_otter")
+    for i, table, gain_off, phase_off in ((0, LIFT_MOTION, 0.002, 2.0), (1, LIFT_GUST, 0.011, 3.5)):
         for f, (gain, phase) in table.items():
-            h = states[4] @ np.linalg.inv(2j * math.pi * f * np.eye(4) - states[:4]) @ column[:4] + column[4]
+            h = wing_response(aircraft, f)[i]
             assert abs(h) == pytest.approx(gain, abs=gain_off)
             assert math.degrees(np.angle(h)) == pytest.approx(phase, abs=phase_off)
+
+
+@pytest.mark.parametrize("k", [0.01, 0.05, 0.1, 0.2, 0.5])
+def test_a_wing_of_infinite_span_lifts_as_theodorsen_and_sears_say(k: float) -> None:
+    """With R. T. Jones's exponentials of Wagner's and Kussner's functions (exponents per semichord, so twice that per
+    chord), which are themselves within 0.02 and 0.05 of the exact ones."""
+    aircraft = load_aircraft("twin_otter")
+    motion = Indicial(a=(0.165, 0.335), b=(2 * 0.0455, 2 * 0.300))
+    gust = Indicial(a=(0.5, 0.5), b=(2 * 0.130, 2 * 1.0))
+    changes = {"lift_motion": motion, "lift_gust": gust, "reference_chord": None}
+    plane = aircraft.model_copy(update={"unsteady": aircraft.unsteady.model_copy(update=changes)})
+    theodorsen = hankel2(1, k) / (hankel2(1, k) + 1j * hankel2(0, k))
+    sears = ((jv(0, k) - 1j * jv(1, k)) * theodorsen + 1j * jv(1, k)) * np.exp(-1j * k)  # seen at the leading edge
+    one, other = wing_response(plane, k * SPEED / (math.pi * aircraft.geometry.chord))
+    assert one == pytest.approx(theodorsen, abs=0.02)
+    assert other == pytest.approx(sears, abs=0.05)
+
+
+def test_the_short_period_flown_is_the_one_of_the_linear_equations() -> None:
+    """A small pulse of the elevator in calm air: alpha and q against the exponential of the textbook's matrix."""
+    aircraft = quasi_steady(load_aircraft("twin_otter"))
+    c = ac.constants(aircraft, SPEED, HEIGHT, hold=False)
+    pulse = Doublet.model_validate({"kind": "doublet", "start": "0.1 s", "width": "0.2 s", "amplitude": "0.2 deg"})
+    f = Simulation(aircraft, Flight.model_validate({"speed": f"{SPEED} m/s"}), [pulse], hold=False).advance(500)
+    qbar, v = f["dynamic_pressure"][0], f["airspeed"][0]
+    lift, turn = qbar * c.area / (c.mass * v), qbar * c.area * c.chord / c.iyy
+    hat = c.chord / (2 * v)
+    drag = c.cd_0 + c.cd_induced * c.cl_trim**2
+    a = np.array([[-lift * (c.cl_alpha + drag), 1 - lift * c.cl_q * hat], [turn * c.cm_alpha, turn * c.cm_q * hat]])
+    b = np.array([-lift * c.cl_de, turn * c.cm_de])
+    state, made = np.zeros(2), []
+    step = expm(np.block([[a, b[:, None]], [np.zeros((1, 3))]]) / 200)
+    middle = 0.5 * (f["elevator"][1:] + f["elevator"][:-1]) - f["elevator"][0]
+    for de in middle:
+        made.append(state)
+        state = step[:2, :2] @ state + step[:2, 2] * de
+    for i, name in enumerate(("alpha", "q")):
+        flown = (f[name] - f[name][0])[:-1]
+        # What the speed, which the short period leaves alone, changes in 2.5 s.
+        np.testing.assert_allclose(flown, np.array(made)[:, i], atol=0.03 * np.abs(flown).max())
 
 
 def test_actuator_lags_and_is_limited_in_rate_and_travel() -> None:

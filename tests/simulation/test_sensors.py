@@ -48,9 +48,28 @@ def test_lag_is_first_order() -> None:
     np.testing.assert_allclose(x, t - 0.1 + 0.1 * np.exp(-t / 0.1), atol=1e-12)
 
 
+@pytest.mark.parametrize(("share", "length"), [(0.05, 0.0), (0.2, 0.0), (0.1, 0.2)])
+def test_dropout_loses_its_share_in_gaps_of_its_length(share: float, length: float) -> None:
+    lost = np.isnan(shown(Sensor(dropout=share, dropout_length=length), np.zeros(200_000)))
+    gaps = int((lost[1:] & ~lost[:-1]).sum())
+    mean = max(length / DT, 1 / (1 - share))
+    assert lost.sum() / gaps == pytest.approx(mean, rel=0.08)
+    # A gap's length and the way to the next one are both geometric: the share is known to sqrt(2/gaps) of itself.
+    assert lost.mean() == pytest.approx(share, rel=4 * math.sqrt(2 / gaps))
+
+
+def test_signals_of_one_stream_are_lost_together() -> None:
+    one, other, apart = (
+        np.isnan(Channel(n, Sensor(dropout=0.2, stream=s), DT, 4, 3).measure(np.zeros(4000)))
+        for n, s in (("p", 1), ("q", 1), ("r", 2))
+    )
+    np.testing.assert_array_equal(one, other)
+    assert not np.array_equal(one, apart)
+
+
 def test_the_same_bits_however_the_record_is_cut() -> None:
     truth = np.sin(np.arange(1000) * 0.01)
-    sensor = Sensor(noise=0.1, bias=0.01, gain=1.02, quantum=1e-3, lag=0.03, latency=0.0171)
+    sensor = Sensor(noise=0.1, bias=0.01, gain=1.02, quantum=1e-3, lag=0.03, latency=0.0171, dropout=0.1)
     whole = shown(sensor, truth, every=4, seed=7)
     channel = Channel("q", sensor, DT, 4, 7)
     cuts = np.split(truth, [0, 1, 2, 7, 7, 100, 333, 998])

@@ -1,0 +1,114 @@
+"""A flight as the instruments of an aircraft's profile show it: the errors that a diagnosis wrote there.
+
+    shown = gain * lagged(true, latency earlier) + bias + drift
+
+A negative latency or lag shows what comes: the flight is then flown a little ahead. The sensor of a surface with play
+is on its drive. The drift is the rig's; its noise, quantisation and gaps come after.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS
+from station.profile import Aircraft, Instrument
+from station.rows import ProfileError
+from station.simulation.motion import DT
+from station.simulation.sensors import Late, Walk, lagged
+
+Array = NDArray[np.float64]
+
+DRIVES: Final = {"elevator": "elevator_drive"}
+"""Surfaces whose play is flown, and the signal on the other side of it."""
+
+
+class Source(Protocol):
+    """What flies: rows at 200 Hz."""
+
+    def advance(self, n: int) -> Mapping[str, Array]:
+        """The next n rows, (n,) each."""
+        ...
+
+
+class _Stage:
+    """The errors of one signal, fed pieces of it."""
+
+    def __init__(self, name: str, errors: Instrument, ahead: int) -> None:
+        self._errors = errors
+        self._wraps = name in ANGLES_THAT_WRAP
+        self._late = Late(max(0.0, errors.latency + ahead * DT), DT)
+        # The slope of a negative lag is the one over two steps, known one step late.
+        self._before: Array | None = None
+        self._state: Array | None = None
+
+    def feed(self, values: Array) -> Array:
+        e = self._errors
+        if self._wraps:
+            values = np.unwrap(values if self._before is None else np.concatenate((self._before[-1:], values)))
+            values = values if self._before is None else values[1:]
+        if self._before is None:
+            self._before = np.full(2, values[0])
+        line = np.concatenate((self._before, values))
+        self._before = line[-2:]
+        if e.lag > 0:
+            if self._state is None:
+                self._state = np.array([values[0], values[0]])
+            values = lagged(np.ascontiguousarray(values), self._state, DT / e.lag)
+        elif e.lag < 0:
+            values = line[1:-1] - e.lag * (line[2:] - line[:-2]) / (2 * DT)
+        out = e.gain * self._late.feed(values) + e.bias
+        return np.remainder(out + math.pi, 2 * math.pi) - math.pi if self._wraps else out
+
+
+class Installed:
+    """A source of flights seen through the instruments of the aircraft's profile.
+
+    `advance` gives what they show; `truth` the true rows of the last `advance`. Without errors both are the same.
+    """
+
+    def __init__(self, source: Source, aircraft: Aircraft, drifts: Mapping[str, float] = {}, seed: int = 0) -> None:
+        """`drifts`: random walk of each signal's zero, standard deviation after a second, SI; it depends on the `seed`
+        and the signal only. Raises ProfileError for an error that cannot be flown."""
+        errors = {n: e for n, e in aircraft.instruments.items() if e != Instrument()}
+        for name, e in errors.items():
+            if e.backlash and name not in DRIVES:
+                known = ", ".join(DRIVES)
+                raise ProfileError(f"aircraft {aircraft.name}: instruments.{name}.backlash: flown of {known} only")
+        self._source = source
+        # One step of the lead goes into the slope of a negative lag.
+        earliest = max((-e.latency + (DT if e.lag < 0 else 0.0) for e in errors.values()), default=0.0)
+        self._ahead = max(0, math.ceil(earliest / DT - 1e-9))
+        self._stages = {
+            n: _Stage(n, e.model_copy(update={"latency": e.latency - (DT if e.lag < 0 else 0.0)}), self._ahead)
+            for n, e in errors.items()
+        }
+        self._walks = {
+            n: Walk(drift, DT, np.random.default_rng([seed, SIGNAL_INDEX[n], 3]))
+            for n, drift in drifts.items()
+            if drift
+        }
+        self._kept: dict[str, Array] = {}
+        self.truth: Mapping[str, Array] = {}
+
+    def advance(self, n: int) -> Mapping[str, Array]:
+        """The next n rows as shown; SIGNALS that the source has."""
+        flown = self._source.advance(n + (self._ahead if not self._kept else 0))
+        rows = {name: np.concatenate((self._kept.get(name, values[:0]), values)) for name, values in flown.items()}
+        ready = max(0, len(next(iter(rows.values()))) - self._ahead)
+        shown = {name: values[:ready] for name, values in rows.items() if name in SIGNALS}
+        for name, stage in self._stages.items():
+            seen = flown.get(DRIVES.get(name, name))
+            if name in shown and seen is not None:
+                made = stage.feed(seen)
+                shown[name] = made[len(made) - ready :]
+        for name, walk in self._walks.items():
+            if name in shown:
+                shown[name] = shown[name] + walk.next(ready)
+        self.truth = {name: values[:ready] for name, values in rows.items()}
+        self._kept = {name: values[ready:] for name, values in rows.items()}
+        return shown
