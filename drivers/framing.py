@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import reduce
 from operator import xor
+
+from drivers.codec import Codec, Reading, TimeReply
 
 
 class Cutter:
@@ -38,6 +41,30 @@ class Cutter:
 
     def reset(self) -> None:
         self._rest.clear()
+
+
+class CutCodec(Codec):
+    """Readings from the pieces between delimiters."""
+
+    def __init__(self, delimiter: bytes, limit: int, read: Callable[[bytes], Sequence[Reading] | None]) -> None:
+        """`read`: the readings of a piece, none if it is to be passed over; None if it is bad."""
+        self.bad = 0
+        self.resyncs = 0
+        self._cutter = Cutter(delimiter, limit)
+        self._read = read
+
+    def feed(self, data: bytes) -> list[Reading | TimeReply]:
+        readings: list[Reading | TimeReply] = []
+        for piece in self._cutter.feed(data):
+            found = self._read(piece)
+            if found is None:
+                self.bad += 1
+            else:
+                readings += found
+        return readings
+
+    def reset(self) -> None:
+        self._cutter.reset()
 
 
 def seal_line(body: str) -> bytes:

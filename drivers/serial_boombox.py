@@ -19,8 +19,8 @@ from typing import Final
 from cobs import cobs
 from fastcrc import crc16
 
-from drivers.codec import Codec, Reading, TimeReply
-from drivers.framing import Cutter, open_line, seal_line
+from drivers.codec import Reading
+from drivers.framing import CutCodec, open_line, seal_line
 
 WRAP_US: Final = 2**32
 WRAP_NS: Final = WRAP_US * 1000
@@ -34,31 +34,16 @@ _LONGEST_PACKET: Final = 256
 _LONGEST_LINE: Final = 1024
 
 
-class BoomboxCodec(Codec):
+class BoomboxCodec(CutCodec):
     """Binary packets to readings."""
 
     def __init__(self) -> None:
-        self.bad = 0
-        self.resyncs = 0
-        self._cutter = Cutter(b"\x00", _LONGEST_PACKET)
-
-    def feed(self, data: bytes) -> list[Reading | TimeReply]:
-        readings: list[Reading | TimeReply] = []
-        for piece in self._cutter.feed(data):
-            if not piece:  # two delimiters running: a sender's way to start afresh
-                continue
-            reading = _read_packet(piece)
-            if reading is None:
-                self.bad += 1
-            else:
-                readings.append(reading)
-        return readings
-
-    def reset(self) -> None:
-        self._cutter.reset()
+        super().__init__(b"\x00", _LONGEST_PACKET, _read_packet)
 
 
-def _read_packet(piece: bytes) -> Reading | None:
+def _read_packet(piece: bytes) -> Sequence[Reading] | None:
+    if not piece:  # two delimiters running: a sender's way to start afresh
+        return ()
     try:
         packet = cobs.decode(piece)
     except cobs.DecodeError:
@@ -68,7 +53,7 @@ def _read_packet(piece: bytes) -> Reading | None:
         return None
     message, seq, t_us = _HEADER.unpack_from(body)
     counts = struct.unpack_from(f"<{(len(body) - _HEADER.size) // 2}h", body, _HEADER.size)
-    return _reading(message, seq, t_us, [math.nan if c == NO_READING else float(c) for c in counts])
+    return (_reading(message, seq, t_us, [math.nan if c == NO_READING else float(c) for c in counts]),)
 
 
 def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Reading:
@@ -76,33 +61,19 @@ def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Read
     return Reading(message, t_us * 1000, seq, fields, WRAP_NS, SEQ_WRAP)
 
 
-class BoomboxAsciiCodec(Codec):
+class BoomboxAsciiCodec(CutCodec):
     """Text lines to readings. Other sealed lines (a banner, another talker) are passed over."""
 
     def __init__(self) -> None:
-        self.bad = 0
-        self.resyncs = 0
-        self._cutter = Cutter(b"\n", _LONGEST_LINE)
-
-    def feed(self, data: bytes) -> list[Reading | TimeReply]:
-        readings: list[Reading | TimeReply] = []
-        for line in self._cutter.feed(data):
-            body = open_line(line)
-            if body is None:
-                self.bad += 1
-            elif body.split(",", 1)[0] == "BOOM":
-                reading = _read_line(body)
-                if reading is None:
-                    self.bad += 1
-                else:
-                    readings.append(reading)
-        return readings
-
-    def reset(self) -> None:
-        self._cutter.reset()
+        super().__init__(b"\n", _LONGEST_LINE, _read_line)
 
 
-def _read_line(body: str) -> Reading | None:
+def _read_line(line: bytes) -> Sequence[Reading] | None:
+    body = open_line(line)
+    if body is None:
+        return None
+    if body.split(",", 1)[0] != "BOOM":
+        return ()
     try:
         _, message, seq, t_us, *texts = body.split(",")
         numbers = int(message), int(seq), int(t_us)
@@ -111,7 +82,7 @@ def _read_line(body: str) -> Reading | None:
         return None
     if not all(0 <= n < limit for n, limit in zip(numbers, (256, SEQ_WRAP, WRAP_US), strict=True)):
         return None
-    return _reading(*numbers, counts)
+    return (_reading(*numbers, counts),)
 
 
 def encode_packet(message: int, seq: int, t_us: int, counts: Sequence[float]) -> bytes:

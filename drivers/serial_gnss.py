@@ -9,6 +9,7 @@ v_north and v_east in m/s. A message without a fix has no fields. Device time is
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 from pynmeagps import GET as NMEA_GET
@@ -17,7 +18,7 @@ from pyubx2 import GET as UBX_GET
 from pyubx2 import UBXMessage, UBXReader
 
 from drivers.codec import Codec, Reading, TimeReply
-from drivers.framing import Cutter, open_line
+from drivers.framing import CutCodec, open_line
 from station.conventions import to_si
 
 WEEK_NS: Final = 604_800 * 10**9
@@ -128,33 +129,19 @@ def _read_nav_pvt(frame: bytes) -> Reading | None:
     return Reading("NAV-PVT", t_ns, None, fields, WEEK_NS)
 
 
-class NmeaCodec(Codec):
+class NmeaCodec(CutCodec):
     """NMEA sentences of any talker to readings. Sound sentences of other kinds are passed over."""
 
     def __init__(self) -> None:
-        self.bad = 0
-        self.resyncs = 0
-        self._cutter = Cutter(b"\n", _LONGEST_TEXT)
-
-    def feed(self, data: bytes) -> list[Reading | TimeReply]:
-        readings: list[Reading | TimeReply] = []
-        for line in self._cutter.feed(data):
-            body = open_line(line)
-            if body is None:
-                self.bad += 1
-            elif body.split(",", 1)[0][2:] in NMEA_FIELDS:
-                reading = _read_sentence(line)
-                if reading is None:
-                    self.bad += 1
-                else:
-                    readings.append(reading)
-        return readings
-
-    def reset(self) -> None:
-        self._cutter.reset()
+        super().__init__(b"\n", _LONGEST_TEXT, _read_sentence)
 
 
-def _read_sentence(line: bytes) -> Reading | None:
+def _read_sentence(line: bytes) -> Sequence[Reading] | None:
+    body = open_line(line)
+    if body is None:
+        return None
+    if body.split(",", 1)[0][2:] not in NMEA_FIELDS:
+        return ()
     try:
         sentence: Any = NMEAReader.parse(line.strip() + b"\r\n")
         kind = sentence.msgID
@@ -162,7 +149,7 @@ def _read_sentence(line: bytes) -> Reading | None:
         fields = {} if _says_no_fix(kind, sentence) else _numbers(kind, sentence)
     except Exception:  # the library's parser raises whatever its conversions do
         return None
-    return Reading(kind, t_ns, None, fields, DAY_NS if t_ns is not None else 0)
+    return (Reading(kind, t_ns, None, fields, DAY_NS if t_ns is not None else 0),)
 
 
 def _says_no_fix(kind: str, sentence: Any) -> bool:

@@ -35,19 +35,33 @@ FLAGS = {
     "unplug": {Code.DISCONNECT, Code.STALE, Code.SLOW},
 }
 VALUES = {"slow": 4.0, "delayed": 0.2, "intermittent": 0.6, "clock_step": 5.0, "garbage": 0.5}
-WRONG = {"boom": ("vanes", "alpha_vane", 0.3), "can": ("gyro", "q", 0.8), "autopilot": ("attitude", "theta", 0.35)}
-STUCK = {"boom": "vanes", "can": "gyro", "autopilot": "velocity"}
+WRONG = {
+    "bench": {
+        "boom": ("vanes", "alpha_vane", 0.3),
+        "can": ("gyro", "q", 0.8),
+        "autopilot": ("attitude", "theta", 0.35),
+    },
+    "boom_serial": {"boom": ("vanes", "alpha_vane", 0.3), "gnss": ("fix", "v_north", 60.0)},
+    "mixed": {"gnss": ("track", "v_east", 60.0)},
+}
+STUCK = {
+    "bench": {"boom": "vanes", "can": "gyro", "autopilot": "velocity"},
+    "boom_serial": {"boom": "vanes", "gnss": "fix"},
+    "mixed": {"gnss": "track"},
+}
+RIGS = ["bench", *(pytest.param(rig, marks=pytest.mark.slow) for rig in ("boom_serial", "mixed"))]
+"""Packets, CAN and MAVLink in every run; text lines, UBX and NMEA when there is time."""
 FIRST_S, EVERY_S, LAST_S = 6.0, 2.4, 1.0
 
 
-def script():
+def script(rig):
     """One fault after another."""
     faults, start = [], FIRST_S
     for kind in FLAGS:
-        for device in WRONG:
-            stream, signal, offset = WRONG[device] if kind == "wrong" else (None, None, VALUES.get(kind, 0.0))
+        for device, wrong in WRONG[rig].items():
+            stream, signal, offset = wrong if kind == "wrong" else (None, None, VALUES.get(kind, 0.0))
             if kind == "stuck":
-                stream = STUCK[device]
+                stream = STUCK[rig][device]
             what = {"stream": stream, "signal": signal, "value": offset}
             faults.append(Fault(device=device, kind=kind, start=f"{start} s", duration=f"{LAST_S} s", **what))
             start += EVERY_S
@@ -70,14 +84,15 @@ class Flown:
     rows: list
     start_ns: int
     faults: tuple
+    rig: str
     seen: list
     """(station time, device, flags) of every tick that the screen showed a flag at."""
 
 
-@pytest.fixture(scope="module")
-def flown():
-    faults, seconds = script()
-    profiles = load_card("bench")
+@pytest.fixture(scope="module", params=RIGS)
+def flown(request):
+    faults, seconds = script(request.param)
+    profiles = load_card(request.param)
     card = profiles.card.model_copy(update={"faults": faults, "flight": Flight(seed=5)})
     profiles = profiles.model_copy(update={"card": card})
     clock, bus, stop, told, ready = SystemClock(), Bus(), threading.Event(), [], threading.Event()
@@ -118,7 +133,7 @@ def flown():
     finally:
         stop.set()
         emulators.join()
-    return Flown(log.rows, start_ns, faults, seen)
+    return Flown(log.rows, start_ns, faults, request.param, seen)
 
 
 def window(flown, fault, after_s=0.5):
@@ -127,34 +142,40 @@ def window(flown, fault, after_s=0.5):
     return start, start + round(after_s * S)
 
 
-CASES = [(kind, device) for kind in FLAGS for device in WRONG]
+@pytest.mark.parametrize("kind", FLAGS)
+def test_a_fault_is_flagged_in_the_log_and_on_the_screen_within_half_a_second(flown, kind):
+    for device in WRONG[flown.rig]:
+        flagged(flown, kind, device)
 
 
-@pytest.mark.parametrize(("kind", "device"), CASES)
-def test_a_fault_is_flagged_in_the_log_and_on_the_screen_within_half_a_second(flown, kind, device):
+def flagged(flown, kind, device):
     fault = next(f for f in flown.faults if (f.kind, f.device) == (kind, device))
     start, end = window(flown, fault)
     events = [r for r in flown.rows if isinstance(r, Event) and r.source.split(".")[0] == device]
     assert any(start <= e.t_ns <= end and e.code in FLAGS[kind] for e in events), [
         (round((e.t_ns - start) / S, 2), e.code) for e in events if abs(e.t_ns - start) < 2 * S
     ]
-    assert any(start <= t <= end + S // 20 and d == device and codes & FLAGS[kind] for t, d, codes in flown.seen)
+    shown = any(start <= t <= end + S // 20 and d == device and codes & FLAGS[kind] for t, d, codes in flown.seen)
+    assert shown, device
 
 
 @pytest.mark.parametrize("kind", ["off", "stuck", "wrong", "unplug", "delayed"])
-@pytest.mark.parametrize("device", ["boom", "can"])
-def test_the_estimate_is_marked(flown, kind, device):
-    fault = next(f for f in flown.faults if (f.kind, f.device) == (kind, device))
-    start, end = window(flown, fault, 0.6)
-    alphas = [r for r in flown.rows if isinstance(r, AlphaEstimate) and start <= r.t_ns <= end]
-    assert any(not a.valid and a.why for a in alphas)
+def test_the_estimate_is_marked(flown, kind):
+    for fault in flown.faults:
+        if fault.kind == kind and fault.device in ("boom", "can"):
+            start, end = window(flown, fault, 0.6)
+            alphas = [r for r in flown.rows if isinstance(r, AlphaEstimate) and start <= r.t_ns <= end]
+            assert any(not a.valid and a.why for a in alphas), fault.device
 
 
-@pytest.mark.parametrize("stream", [s.name for s in load_card("bench").rig.streams()])
-def test_a_stream_that_is_well_loses_no_sample(flown, stream):
+def test_a_stream_that_is_well_loses_no_sample(flown):
+    for stream in load_card(flown.rig).rig.streams():
+        complete(flown, stream.name, stream.rate_hz)
+
+
+def complete(flown, stream, rate):
     """By the device's own clock: no step longer than a period but near its own device's faults."""
     device = stream.split(".")[0]
-    rate = next(s.rate_hz for s in load_card("bench").rig.streams() if s.name == stream)
     own = [(window(flown, f)[0], f) for f in flown.faults if f.device == device]
     samples = [r for r in flown.rows if isinstance(r, Sample) and r.stream == stream]
     settled = flown.start_ns + 3 * S
