@@ -112,18 +112,19 @@ def picture(path: Path) -> None:
     """All methods on one flight of set A in light turbulence, beside what three flights give in calm air."""
     found = values(flown("A", 5.0, "doublet", 1, METHODS))
     calm = [values(flown("A", 0.0, "doublet", seed, ("split",)))["split"] for seed in (6, 7, 8)]
-    figure = Figure(figsize=(10, 5.4), layout="constrained")
+    figure = Figure(figsize=(10, 5.8), layout="constrained")
     for axes, name in zip(figure.subplots(2, 3).flat, LONGITUDINAL, strict=True):
         level = [c[name][0] for c in calm]
         table = wanted("A", "doublet")["physical"][name]
         axes.axhspan(min(level), max(level), color="#009e73", alpha=0.25, lw=0)
-        axes.plot(np.full(3, -1.0), level, "D", color="#009e73", ms=5)
+        axes.plot(np.full(3, -1.0), level, "D", color="#009e73", ms=5, mec="white", mew=0.6)
         axes.axhline(table, color="#8a92a0", lw=1, ls=(0, (4, 3)))
         shown = [*level, table]
         for i, method in enumerate(METHODS):
             value, error = found[method][name]
-            colour = "#d55e00" if method == "physical" else "#0072b2" if method.startswith("split") else "#1f2430"
-            axes.errorbar(i, value, yerr=2 * error, fmt="o", color=colour, ms=5, lw=1.3, capsize=3)
+            colour = "#d55e00" if method == "physical" else "#0072b2" if method.startswith("split") else "#4a5160"
+            axes.errorbar(i, value, yerr=2 * error, fmt="none", ecolor=colour, alpha=0.55, lw=1.5, capsize=3)
+            axes.plot(i, value, "o", color=colour, ms=6, mec="white", mew=0.8, zorder=3)
             shown += [value]
             if method == "split+gust":
                 shown += [value - 2 * error, value + 2 * error]
@@ -139,9 +140,11 @@ def picture(path: Path) -> None:
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     figure.suptitle(
-        "One flight in light turbulence (σ 5 ft/s, elevator doublet), ±2 standard errors. Green: three flights in calm "
-        "air; dashed: the aircraft's own",
-        fontsize=9,
+        "One flight in light turbulence (σ 5 ft/s, elevator doublet) by every method, ± 2 standard errors.\n"
+        "Green: the same doublet in calm air, three flights. Dashed: the profile's table, which physical is after.",
+        fontsize=10,
+        x=0.01,
+        ha="left",
     )
     FigureCanvasAgg(figure)
     path.parent.mkdir(parents=True, exist_ok=True)
