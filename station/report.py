@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from station.conventions import LATERAL
 from station.estimation.kinematics import kinematics
-from station.estimation.methods import LIVE
+from station.estimation.methods import LIVE, MEASURED
 from station.estimation.record import FlightRecord
 from station.estimation.regression import autocorrelation
 from station.estimation.results import Axes, equations
@@ -76,6 +76,7 @@ def write_report(
         if "I" in result["methods"] and shown not in ("I", "sidpac"):
             body += _fits(result, record, "I", result["axes"], record.alpha, LATERAL)
     body.append(_consistency(result))
+    body += _spectra(result)
     if "vane_calibration" in result:
         body += instrument_pages(result, kinematics(record), record, _image)
     body.append(_settings(result))
@@ -219,6 +220,36 @@ def _fits(
         _image(figure, "Measured and modelled coefficients, residuals and their autocorrelation"),
         '<p class="note">Each model has a free constant. Bars in the last column are the residuals\' '
         "autocorrelation; inside the band they are white.</p>",
+    ]
+
+
+def _spectra(result: Mapping[str, Any]) -> list[str]:
+    """What IV measured: delay, coherence, response of the lift, and the correction of the upwash, over frequency."""
+    made = result["methods"].get(MEASURED, {}).get("settings", {}).get("spectra")
+    if not made:
+        return []
+    f = np.array(made["frequency_hz"])
+    figure = Figure(figsize=(10, 2.6), layout="constrained")
+    panels = {
+        "delay, s": (made["delay_s"], 2 * np.array(made["delay_sd_s"])),
+        "coherence": (made["coherence"], None),
+        "|S|": (made["sears"], None),
+        "1/(1 + k_u)": (1 / (1 + np.array(made["upwash"])), None),
+    }
+    for axes, (title, (values, error)) in zip(figure.subplots(1, 4), panels.items(), strict=True):
+        axes.errorbar(f, values, yerr=error, fmt="o", color=_BAND, ms=3, lw=1.0)
+        axes.set_xscale("log")
+        axes.set_title(title, fontsize=10, loc="left")
+        axes.set_xlabel("Hz", fontsize=8, loc="right")
+        axes.tick_params(labelsize=8, length=2)
+        axes.grid(color="#eceef2")
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    return [
+        "<h2>Delay and upwash by frequency</h2>",
+        _image(figure, "Delay, coherence, response of the lift and correction of the upwash over frequency"),
+        '<p class="note">Of the lift against the vane, over the whole recording: what method IV goes by. A positive '
+        "delay: the vane is early. Pitch rate and elevator lift too, so it depends on how the aircraft was flown.</p>",
     ]
 
 

@@ -98,3 +98,14 @@ def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(LogError, match=r"identification\.html: cannot be written"):
         write_report(identify(flown, AIRCRAFT, ["I"]), flown, tmp_path / "taken")
+
+
+def test_spectra_that_iv_measured_are_drawn(tmp_path: Path) -> None:
+    flown = record()
+    result = identify(flown, AIRCRAFT, ["I", "IV"])
+    assert "Delay and upwash" not in write_report(result, flown, tmp_path / "without").read_text()
+    columns = ("frequency_hz", "delay_s", "delay_sd_s", "coherence", "sears", "upwash")
+    result["methods"]["IV"]["settings"]["spectra"] = {name: [0.1, 0.5, 2.0] for name in columns}
+    page = write_report(result, flown, tmp_path / "with").read_text()
+    assert "Delay and upwash by frequency" in page
+    assert page.count("<img") == (tmp_path / "without" / "identification.html").read_text().count("<img") + 1
