@@ -46,6 +46,9 @@ SUPPORT: Final = 4.0
 """chi2 of an effect, of the instruments among themselves, without which an instrument is no candidate."""
 APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""
+UNSUPPORTED: Final = 50.0
+"""(value / standard deviation)2 asked of an effect at the vane in turbulence that the other instruments neither confirm
+nor deny: the gust hides it from them."""
 ASKED: Final = 25.0
 """Drop of -2 log likelihood asked of a first effect: noise made of what a model misses is not noise."""
 TRIM: Final[Mapping[str, float]] = {"CL_0": 0.2, "Cm_0": 0.1, "CD_0": 0.05}
@@ -307,7 +310,8 @@ def in_doubt(
     allowed, named = doubts(aircraft, terms)
     problem, shares = doubtful(references, aircraft, allowed, null.gust, {})
     wrong = parts(problem, problem.null(), named)
-    own = [t for t in terms if _candidate(t, aircraft, support, named)]
+    gusty = any(r.setting.gusty for r in references)
+    own = [t for t in terms if _candidate(t, aircraft, support, named, gusty)]
     if any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong):
         own = [t for t in own if t.id not in GAINS]
     found = search(problem, own, progress, ASKED)
@@ -327,16 +331,24 @@ def in_doubt(
 
 
 def _contradicted(fit: Fit, name: str, said: tuple[float, float]) -> bool:
-    """Whether the value that the model asks for is not the one that the instruments say."""
+    """Whether the value that the model asks for is not the one that the instruments say, or too unsure without them."""
     value, sd = said
-    return abs(fit.values[name] - value) > APART * math.hypot(sd, fit.sds[name])
+    found, own = fit.values[name], fit.sds[name]
+    if (value / sd) ** 2 < SUPPORT and (found / own) ** 2 < UNSUPPORTED:
+        return True
+    return abs(found - value) > APART * math.hypot(sd, own)
 
 
-def _candidate(term: Term, aircraft: Aircraft, support: Mapping[str, float], named: Mapping[str, Term]) -> bool:
+def _candidate(
+    term: Term, aircraft: Aircraft, support: Mapping[str, float], named: Mapping[str, Term], gusty: bool
+) -> bool:
     if term.id in named:
         return False
-    if aircraft.boom is None and term.id.split(".")[0] in ("alpha_vane", "boom"):
-        return False  # nothing was said that could be wrong
+    if term.id.split(".")[0] in ("alpha_vane", "boom"):
+        if aircraft.boom is None:
+            return False  # nothing was said that could be wrong
+        if gusty:
+            return True
     return support.get(term.id, math.inf) >= SUPPORT
 
 

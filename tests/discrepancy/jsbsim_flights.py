@@ -28,8 +28,6 @@ BEFORE = 4.0
 """Seconds flown before the record begins, for the vane's memory."""
 
 
-SMALL = 0.5
-"""Inputs over those of `blind`: the lift table's slope falls from 4.9 to 1.7 per rad at 4 degrees."""
 FINER = 4
 """JSBSim's steps in one of the record's: its integration is late by a step."""
 
@@ -89,10 +87,10 @@ def truth(kind: str, knots: float, sigma: float, seed: int, slack: float = 0.0) 
     speed = sim["velocities/vt-fps"] * FT
     ahead = round(12.0 / speed / DT)
     field = _gust(speed, sigma, n + 2 * ahead, seed)
-    wanted = SMALL * elevator_input(inputs(kind), np.arange(n) * DT - BEFORE)
+    wanted = elevator_input(inputs(kind), np.arange(n) * DT - BEFORE)
     aileron, rudder = (sim[f"fcs/{s}-cmd-norm"] for s in ("aileron", "rudder"))
     heading = sim["attitude/psi-rad"]
-    commands, stands = _stroke()
+    commands, stands = _stroke(knots)
     driving = sim["fcs/elevator-pos-rad"] + wanted
     moved = np.interp(_after_play(driving, slack), stands, commands)
     names = {
@@ -188,10 +186,10 @@ def _after_play(driving: np.ndarray, slack: float) -> np.ndarray:
     return out
 
 
-@lru_cache(maxsize=1)
-def _stroke() -> tuple[np.ndarray, np.ndarray]:
-    """The elevator's command, and where it then stands (rad)."""
-    sim = _trimmed(110.0)
+@lru_cache(maxsize=8)
+def _stroke(knots: float) -> tuple[np.ndarray, np.ndarray]:
+    """The elevator's command, and where it then stands (rad): the trim tab moves it."""
+    sim = _trimmed(knots)
     commands = np.linspace(-1, 1, 81)
     stands = []
     for c in commands:
