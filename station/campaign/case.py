@@ -38,8 +38,8 @@ TOGETHER: Final = 8
 """Flights of one call of the compiled halves: little memory, and no time lost between calls."""
 _REGRESSORS: Final = ("alpha_vane", "q", "elevator")
 _FASTER: Final = 2.5
-"""The field is made for flights that go this many standard deviations of the gust faster than trimmed, and 2 %; one that
-goes farther is flown again."""
+"""The field is made for flights that go this many standard deviations of the gust faster than trimmed, and 2 %; those
+that go farther are flown again."""
 _TICK_S: Final = 1.0 / TICK_HZ
 
 

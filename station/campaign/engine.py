@@ -22,6 +22,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -72,9 +73,13 @@ class Store:
                 raise UsageError(
                     f"{folder}: holds a campaign already\nadd --resume to finish it, or name another folder"
                 )
-            if json.loads(manifest.read_text(encoding="utf-8")) != identity:
+            if _read(manifest) != identity:
                 raise UsageError(f"{folder}: was begun with another specification or station\nname another folder")
-        self._writing(lambda: self._begin(manifest, identity))
+        try:
+            self._begin(manifest, identity)
+        except OSError as error:
+            why = "the disk is full" if _is_full(error) else error.strerror
+            raise LogError(f"{folder}: no campaign can be kept there: {why}\nname another folder") from error
         self._metadata = {b"station.campaign": plan.text.encode(), b"station.version": version.encode()}
 
     def _begin(self, manifest: Path, identity: dict[str, object]) -> None:
@@ -82,7 +87,9 @@ class Store:
         for stale in self._parts.glob("*.partial"):
             stale.unlink()
         if not manifest.exists():
-            manifest.write_text(json.dumps(identity), encoding="utf-8")
+            partial = manifest.with_suffix(".partial")
+            partial.write_text(json.dumps(identity), encoding="utf-8")
+            os.replace(partial, manifest)
 
     @property
     def result(self) -> Path:
@@ -148,11 +155,21 @@ class Store:
             if partial is not None:
                 with suppress(OSError):
                     partial.unlink(missing_ok=True)
-            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-            what = "the disk is full" if full else str(error)
+            what = "the disk is full" if _is_full(error) else str(error)
             raise LogError(
                 f"{self.folder}: {what}; the rows of finished batches are kept\nmend it, then run again with --resume"
             ) from error
+
+
+def _read(manifest: Path) -> object:
+    try:
+        return json.loads(manifest.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def _is_full(error: OSError) -> bool:
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
@@ -205,8 +222,18 @@ def _in_flight(
             yield flying.pop(future), future.result()
 
 
+def _is_address(scheduler: str) -> bool:
+    parts = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
+    try:
+        return bool(parts.hostname and parts.port)
+    except ValueError:
+        return False
+
+
 def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
     """Fly the missing batches on a Dask cluster that is there already. Raises StationError."""
+    if not _is_address(scheduler):
+        raise UsageError(f"--scheduler {scheduler}: no host and port\nwrite for example tcp://127.0.0.1:8786")
     distributed: Any = importlib.import_module("distributed")
     missing = store.missing()
     planned = batches(plan)

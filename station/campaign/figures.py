@@ -8,6 +8,7 @@ every method, a panel a parameter.
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -16,11 +17,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from station.campaign.findings import OF_FLIGHTS, Rows, chosen, judge, level_name
+from station.campaign.findings import OF_FLIGHTS, Rows, chosen, compare, judge, level_name
 from station.campaign.spec import Case, Plan
 
 SENTENCES: Final = "findings.txt"
 _DPI: Final = 110
+_LINE: Final = 140
+"""Characters of a line under a figure."""
 _PANEL_LIMIT: Final = 2.5
 """Estimates are shown within this many times the tolerance, or as wide as the widest 95 % of them need."""
 
@@ -35,6 +38,8 @@ def draw(plan: Plan, result: Path, out: Path) -> list[str]:
         for name, figure in kinds[kind](rows):
             figure.savefig(folder / f"{name}.png", dpi=_DPI)
     sentences = [judge(rows, claim) for claim in plan.campaign.claims]
+    for levels, cases in _groups(plan, ("turbulence",)):
+        sentences += [compare(rows, c, cases, _title(levels)) for c in plan.campaign.comparisons]
     (out / SENTENCES).write_text("".join(s + "\n" for s in sentences), encoding="utf-8")
     return sentences
 
@@ -52,6 +57,19 @@ def _groups(plan: Plan, apart: tuple[str, ...]) -> Iterator[tuple[dict[str, Any]
 
 def _title(levels: dict[str, Any]) -> str:
     return ", ".join(f"{n.replace('_', ' ')} {v}" for n, v in levels.items())
+
+
+def _found(rows: Rows, parameter: str, method: str, levels: dict[str, Any]) -> str:
+    """What is to be said under a figure: the claims about what it shows."""
+    campaign = rows.plan.campaign
+    told = [
+        judge(rows, claim)
+        for claim in campaign.claims
+        if claim.parameter == parameter
+        and method == campaign.methods[0]
+        and all(levels.get(name, level) == level for name, level in claim.where.items())
+    ]
+    return "\n".join(textwrap.fill(sentence, _LINE) for sentence in told)
 
 
 def _file_name(*parts: object) -> str:
@@ -72,8 +90,9 @@ def _estimates(rows: Rows) -> Iterator[tuple[str, Figure]]:
                     panel.axis("off")
                 middle = rows.values(f"{parameter}_reference", cases[0].number, method)[0]
                 panels[0].set_ylim(middle - widest, middle + widest)
-                panels[0].legend(loc="upper right", fontsize=7)
+                panels[0].legend(loc="upper right", fontsize=7, ncols=2)
                 figure.suptitle(f"{campaign.name}: {parameter} by {method}" + (f", {_title(levels)}" if levels else ""))
+                figure.supxlabel(_found(rows, parameter, method, levels), fontsize=8)
                 yield _file_name("estimates", parameter, method, *levels.values()), figure
 
 
@@ -86,9 +105,10 @@ def _scatter(panel: Axes, rows: Rows, case: Case, method: str, parameter: str) -
     run = np.arange(1, len(value) + 1)
     panel.errorbar(run, value, bar, fmt="none", ecolor="tab:blue", elinewidth=0.6, label="2 sigma")
     panel.plot(run, value, "d", color="red", markersize=2.5, label="estimate")
-    panel.axhline(truth, color="green", label="reference")
+    panel.axhline(truth, color="green", label=rows.plan.campaign.reference.replace("calm", "reference"))
     for side in (-1, 1):
-        panel.axhline(truth * (1 + side * tolerance), color="red", linestyle="--", linewidth=0.8)
+        word = f"±{tolerance:.0%}" if side > 0 else None
+        panel.axhline(truth * (1 + side * tolerance), color="red", linestyle="--", linewidth=0.8, label=word)
     s = rows.summary(case, method, parameter)
     panel.set_title(f"{level_name(case)}: bias {s.bias:+.1f} %, sd {s.scatter:.1f} %", fontsize=9)
     panel.set_xlabel("flight")
@@ -133,6 +153,7 @@ def _exceedances(rows: Rows) -> Iterator[tuple[str, Figure]]:
                         image, ax=list(panels), label=f"flights of {OF_FLIGHTS} beyond ±{campaign.tolerance:.0%}"
                     )
                 figure.suptitle(f"{campaign.name}: {parameter} by {method}" + (f", {_title(levels)}" if levels else ""))
+                figure.supxlabel(_found(rows, parameter, method, levels), fontsize=8)
                 yield _file_name("exceedances", parameter, method, *levels.values()), figure
 
 

@@ -11,13 +11,17 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from station.campaign.spec import TURBULENCE, Case, Claim, Plan
+from station.campaign.spec import TURBULENCE, Case, Claim, Comparison, Plan
 
 SURE: Final = 2.0
 """Standard errors by which a difference counts."""
 OF_FLIGHTS: Final = 200
 """Exceedances are counted per so many flights, as the study does."""
 NEARLY_ALL: Final = 0.95
+_MAIN: Final = (0, 3, 4, 5)
+"""Parameters that methods are compared by: all but the force by pitch rate and elevator, which weigh little in it."""
+_ALIKE: Final = 1.1
+"""Ratio of two errors below which neither method is called the better."""
 _COLUMNS_KEPT: Final = 6
 
 
@@ -97,8 +101,39 @@ def judge(rows: Rows, claim: Claim) -> str:
         more = abs(worst.bias) - abs(calm.bias)
         error = math.hypot(worst.scatter / math.sqrt(worst.flights), calm.scatter / math.sqrt(calm.flights))
         holds = (more > SURE * error and more > 1.0) == (claim.finds == "more bias")
-        seen = f"the bias is {_list(s.bias for s in summaries)} % ({words})"
+        spread = _list(s.scatter for s in summaries)
+        seen = f"the bias is {_list(s.bias for s in summaries)} %, its standard deviation {spread} % ({words})"
     return f"{head}{claim.finds} with turbulence; here {seen}: {_verdict(holds)}."
+
+
+def compare(rows: Rows, comparison: Comparison, cases: list[Case], among: str) -> str:
+    """One sentence: which of two methods errs less at each level of turbulence, and where the better one is good.
+
+    `cases` differ in turbulence only; `among` says what they share.
+    """
+    plan = rows.plan
+    names = [plan.campaign.parameters[i] for i in _MAIN]
+
+    def error(case: Case, method: str) -> float:
+        return float(np.mean([rows.summary(case, method, name).rmse for name in names]))
+
+    method, against = comparison.method, comparison.against
+    found = [(level_name(c), error(c, method), error(c, against)) for c in cases]
+    levels = {
+        "better in": [level for level, a, b in found if a * _ALIKE < b],
+        "no different in": [level for level, a, b in found if a < _ALIKE * b and b < _ALIKE * a],
+        "worse in": [level for level, a, b in found if a > _ALIKE * b],
+    }
+    verdict = ", ".join(f"{word} {' and '.join(names)}" for word, names in levels.items() if names)
+    limit = 100.0 * plan.campaign.tolerance
+    good = [level for level, a, _ in found if a <= limit]
+    within = f"below {limit:g} % in {' and '.join(good)}" if good else f"nowhere below {limit:g} %"
+    numbers = ", ".join(f"{level} {a:.1f} against {b:.1f} %" for level, a, b in found)
+    where = f", {among}" if among else ""
+    return (
+        f"{method} and {against}{where}: {comparison.says}; here the mean RMSE of {', '.join(names)} is {numbers}: "
+        f"{method} is {verdict}, and {within}."
+    )
 
 
 def _feasibility(summaries: list[Summary], claim: Claim) -> str:

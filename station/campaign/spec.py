@@ -125,7 +125,16 @@ class Claim(Frozen):
     except_calm: bool = False
 
 
-_LISTS: Final = ("methods", "figures", "show", "variants", "claims")
+class Comparison(Frozen):
+    """Two methods side by side: for each level of turbulence, which errs less."""
+
+    method: str
+    against: str
+    says: str
+    """What the study says of it, or what is asked."""
+
+
+_LISTS: Final = ("methods", "figures", "show", "variants", "claims", "comparisons")
 
 
 class Campaign(Frozen):
@@ -161,6 +170,8 @@ class Campaign(Frozen):
     """Their times count from the record's begin."""
     distortion: Distortion | None = None
     claims: tuple[Claim, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    """One sentence each for every combination of the factors but turbulence."""
 
     @model_validator(mode="before")
     @classmethod
@@ -200,6 +211,9 @@ class Campaign(Frozen):
             unless(claim.parameter, self.parameters, "parameter")
             for name in claim.where:
                 unless(name, self.varied, "factor")
+        for comparison in self.comparisons:
+            for method in (comparison.method, comparison.against):
+                unless(method, self.methods, "method of this campaign")
         if self.high <= self.low:
             raise PydanticCustomError("signal", "high must be above low")
         return self

@@ -166,6 +166,23 @@ def test_a_scheduler_that_is_not_there(plan: Plan, tmp_path: Path, monkeypatch: 
     assert len(str(caught.value).splitlines()) <= 3
 
 
+@pytest.mark.parametrize("address", ["nonsense", "tcp://host", "host:port", "tcp://:8786"])
+def test_a_scheduler_s_address_without_host_or_port(plan: Plan, tmp_path: Path, address: str) -> None:
+    with pytest.raises(UsageError, match="no host and port"):
+        fly_dask(plan, Store(tmp_path / "out", plan, resume=False), address, lambda n: None)
+
+
+def test_a_folder_that_cannot_be(plan: Plan, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LogError, match="no campaign can be kept there: Not a directory"):
+        Store(tmp_path / "file", plan, resume=False)
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / "campaign.json").write_text("{", encoding="utf-8")
+    with pytest.raises(UsageError, match="name another folder"):
+        Store(broken, plan, resume=True)
+
+
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """A scheduler and two workers on loopback."""
