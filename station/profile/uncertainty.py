@@ -1,0 +1,37 @@
+"""How well the constants of an aircraft profile are known."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from station.profile.quantity import Frozen, Seconds
+
+
+class Uncertainty(Frozen):
+    """Prior standard deviations of the constants that method `physical` takes from the profile, relative to the value
+    where no unit is named. Zero says that a constant is right; the defaults are those of a profile put together from
+    drawings, handbook methods and a vortex lattice."""
+
+    tail_lift_slope: float = Field(default=0.2, ge=0)
+    downwash: float = Field(default=0.2, ge=0)
+    downwash_delay: Seconds = 0.015
+    tail_arm: float = Field(default=0.09, ge=0)
+    lift_memory: float = Field(default=0.3, ge=0)
+    """Of the amplitude of the wing's indicial response to motion."""
+    lift_rate: float = Field(default=0.27, ge=0)
+    """Of the rates of the wing's indicial responses."""
+    span_lag: float = Field(default=1.0, ge=0)
+    """Share of the lag with which a wing of that span would follow a gust, were its lift spread evenly."""
+    upwash_wing: float = Field(default=0.3, ge=0)
+    upwash_rate: float = Field(default=0.27, ge=0)
+    vane_x: Seconds = 0.006
+    """Of the vane's lead over the CG, position over speed."""
+    vane_delay: Seconds = 0.004
+    """Of the vane against the inertial data."""
+    vane_scale: float = Field(default=0.0115, ge=0)
+
+
+EXACT = Uncertainty.model_validate(
+    {name: "0 s" if name in ("downwash_delay", "vane_x", "vane_delay") else 0.0 for name in Uncertainty.model_fields}
+)
+"""Every constant is right."""
