@@ -59,7 +59,8 @@ class MessageFaults:
         self._share = share
         self._stays = 1.0 - 1.0 / max(length, 1.0 / (1.0 - share))
         """Chance that a message after a lost one is lost too."""
-        self._inside = rng.random() < share if share else False
+        self._luck = rng.spawn(1)[0]
+        self._inside = bool(share) and self._luck.random() < share
         self._faults = tuple(f for f in faults if f.kind not in ("unplug", "clock_step"))
         self._signals = signals
         self._rng = rng
@@ -75,7 +76,7 @@ class MessageFaults:
         delay = np.zeros(n)
         if self._share:
             begins = self._share / (1.0 - self._share) * (1.0 - self._stays)
-            for i, u in enumerate(self._rng.random(n).tolist()):
+            for i, u in enumerate(self._luck.random(n).tolist()):
                 lost[i] = self._inside
                 self._inside = u < (self._stays if self._inside else begins)
         for number, fault in enumerate(self._faults):

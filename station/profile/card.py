@@ -80,7 +80,10 @@ class Flight(Frozen):
     """The recording's first values are held so long before it plays, for filters to settle."""
     speed: MetresPerSecond = 56.59
     altitude: Metres = 762.0
-    gust_sigma: MetresPerSecond = 0.0
+    gust_sigma: Annotated[MetresPerSecond, Field(ge=0)] = 0.0
+    """Standard deviation of the vertical gust."""
+    turbulence: Literal["light", "moderate", "severe"] | None = None
+    """In place of gust_sigma: that of MIL-F-8785C at the altitude."""
     gust_start: Seconds = 0.0
     wind_north: MetresPerSecond = 0.0
     wind_east: MetresPerSecond = 0.0

@@ -11,11 +11,15 @@ One-sided spatial spectra, rad/m, integral over them = sigma^2:
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from station.profile import Flight
 
 _FT: Final = 0.3048
 STEP: Final = 0.25
@@ -23,6 +27,17 @@ STEP: Final = 0.25
 _BLOCK: Final = 2048
 _RAMP: Final = 1.0
 """Turbulence that begins in flight grows to its full strength over this many seconds of flight."""
+
+
+_KNOT: Final = 1852 / 3600
+LEVELS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
+    {
+        "light": (0.1 * 15 * _KNOT, 5 * _FT),
+        "moderate": (0.1 * 30 * _KNOT, 10 * _FT),
+        "severe": (0.1 * 45 * _KNOT, 20 * _FT),
+    }
+)
+"""Standard deviation of the vertical gust below 1,000 ft and above 2,000 ft, m/s."""
 
 
 class Dryden(NamedTuple):
@@ -54,6 +69,22 @@ def dryden(height: float, sigma_w: float) -> Dryden:
         length_u += blend * (1750.0 - length_u)
         ratio += blend * (1.0 - ratio)
     return Dryden(length_u * _FT, length_u * _FT, length_w * _FT, ratio * sigma_w, ratio * sigma_w, sigma_w)
+
+
+def sigma_at(height: float, level: str) -> float:
+    """Standard deviation of the vertical gust, m/s, at a height (m) in light, moderate or severe turbulence.
+
+    A tenth of the wind at 20 ft below 1,000 ft, 5, 10 and 20 ft/s above 2,000 ft, where it is thunderstorms that make
+    it severe; linear between. MIL-F-8785C 3.7.2 and 3.7.3.
+    """
+    low, high = LEVELS[level]
+    return low + min(max(height / _FT / 1000.0 - 1.0, 0.0), 1.0) * (high - low)
+
+
+def dryden_of(flight: Flight) -> Dryden:
+    """The field that a card's flight asks for."""
+    sigma = flight.gust_sigma if flight.turbulence is None else sigma_at(flight.altitude, flight.turbulence)
+    return dryden(flight.altitude, sigma)
 
 
 def _second_order(length: float, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

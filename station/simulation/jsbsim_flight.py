@@ -19,8 +19,8 @@ from station.profile import Actuator, Aircraft, Flight, Manoeuvre
 from station.rows import ProfileError
 from station.simulation import aircraft as ac
 from station.simulation.boom import NO_BOOM, vane_constants
-from station.simulation.gusts import GustField, dryden, field_constants, gust_at
-from station.simulation.longitudinal import elevator_play, indicial_tables, site
+from station.simulation.gusts import GustField, dryden_of, field_constants, gust_at
+from station.simulation.longitudinal import ORIGIN, elevator_play, indicial_tables, site
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import DT, TRUTH, Memory, vanes_now
 from station.simulation.sensors import lagged
@@ -33,6 +33,7 @@ _KNOT: Final = 1852 / 3600
 _POUND: Final = 4.4482216152605
 _SLUG: Final = _POUND / _FT
 _BLOCK: Final = 400
+SETTLING_S: Final = 60.0
 _TRAVEL: Final = {"elevator": (0.454, 0.244), "aileron": (0.33, 0.28), "rudder": (0.28, 0.28)}
 """rad to the negative and to the positive side, as JSBSim's FCS has them; ours: aileron positive rolls left."""
 _COMMANDS: Final = {"elevator": ("elevator", "pitch-trim", 1.0), "aileron": ("aileron", "roll-trim", -1.0),
@@ -62,26 +63,34 @@ _BANK, _ROLL, _HEADING, _TURN_LIMIT, _YAW = 0.4, 0.2, 1.0, 0.1, 0.1
 
 
 def _load() -> Any:
-    """The package. Raises ProfileError where it is not installed."""
+    """The package, made to leave standard output alone. Raises ProfileError where it is not installed."""
     try:
         import jsbsim
     except ImportError:
         raise ProfileError(
             'flight.source: "jsbsim" needs a package that is not installed\ninstall it: pip install "jsbsim>=1.2,<2"'
         ) from None
+    jsbsim.FGJSBBase().debug_lvl = 0
+    if hasattr(jsbsim, "FGLogger"):
+        names = ("file_location", "flush", "format", "message", "set_level")
+        jsbsim.set_logger(type("Silent", (jsbsim.FGLogger,), dict.fromkeys(names, lambda *_: None))())
     return jsbsim
 
 
 def trimmed(speed: float, height: float, heading: float = 0.0, dt: float = DT / FINER) -> Any:
     """JSBSim's DHC-6 in steady flight at a true airspeed (m/s) and height (m). Raises ProfileError."""
     jsbsim = _load()
-    jsbsim.FGJSBBase().debug_lvl = 0  # or it greets on standard output
     sim = jsbsim.FGFDMExec(None)
     sim.set_debug_level(0)
     if not sim.load_model(MODEL):
         raise ProfileError(f'flight.source: "jsbsim": the installed jsbsim has no aircraft {MODEL}')
     sim.set_dt(dt)
-    settings = {"ic/h-sl-ft": height / _FT, "ic/vt-kts": speed / _KNOT, "ic/psi-true-deg": math.degrees(heading)}
+    place = {"ic/lat-geod-deg": math.degrees(ORIGIN[0]), "ic/long-gc-deg": math.degrees(ORIGIN[1])}
+    settings = place | {
+        "ic/h-sl-ft": height / _FT,
+        "ic/vt-kts": speed / _KNOT,
+        "ic/psi-true-deg": math.degrees(heading),
+    }
     for engine in (0, 1):
         settings |= {f"fcs/throttle-cmd-norm[{engine}]": 0.5, f"fcs/mixture-cmd-norm[{engine}]": 0.9}
         settings |= {f"fcs/advance-cmd-norm[{engine}]": 1.0}
@@ -117,7 +126,10 @@ class _Surface:
 
 
 class JsbsimFlight:
-    """As `Simulation`, flown by JSBSim: rows at 200 Hz with every signal of SIGNALS, and TRUTH."""
+    """As `Simulation`, flown by JSBSim: rows at 200 Hz with every signal of SIGNALS, and TRUTH.
+
+    It begins within 1 % of the flight's speed and 10 m of its altitude.
+    """
 
     def __init__(
         self,
@@ -141,11 +153,12 @@ class JsbsimFlight:
         self._ahead = max(boom.vane_x, self._nose) + 1.0
         self._site = site(flight, imu_position)
         self._field = GustField(
-            field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
+            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
             2.0,
             np.random.SeedSequence(flight.seed if seed is None else seed),
         )
         self._field.cover(-1.0, self._ahead)
+        self._is_windy = dryden_of(flight).sigma_w > 0
         self._memory = Memory(
             np.zeros(ac.LAGS),
             np.zeros((2, 1)),
@@ -167,6 +180,7 @@ class JsbsimFlight:
         """North and east through the air mass, m."""
         self._distance = 0.0
         self._now = self._state()
+        self._settle()
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, and TRUTH; each (n,)."""
@@ -178,6 +192,20 @@ class JsbsimFlight:
             out[:, k] = [row[name] for name in names]
             self._step()
         return {"time": (begin + np.arange(n, dtype=np.float64)) * DT, **dict(zip(names, out, strict=True))}
+
+    def _settle(self) -> None:
+        """Fly in still air until the engines, which JSBSim starts at idle whatever its trim says, are where it was."""
+        self._sim.set_dt(DT)
+        for _ in range(round(SETTLING_S / DT)):
+            for name, angle in self._piloted().items():
+                self._surfaces[name].move(angle)
+                self._deflect(name, self._surfaces[name].surface)
+            self._sim.run()
+            self._now = self._state()
+        self._sim.set_dt(DT / FINER)
+        self._blow()
+        self._sim.run()
+        self._now = self._state()
 
     def _state(self) -> dict[str, float]:
         sim = self._sim
@@ -256,6 +284,11 @@ class JsbsimFlight:
         if at == 0 or not self._inputs:
             time = (np.arange(_BLOCK, dtype=np.float64) + number * _BLOCK) * DT
             self._inputs = {n: surface_input(self._manoeuvres, time, n) for n in self._surfaces}
+        pilot = self._piloted()
+        return {n: angle + float(self._inputs[n][at]) for n, angle in pilot.items()}
+
+    def _piloted(self) -> dict[str, float]:
+        """Where the pilot alone wants the surfaces, rad; sets the power."""
         s, flight = self._now, self._flight
         wanted = ac.HOLD_SPEED * (flight.speed - s["airspeed"]) + ac.HOLD_HEIGHT * (flight.altitude - s["altitude"])
         self._held += (wanted * s["mass"] / self._thrust - self._held) * DT / ac.HOLD_LAG
@@ -264,7 +297,7 @@ class JsbsimFlight:
         turned = math.remainder(s["psi"] - flight.heading, 2 * math.pi)
         level = s["phi"] + min(max(_HEADING * turned, -_TURN_LIMIT), _TURN_LIMIT)
         pilot = {"elevator": 0.0, "aileron": _BANK * level + _ROLL * s["p"], "rudder": _YAW * s["r"]}
-        return {n: self._trim[n] + float(self._inputs[n][at]) + pilot[n] for n in self._surfaces}
+        return {n: self._trim[n] + angle for n, angle in pilot.items()}
 
     def _deflect(self, name: str, angle: float) -> None:
         down, up = _TRAVEL[name]
@@ -274,7 +307,7 @@ class JsbsimFlight:
 
     def _blow(self) -> None:
         """The gust at the CG, of body axes, as the wind that JSBSim takes."""
-        if not self._flight.gust_sigma:
+        if not self._is_windy:
             return
         ug, vg, wg = self._gust(0.0)
         s = self._now

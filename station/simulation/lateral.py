@@ -22,7 +22,7 @@ from station.rows import ProfileError
 from station.simulation import aircraft as ac
 from station.simulation.angles import sine_cosine
 from station.simulation.boom import NO_BOOM, VaneConstants, vane_constants
-from station.simulation.gusts import GustField, dryden, field_constants, gust_at
+from station.simulation.gusts import GustField, dryden_of, field_constants, gust_at
 from station.simulation.longitudinal import elevator_play, indicial_tables, reach, site
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import COLUMNS, DT, Memory, Site, Tables, at_rest, record, stage_rates, vanes_now
@@ -307,7 +307,7 @@ class LateralSimulation:
         behind, self._ahead = reach(aircraft)
         self._behind = behind + aircraft.unsteady.tail_arm * max(0.0, aircraft.unsteady.tail_penetration - 1.0)
         self._field = GustField(
-            field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
+            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
             self._behind,
             np.random.SeedSequence(flight.seed if seed is None else seed),
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from station.profile import Aircraft, Flight, Manoeuvre
 from station.simulation import aircraft as ac
 from station.simulation.boom import NO_BOOM, vane_constants
-from station.simulation.gusts import GustField, dryden, field_constants
+from station.simulation.gusts import GustField, dryden_of, field_constants
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import COLUMNS, DT, Site, Tables, advance, at_rest
 
@@ -60,7 +60,7 @@ class Simulation:
         self._behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration) + 1.0
         self._ahead = max(boom.vane_x, aircraft.geometry.chord) + 1.0
         self._field = GustField(
-            field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
+            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
             self._behind,
             np.random.SeedSequence(flight.seed if seed is None else seed),
         )

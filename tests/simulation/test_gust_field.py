@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from station.simulation.gusts import STEP, Dryden, GustField, dryden, field_constants, gust_at
+from station.profile import Flight
+from station.simulation.gusts import STEP, Dryden, GustField, dryden, dryden_of, field_constants, gust_at, sigma_at
 
 FT = 0.3048
 SPEED = 185.66 * FT
@@ -50,6 +51,17 @@ def test_scales_at_height() -> None:
     assert low.sigma_u > low.sigma_w
     np.testing.assert_allclose(dryden(1000 * FT, 1.0)[:3], [1000 * FT] * 3, rtol=1e-12)
     np.testing.assert_allclose(dryden(1500 * FT, 1.0)[:3], [1375 * FT] * 3, rtol=1e-12)
+
+
+def test_strength_by_level_and_height() -> None:
+    """MIL-F-8785C: a tenth of the wind at 20 ft (15, 30, 45 kt) near the ground, the station's classes above."""
+    for level, wind_kt, high in (("light", 15, 5), ("moderate", 30, 10), ("severe", 45, 20)):
+        assert sigma_at(300 * FT, level) == pytest.approx(0.1 * wind_kt * 1852 / 3600)
+        assert sigma_at(2500 * FT, level) == pytest.approx(high * FT)
+        assert sigma_at(1500 * FT, level) == pytest.approx(0.5 * (0.1 * wind_kt * 1852 / 3600 + high * FT))
+    flight = Flight.model_validate({"turbulence": "moderate", "altitude": "2500 ft"})
+    assert dryden_of(flight) == dryden(2500 * FT, 10 * FT)
+    assert dryden_of(Flight.model_validate({"gust_sigma": "3 ft/s", "altitude": "500 ft"})) == dryden(500 * FT, 3 * FT)
 
 
 def test_spectra_follow_the_closed_forms(long: np.ndarray) -> None:
