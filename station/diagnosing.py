@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from station.discrepancy.record import Record, manoeuvres
-from station.log import metadata, points, summarise, table
+from station.log import Table, metadata, points, summarise, table
 from station.postflight import DEGRADED, DONE, say
 from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, UsageError
+
+if TYPE_CHECKING:
+    from station.kinematic_diagnosis import Judged
 
 app = typer.Typer()
 
@@ -41,21 +44,31 @@ def diagnose(
     """Compare recordings with the simulation: what is wrong, its cause, the extended model and what it gains."""
     from station.discrepancy.diagnosis import as_json as to_json
     from station.discrepancy.diagnosis import diagnose as solve
-    from station.discrepancy.extension import write_profile as write
 
     subject = load_aircraft(aircraft) if aircraft else None
+    for path in (*logs, *(hold_out or [])):
+        if not path.is_file():
+            raise LogError(f"{path}: no such file")
     if write_profile is not None and write_profile.exists():
         raise UsageError(f"{write_profile}: is there already: an extended profile never replaces a file; name another")
+    subject = subject or metadata(logs[0]).about.aircraft
+    flown = {path: table(path) for path in (*logs, *(hold_out or []))}
+    complete = all(summarise(path).verdict == "complete" for path in flown)
+    if subject.kinematics_only or not all("elevator" in x.columns for x in flown.values()):
+        say("no aerodynamic data or no elevator: the kinematic part only")
+        from station.kinematic_diagnosis import write_kinematic_report
+
+        result, extended, judged = _kinematics(flown, logs, hold_out or [], subject)
+        result = _finite(result)
+        if report is not None:
+            say(str(write_kinematic_report(result, judged, report)))
+        told = [e["sentence"] for e in result["effects"]]
+        return _finish(result, extended, told, logs, complete, as_json, write_profile)
     fitted: list[Record] = []
     kept: list[Record] = []
-    complete = True
     for group, paths in ((fitted, logs), (kept, hold_out or [])):
         for path in paths:
-            own, whole, pieces = _read(path, subject)
-            subject = subject or own
-            complete &= whole
-            group += pieces
-    assert subject is not None
+            group += _read(path, flown[path], subject)
     if not kept and len(fitted) > 1:
         count = max(1, len(fitted) // HELD_OUT_SHARE)
         fitted, kept = fitted[:-count], fitted[-count:]
@@ -65,11 +78,44 @@ def diagnose(
         from station.discrepancy.report import write_report  # and with it matplotlib
 
         say(str(write_report(found, result, report)))
+    told = [e.term.words(e.value) for e in found.effects]
+    return _finish(result, found.extended, told, logs, complete, as_json, write_profile)
+
+
+def _kinematics(
+    flown: Mapping[Path, Table], logs: Sequence[Path], hold_out: Sequence[Path], subject: Aircraft
+) -> tuple[dict[str, Any], Aircraft, list[Judged]]:
+    """What instruments say of each other: the result, the extended aircraft, and the records with their pictures."""
+    from station.kinematic_diagnosis import diagnose_kinematics, judge
+
+    def judged(path: Path) -> list[Judged]:
+        spans = [(p.start_s, p.end_s) for p in points(path)]
+        rig = metadata(path).about.rig
+        pieces = [flown[path].between(*span) for span in spans] or [flown[path]]
+        names = [path.name] if len(pieces) == 1 else [f"{path.name} #{k + 1}" for k in range(len(pieces))]
+        return [judge(n, piece, subject, rig) for n, piece in zip(names, pieces, strict=True)]
+
+    fitted = [j for path in logs for j in judged(path)]
+    result, extended = diagnose_kinematics(fitted, [j for path in hold_out for j in judged(path)], subject)
+    return result, extended, fitted
+
+
+def _finish(
+    result: Mapping[str, Any],
+    extended: Aircraft,
+    told: Sequence[str],
+    logs: Sequence[Path],
+    complete: bool,
+    as_json: str | None,
+    write_profile: Path | None,
+) -> int:
+    """Write the profile and the JSON, say the verdict; the exit code."""
+    from station.discrepancy.extension import write_profile as write
+
     if write_profile is not None:
-        words = "\n".join(e.term.words(e.value) for e in found.effects) or "No effect was found: the same aircraft."
-        heading = f"Extended by station diagnose ({found.verdict}) from {', '.join(p.name for p in logs)}.\n{words}"
-        named = found.extended.model_copy(update={"name": write_profile.stem})
-        write(named, write_profile, heading)
+        words = "\n".join(told) or "No effect was found: the same aircraft."
+        heading = f"Extended by station diagnose ({result['verdict']}) from {', '.join(p.name for p in logs)}.\n{words}"
+        write(extended.model_copy(update={"name": write_profile.stem}), write_profile, heading)
         say(str(write_profile))
     if as_json == "-":
         print(json.dumps(result, allow_nan=False))
@@ -82,27 +128,26 @@ def diagnose(
         print("\n".join(summary(result)))
     if not complete:
         say("station: a recording is not complete: see station info")
-    good = found.verdict in ("no_effect", "effect_found") and complete
+    # Of the kinematic part alone, all must have been judged but what rests on aerodynamics.
+    whole = len(result.get("not_judged", ())) <= 1
+    good = result["verdict"] in ("no_effect", "effect_found") and complete and whole
     return DONE if good else DEGRADED
 
 
-def _read(path: Path, subject: Aircraft | None) -> tuple[Aircraft, bool, list[Record]]:
-    """The aircraft, whether the recording is complete, and its manoeuvres."""
-    if not path.is_file():
-        raise LogError(f"{path}: no such file")
-    flown = table(path)
+def _read(path: Path, flown: Table, subject: Aircraft) -> list[Record]:
+    """The manoeuvres of a recording."""
     about = metadata(path).about
     found = manoeuvres(
         path.name,
         flown.t_s,
         {**flown.extra, **flown.columns},
-        subject or flown.aircraft,
+        subject,
         [(p.start_s, p.end_s) for p in points(path)],
     )
     if about.rig is not None:
         noise = about.rig.noise_si() if about.imported else about.rig.frame_noise_si()
         found = [replace(r, imu=about.rig.imu_position, stated=noise) for r in found]
-    return flown.aircraft, summarise(path).verdict == "complete", found
+    return found
 
 
 def _finite(value: Any) -> Any:
@@ -120,7 +165,11 @@ def summary(result: Mapping[str, Any]) -> list[str]:
     """The diagnosis in a few lines."""
     names = {"no_effect": "no effect found", "effect_found": "found", "confounded": "found, but confounded",
              "unexplained": "UNEXPLAINED: the named effects are suspect"}  # fmt: skip
-    lines = [f"{result['aircraft']}: {names[result['verdict']]}"]
+    partly = " in what could be judged" if len(result.get("not_judged", ())) > 1 else ""
+    lines = [f"{result['aircraft']}: {names[result['verdict']]}{partly}"]
+    if doubt := result.get("with_model_error"):
+        missed = ", ".join(f"{100 * v:.0f} % of {n}" for n, v in doubt["missed"].items())
+        lines.append(f"  the model of the aircraft does not suffice: freed, it still misses {missed}")
     for e in result["effects"]:
         low, high = e["ci95"]
         lines.append(f"  {e['id']}: {e['sentence']} (95 %: {low:.4g} to {high:.4g} {e['unit']})")

@@ -134,7 +134,7 @@ def _piece(
     if "dynamic_pressure" not in signals:
         signals["dynamic_pressure"] = 0.5 * density * signals["airspeed"] ** 2
     held: dict[str, NDArray[np.int64]] = {
-        s: fresh for s in ("v_down", "v_north", "v_east") if s in signals and len(fresh := _fresh(signals[s]))
+        s: fresh for s in ("v_down", "v_north", "v_east") if s in signals and len(fresh := held_samples(signals[s]))
     }
     _along(signals)
     if "v_north" in held:
@@ -159,7 +159,7 @@ def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | N
     return made
 
 
-def _fresh(x: Array) -> NDArray[np.int64]:
+def held_samples(x: Array) -> NDArray[np.int64]:
     """The samples at which a value that is held is new; empty for one that is new more often than each third time."""
     changes = np.flatnonzero(np.diff(x) != 0) + 1
     if len(changes) < 4 or np.median(np.diff(changes)) < HELD_SAMPLES:
