@@ -26,7 +26,7 @@ from rich.text import Text
 from station.board import Board
 from station.clock import Clock
 from station.conventions import from_si
-from station.plots import event_text
+from station.plots import event_text, is_routine
 from station.rows import LEVELS, AlphaEstimate, Level, ParamEstimate, Status, StreamHealth
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
@@ -332,7 +332,7 @@ def _event_lines(board: Board, count: int) -> list[Text]:
     if count < 1:
         return []
     lines = [_styled(" EVENTS", _TITLE)]
-    for _, event in board.events_after(0)[-count:]:
+    for event in [event for _, event in board.events_after(0) if not is_routine(event)][-count:]:
         style = _LEVEL_STYLES[event.level]
         lines.append(_styled(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
     return lines
@@ -379,6 +379,8 @@ def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callab
         ended = stop.wait(0.1)
         for number, event in board.events_after(told):
             told = number
+            if is_routine(event):
+                continue
             time = hms(board.elapsed_s(event.t_ns))
             write(f"{time} {_LEVEL_WORDS[event.level]:<5} {event_text(event)}")
         if clock.now_ns() >= due_ns or ended:

@@ -348,6 +348,11 @@ LEVEL_COLOURS: Final[Mapping[Level, int]] = {
 }
 
 
+def is_routine(event: Event) -> bool:
+    """A clock on its way to synced: every stream says so at the start, and the links show it."""
+    return event.code is Code.CLOCK_STATE and event.detail != "rejected"
+
+
 def event_text(event: Event) -> str:
     """An event in one line, without its time, for the page and the terminal."""
     times = f" x{event.count}" if event.count > 1 and event.source != "operator" else ""

@@ -82,6 +82,8 @@ class Page:
             if points.path in self._prompt or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
                 self._send(points.path)
         for event in rows.events:
+            if plots.is_routine(event):
+                continue
             t_ms = (event.t_ns - rows.start_ns) // 1_000_000  # more digits do not fit in the log's column
             self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ms, "ms"))
             level = plots.LEVEL_NAMES[event.level]

@@ -219,6 +219,16 @@ class Operator:
         self.keys = panel._Keys(self.callbacks, self.clock)
 
 
+def test_clocks_on_their_way_to_synced_do_not_crowd_the_events_but_a_rejected_one_is_told() -> None:
+    states = [Event(seconds(i), f"can.s{i}", Code.CLOCK_STATE, 1, "synced") for i in range(20)]
+    mark = Event(seconds(0), "operator", Code.MARK, 1, "gear down")
+    rejected = Event(seconds(30), "can.s3", Code.CLOCK_STATE, 1, "rejected")
+    text = "\n".join(screen(board_with(ALPHA, mark, *states, rejected)))
+    assert "gear down" in text
+    assert "rejected" in text
+    assert "synced" not in text
+
+
 def test_keys_start_points_and_quit() -> None:
     operator = Operator()
     operator.keys.press(b"p\x1b[Axq")
