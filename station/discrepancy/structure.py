@@ -46,6 +46,10 @@ SUPPORT: Final = 4.0
 """chi2 of an effect, of the instruments among themselves, without which an instrument is no candidate."""
 APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""
+LEANS: Final = 0.4
+"""Share of its value by which an effect may lean to make up for the model."""
+NEXT: Final = 0.3
+"""Share of the best chi2 that another effect must have to be a candidate beside it."""
 UNSUPPORTED: Final = 50.0
 """(value / standard deviation)2 asked of an effect at the vane in turbulence that the other instruments neither confirm
 nor deny: the gust hides it from them."""
@@ -212,26 +216,35 @@ def alone(references: Sequence[Reference], aircraft: Aircraft) -> Problem:
 
 
 def supported(
-    references: Sequence[Reference], problem: Problem, gust: Sequence[float], terms: Sequence[Term]
+    references: Sequence[Reference],
+    problem: Problem,
+    gust: Sequence[float],
+    terms: Sequence[Term],
+    values: Mapping[str, float],
 ) -> dict[str, tuple[float, float]]:
-    """Value and standard deviation of each instrument's effect, of the instruments among themselves (`problem`).
+    """Value and standard deviation of each instrument's effect, of the instruments among themselves (`problem`), beside
+    those thought to be there (`values`).
 
     How an effect shows is taken from the noiseless simulation: the measured motion answers the gust that the vane
     shows, and an effect that goes with the motion would be seen in every gust."""
     quiet = [replace(r, record=replace(r.record, signals=r.nominal), memo=Memo()) for r in references]
     motion = alone(quiet, problem.aircraft)
-    y = problem.at({})
+    y = problem.at(values)
     still = motion.at({})
-    allowed = motion.allowed_columns({}, still)
+    there = [motion.effect_columns(BY_ID[n], {}, still) for n in values]
+    allowed = [
+        np.concatenate([a, np.array([c[k] for c in there]).reshape(len(there), a.shape[1])])
+        for k, a in enumerate(motion.allowed_columns({}, still))
+    ]
     weights = [c / (1 + g**2 * s) for c, s, g in zip(problem.counts, problem.shares, gust, strict=True)]
-    inner = np.eye(len(allowed[0]))
+    inner = np.diag([*np.ones(len(allowed[0]) - len(there)), *np.full(len(there), 1e-9)])
     right = np.zeros(len(inner))
     for a, w, data in zip(allowed, weights, y, strict=True):
         inner += (a * w) @ a.T
         right += (a * w) @ data
     out = {}
     for term in terms:
-        if term.id.split(".")[0] not in INSTRUMENTS:
+        if term.id.split(".")[0] not in INSTRUMENTS or term.id in values:
             continue
         column = motion.effect_columns(term, {}, still)
         cross = sum((a * w) @ c for a, w, c in zip(allowed, weights, column, strict=True))
@@ -304,28 +317,32 @@ def in_doubt(
     """Search with the model in doubt."""
     progress("what instruments say of each other")
     without = alone(references, aircraft)
-    null = without.null()
-    said = supported(references, without, null.gust, terms)
+    gust = without.null().gust
+    said = supported(references, without, gust, terms, {})
     support = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
     allowed, named = doubts(aircraft, terms)
-    problem, shares = doubtful(references, aircraft, allowed, null.gust, {})
+    problem, shares = doubtful(references, aircraft, allowed, gust, {})
     wrong = parts(problem, problem.null(), named)
+    gains = GAINS if any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong) else ()
     gusty = any(r.setting.gusty for r in references)
-    own = [t for t in terms if _candidate(t, aircraft, support, named, gusty)]
-    if any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong):
-        own = [t for t in own if t.id not in GAINS]
-    found = search(problem, own, progress, ASKED)
+    others = [t for t in terms if t.id not in named and t.id not in gains and t.id not in said]
+    own = [t for t in terms if _candidate(t, aircraft, said, gusty)]
+    found = search(problem, [*others, *own], progress, ASKED)
     for _ in range(MOST_ROUNDS):
-        if not found.accepted.values:
+        accepted = found.accepted
+        if not accepted.values:
             break
-        against = [n for n in found.accepted.values if n in said and _contradicted(found.accepted, n, said[n])]
-        if against:
-            own = [t for t in own if t.id not in against]
-        else:
-            # What the model misses was found with these effects taken for a part of it.
-            problem, shares = doubtful(references, aircraft, allowed, null.gust, found.accepted.values)
-        found = search(problem, own, progress, ASKED)
+        against = [n for n in accepted.values if n in said and _contradicted(accepted, n, said[n])]
+        instruments = {n: v for n, v in accepted.values.items() if n in said and n not in against}
+        beside = supported(references, without, gust, terms, instruments)
+        more = [t for t in terms if t not in own and _candidate(t, aircraft, beside, False)]
+        said = {**said, **{t.id: beside[t.id] for t in more}}
+        own = [t for t in [*own, *more] if t.id not in against]
         if not against:
+            # What the model misses was found with these effects taken for a part of it.
+            problem, shares = doubtful(references, aircraft, allowed, gust, accepted.values)
+        found = search(problem, [*others, *own], progress, ASKED)
+        if set(found.accepted.values) == set(accepted.values):
             break
     return Doubted(problem, found, parts(problem, found.accepted, named), shares, support)
 
@@ -336,20 +353,20 @@ def _contradicted(fit: Fit, name: str, said: tuple[float, float]) -> bool:
     found, own = fit.values[name], fit.sds[name]
     if (value / sd) ** 2 < SUPPORT and (found / own) ** 2 < UNSUPPORTED:
         return True
-    return abs(found - value) > APART * math.hypot(sd, own)
+    return abs(found - value) > APART * math.hypot(sd, own) + LEANS * abs(value)
 
 
-def _candidate(
-    term: Term, aircraft: Aircraft, support: Mapping[str, float], named: Mapping[str, Term], gusty: bool
-) -> bool:
-    if term.id in named:
+def _candidate(term: Term, aircraft: Aircraft, said: Mapping[str, tuple[float, float]], gusty: bool) -> bool:
+    """Whether the instruments say so of an effect, and of no other much more."""
+    if term.id not in said:
         return False
     if term.id.split(".")[0] in ("alpha_vane", "boom"):
         if aircraft.boom is None:
             return False  # nothing was said that could be wrong
-        if gusty:
+        if gusty and term.id != "alpha_vane.bias":
             return True
-    return support.get(term.id, math.inf) >= SUPPORT
+    strength = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
+    return strength[term.id] >= max(SUPPORT, NEXT * max(strength.values()))
 
 
 BIASES: Final = ("theta bias", "az bias", "ax bias", "q bias")
