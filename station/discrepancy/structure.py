@@ -50,6 +50,8 @@ LEANS: Final = 0.4
 """Share of its value by which an effect may lean to make up for the model."""
 NEXT: Final = 0.3
 """Share of the best chi2 that another effect must have to be a candidate beside it."""
+HIDDEN: Final = ("alpha_vane.delay", "alpha_vane.scale", "alpha_vane.position", "boom.flexure")
+"""What a gust at the vane hides from the other instruments."""
 UNSUPPORTED: Final = 50.0
 """(value / standard deviation)2 asked of an effect at the vane in turbulence that the other instruments neither confirm
 nor deny: the gust hides it from them."""
@@ -363,7 +365,7 @@ def _candidate(term: Term, aircraft: Aircraft, said: Mapping[str, tuple[float, f
     if term.id.split(".")[0] in ("alpha_vane", "boom"):
         if aircraft.boom is None:
             return False  # nothing was said that could be wrong
-        if gusty and term.id != "alpha_vane.bias":
+        if gusty and term.id in HIDDEN:
             return True
     strength = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
     return strength[term.id] >= max(SUPPORT, NEXT * max(strength.values()))
