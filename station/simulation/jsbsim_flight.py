@@ -57,6 +57,7 @@ _READ: Final[Mapping[str, tuple[str, float]]] = {
     "moment": ("moments/m-aero-lbsft", _POUND * _FT),
     "left": ("propulsion/engine[0]/thrust-lbs", _POUND), "right": ("propulsion/engine[1]/thrust-lbs", _POUND),
 }  # fmt: skip
+_PILOT_SEES: Final = ("airspeed", "altitude", "phi", "psi", "p", "r")
 
 # The pilot: power as the longitudinal simulation's thrust; ailerons for the wings, rad per rad and per rad/s.
 _BANK, _ROLL, _HEADING, _TURN_LIMIT, _YAW = 0.4, 0.2, 1.0, 0.1, 0.1
@@ -70,11 +71,12 @@ def _load() -> Any:
         raise ProfileError(
             'flight.source: "jsbsim" needs a package that is not installed\ninstall it: pip install "jsbsim>=1.2,<2"'
         ) from None
-    jsbsim.FGJSBBase().debug_lvl = 0
-    if hasattr(jsbsim, "FGLogger"):
+    package: Any = jsbsim
+    package.FGJSBBase().debug_lvl = 0
+    if hasattr(package, "FGLogger"):
         names = ("file_location", "flush", "format", "message", "set_level")
-        jsbsim.set_logger(type("Silent", (jsbsim.FGLogger,), dict.fromkeys(names, lambda *_: None))())
-    return jsbsim
+        package.set_logger(type("Silent", (package.FGLogger,), dict.fromkeys(names, lambda *_: None))())
+    return package
 
 
 def trimmed(speed: float, height: float, heading: float = 0.0, dt: float = DT / FINER) -> Any:
@@ -201,7 +203,7 @@ class JsbsimFlight:
                 self._surfaces[name].move(angle)
                 self._deflect(name, self._surfaces[name].surface)
             self._sim.run()
-            self._now = self._state()
+            self._now |= {name: float(self._sim[_READ[name][0]]) * _READ[name][1] for name in _PILOT_SEES}
         self._sim.set_dt(DT / FINER)
         self._blow()
         self._sim.run()

@@ -28,12 +28,12 @@ def flown(seconds: float, sigma: float = 0.0, aircraft: Any = None, **keys: Any)
 
 @pytest.fixture(scope="module")
 def calm() -> dict[str, np.ndarray]:
-    return flown(50.0)
+    return flown(30.0)
 
 
 @pytest.fixture(scope="module")
 def gusty() -> dict[str, np.ndarray]:
-    return flown(40.0, 1.524)
+    return flown(25.0, 1.524)
 
 
 def test_it_is_trimmed_and_gives_every_signal_in_range(calm: dict[str, np.ndarray]) -> None:

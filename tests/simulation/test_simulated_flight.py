@@ -296,3 +296,23 @@ def test_a_rig_shows_its_own_signals_at_its_imu() -> None:
     assert set(shown) == {s for stream in rig.streams() for s in stream.signals}
     noise = rig.noise_si()
     assert (shown["az"] - truth["az"]).std() == pytest.approx(noise["az"], rel=0.15)
+
+
+def test_a_rig_s_gaps_and_drift_are_in_what_it_shows() -> None:
+    rig = load_rig("bench")
+    gyro = rig.devices[1].streams[0]
+    drifting = gyro.signals["q"].model_copy(update={"drift": 0.5})  # deg/s in a minute
+    lossy = gyro.model_copy(update={"dropout": 0.1, "signals": {**gyro.signals, "q": drifting}})
+    device = rig.devices[1].model_copy(update={"streams": (lossy, *rig.devices[1].streams[1:])})
+    worse = rig.model_copy(update={"devices": (rig.devices[0], device, *rig.devices[2:])})
+    shown, _ = fly(load_aircraft("twin_otter"), worse, card(DOUBLET), 60.0)
+    plain, _ = fly(load_aircraft("twin_otter"), rig, card(DOUBLET), 60.0)
+    lost = np.isnan(shown["q"])
+    assert lost.mean() == pytest.approx(0.1, abs=0.025)  # 4 standard deviations of 3,000 draws
+    np.testing.assert_array_equal(np.isnan(shown["p"]), lost)
+    np.testing.assert_array_equal(shown["p"][~lost], plain["p"][~lost])
+    walk = (shown["q"] - plain["q"])[~lost]
+    assert walk[0] == 0.0
+    # The random walk's range over its length is 1.6 times its final deviation on average, 0.4 of that either way.
+    assert math.radians(0.3) < np.ptp(walk) < math.radians(2.0)
+    np.testing.assert_array_equal(shown["az"], plain["az"])
