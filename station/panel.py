@@ -202,7 +202,7 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
         yield Text(set_cell_size(f" and {len(board.alarms) - 4} more alarms", width), "bold white on red")
     disagreements = board.disagreements
     for warning in disagreements[-MOST_WARNINGS:]:
-        text = f" CHECK  {warning.detail}  {hms(board.elapsed_s(warning.t_ns))}"
+        text = f" CHECK  {hms(board.elapsed_s(warning.t_ns))}  {warning.detail}"
         yield Text(set_cell_size(text, width), "bold black on yellow")
     if len(disagreements) > MOST_WARNINGS:
         text = f" and {len(disagreements) - MOST_WARNINGS} more to check"

@@ -124,7 +124,7 @@ WRONG = {
     "az": ("az", 0.5, "accelerometer.bias", 0.051, "g high"),
     "ax": ("ax", 0.5, "ax.bias", 0.051, "g high"),
     "airspeed": ("airspeed", 5.0, "airspeed.bias", 5, "m/s high"),
-    "elevator": ("elevator", math.radians(3), "model.moment_0", 1.74 * math.radians(3), "Cm, nose down"),
+    "elevator": ("elevator", math.radians(3), "model.moment_0", 1.74 * math.radians(3), "Cm nose down"),
 }
 """What is added to a signal, and what is to be told of it; the vane's steady calibration is 0.85."""
 

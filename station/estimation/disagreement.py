@@ -86,7 +86,7 @@ CHECKS: Final = {
         _both("model.lift_0", "1", 0.1, "lift {size} in CL {way} than the profile's model says (±{sd2})", "more",
               "less"),
         _both("model.moment_0", "1", 0.03,
-              "trim off by {size} in Cm, nose {way}, by the profile's model (±{sd2}): elevator, CG or Cm_0",
+              "trim {size} in Cm nose {way} by the model (±{sd2}): elevator, CG or Cm_0",
               "up", "down"),
     )
 }  # fmt: skip
