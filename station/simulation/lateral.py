@@ -207,7 +207,6 @@ def _record_lateral(
     row[_TRUE], row[_TRUE + 1], row[_TRUE + 2], row[_TRUE + 3] = lateral[0], lateral[1], lateral[2], lateral[3]
 
 
-# As in motion.py: after editing what this calls in other modules, touch this file.
 @njit(cache=True, error_model="numpy")
 def advance_lateral(
     c: ac.Constants,

@@ -181,7 +181,6 @@ def record(
     row[36] = x[ac.ELEVATOR]
 
 
-# numba's cache does not notice changes of what `advance` calls in other modules: after editing one, touch this file.
 @njit(cache=True, error_model="numpy", nogil=True)
 def advance(
     c: ac.Constants,
