@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import from_si
-from station.discrepancy.effects import EFFECTS, judged_effects
+from station.discrepancy.effects import judged_effects
 from station.discrepancy.fit import Problem
-from station.discrepancy.reference import Reference
+from station.discrepancy.reference import SIGMA, Reference
+from station.discrepancy.residuals import Memo
 from station.discrepancy.search import FIRST, RIVAL
 
 Array = NDArray[np.float64]
@@ -33,10 +33,14 @@ class Detectable:
     correlation: float
 
 
-def detectable_sizes(references: Sequence[Reference], problem: Problem, gust: float) -> list[Detectable]:
-    """Sizes found (and named alone) nine times in ten with these manoeuvres in that gust (m/s), by effect."""
+def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable]:
+    """Sizes found (and named alone) nine times in ten with a problem's manoeuvres in gusts (m/s, by manoeuvre)."""
+    # A correction moves a signal's noise too, which is no information: the flights are those of the simulation.
+    references = [_quiet(r, g) for r, g in zip(problem.references, gust, strict=True)]
+    problem = Problem(references, problem.aircraft, problem.allowed)
     present = set.intersection(*(set(r.record.signals) for r in references))
-    terms = judged_effects(problem.aircraft, present, any(r.setting.gusty for r in references), False)
+    gusty, held = any(r.setting.gusty for r in references), any(len(r.record.held) for r in references)
+    terms = judged_effects(problem.aircraft, present, gusty, held)
     base = problem.at({})
     allowed = problem.allowed_columns({}, base)
     columns = [problem.effect_columns(t, {}, base) for t in terms]
@@ -44,7 +48,7 @@ def detectable_sizes(references: Sequence[Reference], problem: Problem, gust: fl
     whole = np.zeros((e + a, e + a))
     for k in range(len(references)):
         stacked = np.concatenate([np.stack([c[k] for c in columns]), allowed[k]])
-        whole += (stacked * (problem.counts[k] / (1 + gust**2 * problem.shares[k]))) @ stacked.T
+        whole += (stacked * (problem.counts[k] / (1 + gust[k] ** 2 * problem.shares[k]))) @ stacked.T
     inner = whole[e:, e:] + np.eye(a)
     information = whole[:e, :e] - whole[:e, e:] @ np.linalg.solve(inner, whole[e:, :e])
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -62,20 +66,8 @@ def detectable_sizes(references: Sequence[Reference], problem: Problem, gust: fl
     return out
 
 
-def detectable_table(rows: Sequence[tuple[str, Sequence[Detectable]]]) -> str:
-    """A table for people: one row an effect, one column a card and air; found, and named alone where that is larger."""
-    by_column = {title: {d.id: d for d in sizes} for title, sizes in rows}
-    lines = ["| effect | unit | " + " | ".join(by_column) + " |", "|---" * (2 + len(by_column)) + "|"]
-    for term in EFFECTS:
-        if not any(term.id in sizes for sizes in by_column.values()):
-            continue
-        cells = []
-        for sizes in by_column.values():
-            d = sizes.get(term.id)
-            if d is None:
-                cells.append("–")
-                continue
-            found, named = from_si(d.found, term.shown), from_si(d.named, term.shown)
-            cells.append(f"{found:.2g}" if named < 1.05 * found else f"{found:.2g} ({named:.2g}: {d.rival})")
-        lines.append(f"| `{term.id}` | {term.shown} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+def _quiet(r: Reference, gust: float) -> Reference:
+    """A manoeuvre as it would be without noise, in one of its simulated gust fields of that strength (m/s)."""
+    share = gust / SIGMA
+    signals = {n: x + share * (r.flights.turbulent[n][0] - x) for n, x in r.flights.nominal.items()}
+    return replace(r, record=replace(r.record, signals=signals), memo=Memo())

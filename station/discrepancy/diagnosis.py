@@ -7,12 +7,13 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from scipy import stats
 
 from station.discrepancy import judge
 from station.discrepancy.checks import Seen, examine
+from station.discrepancy.detectable import detectable_sizes
 from station.discrepancy.effects import BY_ID, Term, extended, judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
@@ -27,6 +28,7 @@ SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
 NOTABLE_GUST: Final = 0.3
+T = TypeVar("T")
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
 
 
@@ -85,13 +87,15 @@ def diagnose(
     seen, mended = examine([*fitted, *held_out], aircraft)
     fitted, held_out = mended[: len(fitted)], mended[len(fitted) :]
     progress(f"simulating {', '.join(r.name for r in (*fitted, *held_out))}")
-    # The flights take most of the time and let go of the interpreter: each record has its own thread.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        made = list(
-            pool.map(lambda kr: reference(kr[1], aircraft, seed + 1000 * kr[0]), enumerate([*fitted, *held_out]))
-        )
+    made = _side_by_side(lambda k, record: reference(record, aircraft, seed + 1000 * k), [*fitted, *held_out])
     references, kept = made[: len(fitted)], made[len(fitted) :]
     return diagnosis_of(references, kept, aircraft, progress, seen)
+
+
+def _side_by_side(make: Callable[[int, T], Reference], of: Sequence[T]) -> list[Reference]:
+    """One thread each: the flights take most of the time and let go of the interpreter."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(make, range(len(of)), of))
 
 
 def diagnosis_of(
@@ -158,10 +162,12 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     subject = extended(problem.aircraft, found.accepted.values)
     same = bare(subject).model_dump() == bare(problem.aircraft).model_dump()  # instruments alone: it flies alike
     try:
-        references = [
-            reference(r.record, subject, 500 + k, r.flights if same else None, (r.mass_share, r.iyy_share))
-            for k, r in enumerate(problem.references)
-        ]
+        references = _side_by_side(
+            lambda k, r: reference(
+                r.record, subject, 500 + k, r.flights if same else None, (r.mass_share, r.iyy_share)
+            ),
+            problem.references,
+        )
     except UsageError:
         return problem, found  # an aircraft with these effects could not have flown: what is left will tell
     again = Problem(references, problem.aircraft)
@@ -193,8 +199,7 @@ def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:
     out = []
     for name, value in accepted.values.items():
         others = frozenset(accepted.values) - {name}
-        without = found.refitted.get(others, found.null if not others else None)
-        drop = _without(found, others) - accepted.cost if without is None else without.cost - accepted.cost
+        drop = _without(found, others) - accepted.cost
         sd = SD_FACTOR * accepted.sds[name]
         rivals = judge.rivals_of(found, name)
         if name == "alpha_vane.scale" and aircraft.boom is not None:
@@ -222,7 +227,9 @@ def _as_likely(d: Doubted, e: Effect) -> tuple[str, ...]:
     if own is None:
         return ()
     named = {*d.found.accepted.values, *e.rivals}
-    return tuple(n for n, v in d.support.items() if v > own and n not in named and _of_vane(n) == _of_vane(e.term.id))
+    return tuple(
+        n for n, v in d.support.items() if v > own + RIVAL and n not in named and _of_vane(n) == _of_vane(e.term.id)
+    )
 
 
 def _of_vane(name: str) -> bool:
@@ -284,6 +291,10 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
             {"id": f.ids[0], "value": f.values[f.ids[0]], "drop": max(found.screened - f.cost, 0.0)}
             for f in found.singles
             if f.ids[0] not in found.accepted.values and math.isfinite(f.cost)
+        ],
+        "detectable": [
+            {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.rival}
+            for x in detectable_sizes(problem, found.accepted.gust)
         ],
         "remarks": list(d.remarks),
     }

@@ -268,7 +268,7 @@ EFFECTS: Final[tuple[Term, ...]] = (
          "Gusts meet the tail later by {value} of its arm than the profile says.",
          "a calm manoeuvre: it shows in turbulence only", unsteady("tail_penetration"), aerodynamic=True,
          gust_only=True),
-    Term("aero.downwash_lag", "CL Cm", 0, "s", "ms", -0.2, 0.5, 0.01,
+    Term("aero.downwash_lag", "CL Cm", 0, "s", "ms", -0.1, 0.5, 0.01,
          "The downwash reaches the tail {value} later than the tail arm over the speed.",
          "a calm multisine and one in turbulence", unsteady("downwash_delay"), aerodynamic=True),
     Term("aero.CL_q", "CL", 0, "1", "1", -40, 40, 2, "Lift follows pitch rate: CL_q = {value}.",

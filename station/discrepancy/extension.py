@@ -20,6 +20,8 @@ UNIT_OF: Final[Mapping[str, str]] = {
     "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""
+_OF_UNCERTAINTY: Final = {"downwash_delay": "s", "vane_x": "s", "vane_delay": "s"}
+"""The same in its section `uncertainty`, whose other values are relative."""
 
 _STILL: Final = Instrument().model_dump()
 
@@ -33,13 +35,14 @@ def to_toml(aircraft: Aircraft, heading: str) -> str:
     for section, content in raw.items():
         if not isinstance(content, dict) or not content:
             continue
+        units = _OF_UNCERTAINTY if section == "uncertainty" else UNIT_OF
         lines += ["", f"[{section}]"]
         for key, value in content.items():
             if isinstance(value, dict):
                 still = _STILL if section == "instruments" else {}
                 value = {k: v for k, v in value.items() if not _empty(v) and v != still.get(k)}
             if not _empty(value):
-                lines.append(f"{key} = {_value(key, value)}")
+                lines.append(f"{key} = {_value(key, value, units)}")
     return "\n".join(lines) + "\n"
 
 
@@ -47,18 +50,18 @@ def _empty(value: Any) -> bool:
     return bool(value == "" or value == () or value == {})
 
 
-def _value(key: str, value: Any) -> str:
+def _value(key: str, value: Any, units: Mapping[str, str] = UNIT_OF) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {_value(k, v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{k} = {_value(k, v, units)}" for k, v in value.items()) + " }"
     if isinstance(value, (tuple, list)):
-        return "[" + ", ".join(_value(key, v) for v in value) + "]"
+        return "[" + ", ".join(_value(key, v, units) for v in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     number = repr(float(value))
-    if key in UNIT_OF:
-        return f'"{from_si(float(value), UNIT_OF[key])!r} {UNIT_OF[key]}"'
+    if key in units:
+        return f'"{from_si(float(value), units[key])!r} {units[key]}"'
     return number
 
 

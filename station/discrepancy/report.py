@@ -210,12 +210,22 @@ def _residuals(result: Mapping[str, Any]) -> str:
 
 
 def _checked(result: Mapping[str, Any]) -> str:
-    rows = "".join(
-        f"<tr><td>{_text(x['id'])}</td><td>{_shown(x['id'], x['value'])}</td><td>{x['drop']:.1f}</td></tr>"
-        for x in result["excluded"]
+    sizes = {x["id"]: x for x in result["detectable"]}
+    rows = ""
+    for x in result["excluded"]:
+        size = sizes.get(x["id"])
+        told = ("–", "–") if size is None else (_shown(x["id"], size["size"]), _shown(x["id"], size["size_named"]))
+        rows += f"<tr><td>{_text(x['id'])}</td><td>{_shown(x['id'], x['value'])}</td><td>{x['drop']:.1f}</td>"
+        rows += f"<td>{told[0]}</td><td>{told[1]}</td><td>{_text(size['rival']) if size else ''}</td></tr>"
+    head = (
+        "<tr><th>alone, not accepted</th><th>its best value</th><th>drop</th><th>would be found</th>"
+        "<th>and told from</th><th>its nearest rival</th></tr>"
     )
-    head = "<tr><th>alone, not accepted</th><th>its best value</th><th>drop</th></tr>"
-    return f"<details><summary>Every effect alone</summary><table>{head}{rows}</table></details>"
+    note = "Sizes that manoeuvres like these, in this air, show nine times in ten."
+    return (
+        "<details><summary>Every effect alone, and how large it would have to be</summary>"
+        f'<table>{head}{rows}</table><p class="note">{note}</p></details>'
+    )
 
 
 def _derivatives(result: Mapping[str, Any]) -> str:
@@ -321,28 +331,43 @@ def _gust_of(found: Diagnosis, r: Reference) -> float:
     return r.gust_guess
 
 
-def _times(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
+def series_in_time(
+    found: Diagnosis, before: Aircraft, after: Aircraft, count: int | None = None
+) -> tuple[str, dict[str, dict[str, tuple[Array, Array]]]]:
+    """The manoeuvre that changes most, and over its time (s) the elevator and each series, most changed first, before
+    and after; by plot and line."""
     r = _most_changed(found, before, after)
     s = r.setting
     one, other = judge.channel_error(r, before), judge.channel_error(r, after)
-    names = sorted(one, key=lambda n: -abs(one[n] ** 2 - other[n] ** 2))[:3]
+    names = sorted(one, key=lambda n: -abs(one[n] ** 2 - other[n] ** 2))[:count]
     t = r.record.start_s + r.record.dt * np.arange(r.record.n)
     inside = slice(s.cut, s.n - s.cut)
-    figure = Figure(figsize=(10, 1.6 + 1.9 * len(names)), layout="constrained", dpi=90)
-    figure.suptitle(r.record.name, x=0.01, ha="left", fontsize=10)
-    grid = figure.subplots(1 + len(names), 1, sharex=True)
-    grid[0].plot(t, np.degrees(r.record.signals["elevator"]), color=_INK, lw=1)
-    grid[0].set_ylabel("elevator, deg", fontsize=8)
-    for axes, name in zip(grid[1:], names, strict=True):
+    plots: dict[str, dict[str, tuple[Array, Array]]] = {
+        "elevator, deg": {"measured": (t, np.degrees(r.record.signals["elevator"]))}
+    }
+    for name in names:
         j = SERIES.index(name)
-        for aircraft, colour, label in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+        lines = plots.setdefault(f"{name}, {_MEANING[name][2] or '1'}", {})
+        for aircraft, label in ((before, "before"), (after, "after")):
             own = loaded(aircraft, r.record, r.mass_share, r.iyy_share)
             whole = back(transform(series(r.record.signals, own, s)[j], s) * (s.omega < 2 * np.pi * HIGH_HZ), s)
-            y = whole[inside] * _scale(name)
-            axes.plot(t[inside], _levelled(y), color=colour, lw=1, label=label)
-        axes.set_ylabel(f"{name}, {_MEANING[name][2] or '1'}", fontsize=8)
-        axes.set_title(_MEANING[name][0], fontsize=8, loc="left")
-    for axes in grid:
+            lines[label] = (t[inside], _levelled(whole[inside] * _scale(name)))
+    return r.record.name, plots
+
+
+def _times(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
+    title, plots = series_in_time(found, before, after, 3)
+    figure = Figure(figsize=(10, 1.6 + 1.9 * (len(plots) - 1)), layout="constrained", dpi=90)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+    grid = figure.subplots(len(plots), 1, sharex=True)
+    colours = {"measured": _INK, "before": _BEFORE, "after": _AFTER}
+    for axes, (name, lines) in zip(grid, plots.items(), strict=True):
+        for label, (t, y) in lines.items():
+            axes.plot(t, y, color=colours[label], lw=1, label=label)
+        axes.set_ylabel(name, fontsize=8)
+        meaning = _MEANING.get(name.partition(",")[0])
+        if meaning is not None:
+            axes.set_title(meaning[0], fontsize=8, loc="left")
         axes.tick_params(labelsize=8)
         axes.axhline(0, color=_FAINT, lw=0.5)
     grid[1].legend(fontsize=8, frameon=False, ncols=2, loc="upper right")

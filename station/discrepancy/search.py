@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 
 FIRST: Final = 18.0
 """Drop of -2 log likelihood for one effect: one false alarm in 200 clean flights."""
-FURTHER: Final = 15.0
+FURTHER: Final = 18.0
 FURTHER_SHARE: Final = 0.005
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
-PAIR: Final = 24.0
+PAIR: Final = 30.0
 RIVAL: Final = 6.0
 """Candidates of one size within this of the best cannot be told from it."""
 SINGLES: Final = 7

@@ -47,7 +47,7 @@ DETECTABLE = {
     "q.delay": (1.13e-3, 1.6e-3, 1.6e-3), "q.scale": (0.0079, 0.0092, 0.0088), "imu.delay": (1.2e-3, 1.75e-3, 1.7e-3),
     "theta.bias": (0.55 * DEG, 0.74 * DEG, 0.72 * DEG), "elevator.lag": (1.25e-3, 1.75e-3, 1.85e-3),
     "elevator.scale": (0.43, 0.43, 0.43), "elevator.backlash": (0.026 * DEG, 0.037 * DEG, 0.041 * DEG),
-    "dynamic_pressure.scale": (0.033, 0.047, 0.036), "dynamic_pressure.lag": (0.037, 0.019, 0.012),
+    "dynamic_pressure.scale": (0.033, 0.047, 0.036), "dynamic_pressure.lag": (0.28, 0.020, 0.012),
     "mass.scale": (0.061, 0.060, 0.050), "inertia.scale": (0.163, 0.065, 0.046),
     "cg.shift": (0.33 * FT, 0.30 * FT, 0.27 * FT), "aero.icing": (0.79, 0.82, 0.82),
     "aero.alpha_squared": (2.5, 2.75, 2.25), "aero.speed_terms": (0.055, 0.053, 0.049),
@@ -217,9 +217,8 @@ def _outside(case: Case, name: str, truth):
     """What a sensor adds that the catalogue does not have, at 200 Hz."""
     o = case.outside
     if name == "q":
-        return (
-            o.get("g_sensitivity", 0.0) * truth["az"] / G0
-            + o.get("q_quadratic", 0.0) * truth["q"] * np.abs(truth["q"])
+        return o.get("g_sensitivity", 0.0) * truth["az"] / G0 + o.get("q_quadratic", 0.0) * truth["q"] * np.abs(
+            truth["q"]
         )
     if name == "az":
         return o.get("az_tone", 0.0) * G0 * np.sin(2 * np.pi * 1.3 * truth["time"] + case.seed)

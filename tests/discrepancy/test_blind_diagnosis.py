@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from blind import DETECTABLE, KINDS, SIGMAS, Case, aircraft, covered, diagnosed, draw, prepared, score, size, tally
+from blind import SIGMAS, Case, aircraft, covered, diagnosed, prepared, score, size
+from matrices import clean, confusion, held_out, large, outside, pairs, singles
 
-from station.discrepancy.detectable import detectable_sizes, detectable_table
+from station.discrepancy import judge
+from station.discrepancy.detectable import detectable_sizes
+from station.discrepancy.diagnosis import diagnosis_of
 from station.discrepancy.fit import Problem
 
 
-def fit_on(i: int) -> tuple[str, str]:
-    return KINDS[i % 3], KINDS[(i + 1) % 3]
+def told(cases: Sequence[Case]) -> list[str]:
+    """Scores, printed by case."""
+    found = [(c, diagnosed(c)) for c in cases]
+    print(confusion(found))
+    return [score(c, d) for c, d in found]
 
 
 @pytest.mark.parametrize("sigma", [SIGMAS[0], SIGMAS[2]])
@@ -65,82 +71,70 @@ def test_gain_is_measured_on_a_manoeuvre_not_fitted():
 
 def test_detectable_sizes_are_those_that_are_found():
     references, _ = prepared(Case(seed=961, sigma=SIGMAS[0]))
-    sizes = detectable_sizes(references, Problem(references, aircraft()), 0.0)
-    found = {d.id: d for d in sizes}
+    found = {d.id: d for d in detectable_sizes(Problem(references, aircraft()), (0.0, 0.0))}
     for name in ("alpha_vane.delay", "q.scale", "accelerometer.position", "mass.scale"):
         assert found[name].found == pytest.approx(size(name, 0.0), rel=0.5)
         assert found[name].named >= found[name].found
-    assert "| `q.scale` | % |" in detectable_table([("two, calm", sizes)])
 
 
 @pytest.mark.slow
 def test_matrix_of_clean_flights():
-    cases = [Case(seed=20000 + i, sigma=SIGMAS[i % 3], fit_on=fit_on(i // 3), thrust=i % 2 == 0) for i in range(200)]
-    scores = [score(c, diagnosed(c)) for c in cases]
-    print(tally(scores))
-    assert scores.count("clean") >= 0.99 * len(scores)
+    assert told(clean(200)).count("clean") >= 0.99 * 200
 
 
 @pytest.mark.slow
 def test_matrix_of_single_effects_at_twice_their_detectable_size():
-    cases = []
-    for name in DETECTABLE:
-        for k in range(9):
-            sigma = SIGMAS[k % 3]
-            if name == "elevator.scale" or not math.isfinite(size(name, sigma)):
-                continue
-            i = len(cases)
-            sign = 1 if name == "elevator.backlash" or i % 2 else -1
-            planted = {name: 2 * sign * size(name, sigma)}
-            cases.append(Case(seed=6000 + i, sigma=sigma, effects=planted, fit_on=fit_on(i)))
-    found = [(c, diagnosed(c)) for c in cases]
+    found = [(c, diagnosed(c)) for c in singles(9, 2.0)]
+    print(confusion(found))
     scores = [score(c, d) for c, d in found]
+    assert scores.count("exact") >= 0.94 * len(scores)
+    assert scores.count("exact") + scores.count("group") + scores.count("suspect") >= 0.97 * len(scores)
     inside = [hit for c, d in found for _, hit, _ in covered(c, d)]
-    rows: dict[str, list[str]] = {}
-    for c, d in found:
-        rows.setdefault(next(iter(c.effects)), []).append(
-            score(c, d) if score(c, d) == "exact" else f"{score(c, d)} {[e.term.id for e in d.effects]}"
-        )
-    for name, row in rows.items():
-        print(f"{name:26s} {tally(row)}")
-    print(tally(scores), f"coverage {np.mean(inside):.3f} of {len(inside)}")
-    named = scores.count("exact")
-    assert named >= 0.94 * len(scores)
-    assert named + scores.count("group") + scores.count("suspect") >= 0.97 * len(scores)
-    assert np.mean(inside) >= 0.90
+    assert 0.90 <= np.mean(inside) <= 0.98
+
+
+@pytest.mark.slow
+def test_matrix_of_single_effects_at_half_their_detectable_size():
+    # Most are too small to be found: what is named nevertheless must be true.
+    scores = told(singles(3, 0.5))
+    assert scores.count("wrong") + scores.count("companion") + scores.count("left over") <= 0.03 * len(scores)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [1.5, 0.7])
+def test_matrix_with_noise_other_than_stated(noise):
+    assert told(clean(30, noise)).count("clean") >= 29
+    scores = told(singles(1, 2.5, noise))
+    assert scores.count("exact") + scores.count("group") >= 0.94 * len(scores)
 
 
 @pytest.mark.slow
 def test_matrix_of_pairs():
-    cases = [
-        Case(seed=40000 + i, sigma=SIGMAS[i % 3], fit_on=fit_on(i // 3), effects=draw(40000 + i, 2, 2.0, SIGMAS[i % 3]))
-        for i in range(60)
-    ]
-    scores = [score(c, diagnosed(c)) for c in cases]
-    print(tally(scores))
+    scores = told(pairs(60))
     assert scores.count("exact") + scores.count("group") >= 0.92 * len(scores)
 
 
 @pytest.mark.slow
 def test_matrix_outside_the_catalogue():
-    kinds = [{"periodic": 0.002}, {"periodic": 0.004}, {"g_sensitivity": 0.006}, {"g_sensitivity": -0.008}]
-    kinds += [{"Cm_alpha3": 60.0}, {"Cm_alpha3": -60.0}]
-    cases = [
-        Case(seed=30000 + i, sigma=SIGMAS[(i // 6) % 3], fit_on=fit_on(i), outside=kinds[i % 6]) for i in range(72)
-    ]
-    scores = [score(c, diagnosed(c)) for c in cases]
-    print(tally(scores))
+    scores = told(outside(80))
     assert scores.count("unexplained") >= 0.95 * len(scores)
 
 
 @pytest.mark.slow
 def test_matrix_of_large_effects():
-    names = [n for n in DETECTABLE if n not in ("aero.icing", "elevator.scale")]
-    airs = (SIGMAS[0], SIGMAS[2])
-    cases = [
-        Case(seed=s, sigma=airs[s % 2], fit_on=fit_on(s // 2), effects=draw(s, 1, 8.0, airs[s % 2], names))
-        for s in range(50000, 50040)
-    ]
-    scores = [score(c, diagnosed(c)) for c in cases]
-    print(tally(scores))
+    scores = told(large(60))
     assert scores.count("companion") <= 0.03 * len(scores)
+
+
+@pytest.mark.slow
+def test_gain_is_that_of_a_third_flight():
+    hits = []
+    for case in held_out(45):
+        fit, (kept, fresh) = prepared(case)
+        d = diagnosis_of(fit, [kept], aircraft())
+        if d.gain is not None:
+            again = judge.gain(d.before, d.after, [fresh])
+            hits.append(d.gain.low <= again.reduction <= d.gain.high)
+    print(f"{sum(hits)} of {len(hits)} gains within their interval")
+    assert len(hits) >= 40
+    assert np.mean(hits) >= 0.93
