@@ -15,6 +15,7 @@ import msgspec
 
 from station.clock import Clock
 from station.conventions import LONGITUDINAL
+from station.estimation.methods import recommended
 from station.profile import Profiles
 from station.rows import (
     AlphaEstimate,
@@ -39,14 +40,13 @@ _MAX_EVENTS: Final = 200
 class Board:
     """The newest of everything, for the terminal screen, the plain lines and the JSON lines."""
 
-    def __init__(
-        self, profiles: Profiles | None, clock: Clock, *, address: str = "", recommended: str = "split"
-    ) -> None:
+    def __init__(self, profiles: Profiles | None, clock: Clock, *, address: str = "") -> None:
         self.title = f"{profiles.card.name}: {profiles.aircraft.name} on {profiles.rig.name}" if profiles else "station"
         self.accuracy = profiles.card.accuracy if profiles else 0.0
         """2 sd below this share of a derivative's value is enough; 0 where no card says so."""
         self.derivatives: tuple[str, ...] = LONGITUDINAL
-        self.recommended = recommended
+        self.recommended = "split"
+        """The method to believe first; looked at once a second."""
         self.address = address
         self.start_ns: int | None = None
         self.alpha: AlphaEstimate | None = None
@@ -98,6 +98,12 @@ class Board:
 
     def _take_health(self, row: Health) -> None:
         self.health = row
+        given = {
+            name: sum(p.status is Status.ESTIMATED for p in method.parameters)
+            for name, method in self.methods.items()
+            if method.applicable
+        }
+        self.recommended = recommended(given, self.alpha.turbulence if self.alpha else "unknown") or "split"
         self.ever_complete = self.ever_complete or (bool(row.streams) and all(s.alive for s in row.streams))
 
     def _take_event(self, row: Event) -> None:

@@ -20,7 +20,7 @@ from station.conventions import SIGNALS, TICK_HZ, TICK_NS
 from station.estimation import cross_spectra, postflight
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.kinematics import kinematics
-from station.estimation.methods import LIVE, MEASURED, METHODS, Estimator
+from station.estimation.methods import LIVE, MEASURED, METHODS, Estimator, recommended
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.results import DOF, Axes, EquationFit, MethodResult, names, not_applicable, widened
@@ -35,7 +35,7 @@ SCHEMA: Final = "station.identify/1"
 FLOWN: Final = (*LIVE, MEASURED)
 """Run by the estimator that flies."""
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
-"""Without gust energy, the first of these that applies is recommended."""
+"""Where `methods.recommended` names none, the first of these that applies is recommended."""
 BY_VANE: Final = ("I", "VI", "oe", "fe")
 """Methods whose angle of attack is the vane's, with its lead on gusts."""
 WITNESSES: Final = ("split+gust", "split")
@@ -426,18 +426,10 @@ def _as_json(result: MethodResult) -> dict[str, Any]:
 
 
 def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
-    """The first that applies and gives as much as split does: physical, which is not applicable where the data prefer
-    the quasi-steady model; split+gust where there is gust energy; else the first of PREFERRED."""
-
-    def estimated(name: str) -> int:
-        found = results.get(name)
-        return sum(p.status is Status.ESTIMATED for p in found.parameters) if found and found.status == "ok" else 0
-
-    if 0 < estimated("physical") >= estimated("split"):
-        return "physical"
-    if level not in ("calm", "unknown") and 0 < estimated("split+gust") >= estimated("split"):
-        return "split+gust"
-    return next((n for n in PREFERRED if n in results and results[n].status == "ok"), None)
+    """As in flight; where that says nothing, the first of PREFERRED that applies."""
+    ok = {name: result for name, result in results.items() if result.status == "ok"}
+    given = {name: sum(p.status is Status.ESTIMATED for p in result.parameters) for name, result in ok.items()}
+    return recommended(given, level) or next((name for name in PREFERRED if name in ok), None)
 
 
 def _consistency(results: Mapping[str, MethodResult], axes: Axes) -> dict[str, Any]:

@@ -258,7 +258,9 @@ def _air_line(a: AlphaEstimate) -> Text:
 def _derivative_lines(board: Board) -> Iterator[Text]:
     others = [m for m in list(board.methods) if m != board.recommended]
     title = _styled(f"{' DERIVATIVES':<{_NAME}}", _TITLE)
-    title.append(f"{board.recommended:>{_VALUE}}{'   2σ':<{_BOUND}}", "bold").append(f"{'[1/rad]':<{_STATUS}}", "dim")
+    title.append(f" {board.recommended + ' ± 2σ':<{_VALUE + _BOUND - 1}}", "bold").append(
+        f"{'[1/rad]':<{_STATUS}}", "dim"
+    )
     yield title.append("".join(f"{m:>{_column(m)}}" for m in others), "bold dim")
     whys: dict[str, list[str]] = {}
     for name in board.derivatives:

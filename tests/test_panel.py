@@ -120,6 +120,15 @@ def test_derivatives_carry_status_and_the_other_methods_stand_beside() -> None:
     assert "estimated" in line_with(screen(board), "CL_alpha")
 
 
+def test_the_column_in_front_is_the_method_to_believe_first() -> None:
+    health = Health(START_NS, ())
+    both = estimate("split"), estimate("physical")
+    assert line_with(screen(board_with(ALPHA, *both, health)), "DERIVATIVES").split()[1] == "physical"
+    # Where the data prefer split's model, physical is not applicable.
+    refused = msgspec.structs.replace(estimate("physical"), applicable=False, why="the data prefer split")
+    assert line_with(screen(board_with(ALPHA, estimate("split"), refused, health)), "DERIVATIVES").split()[1] == "split"
+
+
 def test_an_unestimated_derivative_is_a_dash_with_why_and_no_number() -> None:
     board = board_with(estimate("split", status=Status.UNESTIMATED, why="not enough excitation"))
     lines = screen(board)

@@ -58,6 +58,22 @@ LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)
 MEASURED: Final = "IV"
 """Runs as the live ones do, but needs the spectra of minutes of flight first."""
 
+
+def recommended(given: Mapping[str, int], level: str) -> str | None:
+    """The method to believe first, or None.
+
+    `given`: how many derivatives each method gives that applies; `level`: of turbulence. The first that gives as much
+    as split does: physical, which does not apply where the data prefer the quasi-steady model; split+gust where there
+    is gust energy; else split.
+    """
+    split = given.get("split", 0)
+    if 0 < given.get("physical", 0) >= split:
+        return "physical"
+    if level not in ("calm", "unknown") and 0 < given.get("split+gust", 0) >= split:
+        return "split+gust"
+    return "split" if split else None
+
+
 NOISE: Final = {
     "alpha_vane": to_si(0.05, "deg"),
     "elevator": to_si(0.02, "deg"),
