@@ -23,6 +23,7 @@ from station.discrepancy.effects import BY_ID
 from station.discrepancy.reference import Reference, loaded
 from station.discrepancy.residuals import HIGH_HZ, SERIES, back, series, transform
 from station.discrepancy.search import FIRST
+from station.discrepancy.structure import GUST
 from station.profile import Aircraft
 from station.rows import LogError
 
@@ -166,7 +167,7 @@ def _next(found: Diagnosis) -> str:
             f"Unexplained in {found.leftover.series}: repeat the manoeuvre in calm air, at another amplitude and "
             "at another speed: what follows time, distance, amplitude or load tells what it is."
         )
-    if not any(r.setting.gusty for r in found.problem.references):
+    if not any(r.setting.gusty for r in found.problem.references) and GUST not in [e.term for e in found.effects]:
         advice.append("The gust path was not judged: all of this was calm. One manoeuvre in turbulence shows it.")
     advice += [f"{_first_upper(r)}." for r in found.remarks]
     lines = "".join(f"<li>{_text(a)}</li>" for a in advice)
@@ -340,7 +341,7 @@ def series_in_time(
     s = r.setting
     one, other = judge.channel_error(r, before), judge.channel_error(r, after)
     names = sorted(one, key=lambda n: -abs(one[n] ** 2 - other[n] ** 2))[:count]
-    t = r.record.start_s + r.record.dt * np.arange(r.record.n)
+    t: Array = r.record.start_s + r.record.dt * np.arange(r.record.n, dtype=np.float64)
     inside = slice(s.cut, s.n - s.cut)
     plots: dict[str, dict[str, tuple[Array, Array]]] = {
         "elevator, deg": {"measured": (t, np.degrees(r.record.signals["elevator"]))}
