@@ -16,7 +16,7 @@ from station.estimation.regression import NotIdentifiable
 from station.estimation.results import Axes, MethodResult, equations, judge, names, not_applicable, result_of, unknown
 from station.estimation.sifting import sift
 from station.profile import Card, Multisine
-from station.rows import Status
+from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def sifted_results(found: Mapping[str, Any], record: FlightRecord, axes: Axes) -
             why = found["why"] or "no angle of attack throughout"
             results[method] = not_applicable(f"lines cannot be sifted: {why}", names(axes))
             continue
-        parameters = []
+        parameters: list[ParamEstimate] = []
         for name in names(axes):
             p = made["parameters"].get(name)
             if p is None:
