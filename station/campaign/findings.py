@@ -144,9 +144,13 @@ def _feasibility(summaries: list[Summary], claim: Claim) -> str:
     share = over / len(counted)
     holds = share >= NEARLY_ALL if claim.finds == "not feasible" else share <= 1 - NEARLY_ALL
     where = " in turbulence" if claim.except_calm else ""
+    levels: dict[str, list[bool]] = {}
+    for s in counted:
+        levels.setdefault(level_name(s.case), []).append(s.exceedances > claim.limit)
+    each = ", ".join(f"{level} {sum(beyond)} of {len(beyond)}" for level, beyond in levels.items())
     return (
         f"accurate estimates {claim.finds}{where}; here {over} of {len(counted)} cases have more than {claim.limit} of "
-        f"{OF_FLIGHTS} flights beyond the tolerance ({least:.0f} to {most:.0f}): {_verdict(holds)}."
+        f"{OF_FLIGHTS} flights beyond the tolerance ({least:.0f} to {most:.0f}; {each}): {_verdict(holds)}."
     )
 
 

@@ -74,7 +74,8 @@ def test_claims_are_judged_from_calm_to_severe(rows: Rows) -> None:
     assert bias.endswith("(calm, light, severe): we find it too.")
     assert "the bias is 1.9, 15.0, 29.9 %, its standard deviation 1.0, 1.0, 0.9 %" in bias
     assert scatter.endswith("we do not find it.")
-    assert "here 2 of 3 cases have more than 20 of 200 flights beyond the tolerance (0 to 200)" in feasible
+    assert "here 2 of 3 cases have more than 20 of 200 flights beyond the tolerance (0 to 200; " in feasible
+    assert "calm 0 of 1, light 1 of 1, severe 1 of 1): we do not find it." in feasible
 
 
 def test_methods_are_compared_level_by_level(rows: Rows) -> None:
