@@ -31,6 +31,7 @@ METHOD_COLOURS: Final[Mapping[str, int]] = {
     "VI": 0xB0B0FFFF,
     "split": 0x2BD9A5FF,
     "split+gust": 0xE58AC0FF,
+    "physical": 0xF5F5F5FF,
 }
 """One colour a method on every plot, told apart by colour-blind eyes too (after Okabe and Ito 2008)."""
 
@@ -167,7 +168,7 @@ class Setup(msgspec.Struct, frozen=True):
     port: int
     web_port: int
     recommended: str = "split"
-    methods: tuple[str, ...] = ("II", "III", "V", "split", "split+gust")
+    methods: tuple[str, ...] = ("II", "III", "V", "split", "split+gust", "physical")
     derivatives: tuple[str, ...] = LONGITUDINAL
     references: dict[str, float] = {}
     """The aircraft profile's derivatives, drawn for comparison."""

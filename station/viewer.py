@@ -287,7 +287,8 @@ def setup_for(
     open_page: bool = False,
 ) -> Setup:
     """What the page shows beside the rows, from the flight's profiles."""
-    from station.estimation.turbulence import Thresholds  # brings numba: not for the child
+    from station.estimation.physical_columns import why_not  # bring numba: not for the child
+    from station.estimation.turbulence import Thresholds
 
     classes = Thresholds()
     aircraft = profiles.aircraft.derivatives if profiles else {}
@@ -296,6 +297,7 @@ def setup_for(
         mode,
         port,
         web_port,
+        recommended="physical" if profiles and not why_not(profiles.aircraft) else "split",
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
         class_limits=(classes.calm, classes.light, classes.moderate),
