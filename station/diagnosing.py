@@ -18,6 +18,9 @@ from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, UsageError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from station.kinematic_diagnosis import Judged
 
 app = typer.Typer()
@@ -56,12 +59,13 @@ def diagnose(
     complete = all(summarise(path).verdict == "complete" for path in flown)
     if subject.kinematics_only or not all("elevator" in x.columns for x in flown.values()):
         say("no aerodynamic data or no elevator: the kinematic part only")
-        from station.kinematic_diagnosis import write_kinematic_report
+        from station.kinematic_diagnosis import series_in_time, write_kinematic_report
 
         result, extended, judged = _kinematics(flown, logs, hold_out or [], subject)
         result = _finite(result)
         if report is not None:
             say(str(write_kinematic_report(result, judged, report)))
+            _write_rrd(result, series_in_time(judged), report)
         told = [e["sentence"] for e in result["effects"]]
         return _finish(result, extended, told, logs, complete, as_json, write_profile)
     fitted: list[Record] = []
@@ -75,9 +79,11 @@ def diagnose(
     found = solve(fitted, kept, subject, progress=lambda words: say(f"  {words}"))
     result = _finite(to_json(found))
     if report is not None:
+        from station.discrepancy.report import series_in_time as in_time
         from station.discrepancy.report import write_report  # and with it matplotlib
 
         say(str(write_report(found, result, report)))
+        _write_rrd(result, in_time(found, found.before, found.after)[1], report)
     told = [e.term.words(e.value) for e in found.effects]
     return _finish(result, found.extended, told, logs, complete, as_json, write_profile)
 
@@ -98,6 +104,20 @@ def _kinematics(
     fitted = [j for path in logs for j in judged(path)]
     result, extended = diagnose_kinematics(fitted, [j for path in hold_out for j in judged(path)], subject)
     return result, extended, fitted
+
+
+def _write_rrd(
+    result: Mapping[str, Any],
+    series: Mapping[str, Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]],
+    folder: Path,
+) -> None:
+    """The report's verdict and series as a Rerun recording beside the page."""
+    from station.view import write_report_rrd
+
+    first, *lines = summary(result)
+    words = "\n".join([f"# {first}", *(f"- {line.strip()}" for line in lines)])
+    write_report_rrd(words, series, folder / "diagnosis.rrd", first)
+    say(str(folder / "diagnosis.rrd"))
 
 
 def _finish(

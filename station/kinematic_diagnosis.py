@@ -122,10 +122,15 @@ def _effects(fitted: Sequence[Judged], aircraft: Aircraft) -> tuple[list[dict[st
         for what, part in (("the vane's zero, scale and delay", j.made.vane), ("biases", j.made.compatibility)):
             if isinstance(part, str):
                 reasons.setdefault(what, part)
+    vane = [n for n in estimates if n.startswith("alpha_vane") and _is_beyond(n, *_pooled(estimates[n]))]
+    if vane and "dynamic_pressure.scale" in estimates:
+        # The reconstruction has no delay of the vane: what that leaves there would be taken for airspeed.
+        del estimates["dynamic_pressure.scale"]
+        reasons["dynamic_pressure.scale"] = "the vane is off: mend it first"
     effects: list[dict[str, Any]] = []
     for name, found in estimates.items():
         value, sd = _pooled(found)
-        if abs(value) < max(ACCEPTED * sd, FIRM[name]):
+        if not _is_beyond(name, value, sd):
             continue
         term = BY_ID[name]
         rivals: list[str] = []
@@ -186,6 +191,10 @@ def _stated(aircraft: Aircraft) -> tuple[float, float, float]:
     if boom is None:
         return 0.0, 1.0, 0.0
     return boom.zero, 1 / boom.steady_calibration, boom.vane_damping / (math.pi * boom.vane_frequency)
+
+
+def _is_beyond(name: str, value: float, sd: float) -> bool:
+    return abs(value) >= max(ACCEPTED * sd, FIRM[name])
 
 
 def _pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -269,6 +278,19 @@ def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> dict[str, 
 
 def _rms(values: Sequence[float]) -> float:
     return math.sqrt(sum(v * v for v in values) / len(values))
+
+
+def series_in_time(fitted: Sequence[Judged]) -> dict[str, dict[str, tuple[Array, Array]]]:
+    """Vane and motion of each record, deg over s, by plot and line."""
+    plots: dict[str, dict[str, tuple[Array, Array]]] = {}
+    for j in fitted:
+        part = j.made.vane
+        if isinstance(part, VaneCalibration):
+            t = j.record.t_s[j.made.rows]
+            reading = j.record.motion["alpha_vane"][j.made.rows]
+            lines = {"vane": reading, "vane, calibrated": part.corrected, "motion": part.expected}
+            plots[f"{j.name}: angle of attack, deg"] = {n: (t, np.degrees(y)) for n, y in lines.items()}
+    return plots
 
 
 def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], folder: Path) -> Path:

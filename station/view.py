@@ -13,12 +13,13 @@ import socket
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from station import plots
 from station.clock import Clock, SystemClock
@@ -32,7 +33,9 @@ if TYPE_CHECKING:
 
     from station.profile import Profiles
 
-__all__ = ["Page", "View", "write_rrd"]
+__all__ = ["Page", "View", "write_report_rrd", "write_rrd"]
+
+FloatArray = NDArray[np.float64]
 
 TIMELINE: Final = "station_time"
 HOLD_NS: Final = 3_500_000_000
@@ -215,6 +218,42 @@ def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None 
             start_ns = plots.start_of(taken)
         page.show(plots.batch(taken, start_ns or 0))
     page.flush()
+    recording.flush()
+    recording.disconnect()
+
+
+def write_report_rrd(
+    page: str, series: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]], path: Path | str, title: str
+) -> None:
+    """Write a report's words (Markdown) and its series over time as a Rerun recording. Raises LogError.
+
+    `series`: by plot, by line: times (s) and values (n,).
+    """
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    plots_shown = [rrb.TimeSeriesView(origin=_path(("plots", plot)), name=plot) for plot in series]
+    recording = rr.RecordingStream("station report")
+    layout = rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="words", name=title), rrb.Grid(*plots_shown, grid_columns=1),
+            column_shares=[2, 3],
+        ),
+        rrb.TimePanel(timeline=TIMELINE),
+        collapse_panels=True,
+    )  # fmt: skip
+    try:
+        recording.save(path, default_blueprint=layout)
+    except (OSError, RuntimeError) as error:
+        raise LogError(f"{path}: cannot be written: {error}") from error
+    recording.send_recording_name(title)
+    recording.log("words", rr.TextDocument(page, media_type=rr.MediaType.MARKDOWN), static=True)
+    for plot, lines in series.items():
+        for name, (t_s, values) in lines.items():
+            where = _path(("plots", plot, name))
+            recording.log(where, rr.SeriesLines(names=name), static=True)
+            times = rr.TimeColumn(TIMELINE, duration=(np.asarray(t_s) * 1e9).astype("timedelta64[ns]"))
+            recording.send_columns(where, indexes=[times], columns=rr.Scalars.columns(scalars=values))
     recording.flush()
     recording.disconnect()
 

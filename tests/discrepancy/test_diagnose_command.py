@@ -54,6 +54,7 @@ def test_names_measures_extends_and_reports(late, tmp_path):
     page = (report / "diagnosis.html").read_text()
     assert "data:image/png;base64," in page
     assert "http" not in page
+    assert (report / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
 
 
 def test_an_existing_profile_is_never_written_over(late, tmp_path):

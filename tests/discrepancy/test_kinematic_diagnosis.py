@@ -56,6 +56,7 @@ def test_a_late_and_scaled_vane_is_named_and_the_gain_is_held_out():
     assert found["alpha_vane.delay"]["value"] == pytest.approx(0.05, abs=0.012)
     assert found["alpha_vane.scale"]["value"] == pytest.approx(0.2, abs=0.04)
     assert set(found) <= {"alpha_vane.delay", "alpha_vane.scale", "alpha_vane.bias"}
+    assert "vane is off" in result["not_judged"]["dynamic_pressure.scale"]
     assert result["gain"]["before"] > 2 * result["gain"]["after"]
     assert result["gain"]["ci95"][0] > 0
     assert better.instruments["alpha_vane"].latency == found["alpha_vane.delay"]["value"]
@@ -94,4 +95,5 @@ def test_records_of_real_booms(name: str, tmp_path: Path):
     else:
         assert found == {}
         assert "gusts" in result["not_judged"]["alpha_vane.scale"]
+    assert (tmp_path / "r" / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
     assert "Vane against the inertial angle of attack" in (tmp_path / "r" / "diagnosis.html").read_text()
