@@ -14,7 +14,7 @@ from station.discrepancy.effects import judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.reference import SIGMA, Reference
 from station.discrepancy.residuals import Memo
-from station.discrepancy.search import FIRST, RIVAL
+from station.discrepancy.search import FIRST, RIVAL, least_judged
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,9 @@ def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable
     information = whole[:e, :e] - whole[:e, e:] @ np.linalg.solve(inner, whole[e:, :e])
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     alike = information / scale[:, None] / scale
-    found = (math.sqrt(FIRST) + NINE_IN_TEN) / scale
+    limits = least_judged(problem, terms)
+    least = np.array([limits.get(t.id, 0.0) for t in terms])
+    found = np.maximum((math.sqrt(FIRST) + NINE_IN_TEN) / scale, least + NINE_IN_TEN / scale)
     apart = math.sqrt(RIVAL) + NINE_IN_TEN
     out = []
     for i, term in enumerate(terms):

@@ -19,7 +19,7 @@ from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
-from station.discrepancy.search import FIRST, FURTHER, RIVAL, Found, search
+from station.discrepancy.search import FIRST, FURTHER, FURTHER_SHARE, RIVAL, Found, search
 from station.discrepancy.structure import Doubted, gusts, in_doubt, incomplete, mended
 from station.profile import Aircraft
 from station.rows import UsageError
@@ -174,6 +174,7 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     values, gust = dict(found.accepted.values), found.accepted.gust
     accepted = again.refit(tuple(values), values, gust)
     tried = {frozenset(values): accepted}
+    nothing = again.null()
     while len(accepted.values) > 1:
         fewer = []
         for name in accepted.values:
@@ -182,7 +183,7 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
             tried[frozenset(ids)] = fit
             fewer.append(fit)
         best = min(fewer, key=lambda f: (f.cost, f.ids))
-        if best.cost - accepted.cost > FURTHER:
+        if best.cost - accepted.cost > max(FURTHER, FURTHER_SHARE * (nothing.cost - best.cost)):
             break
         accepted = best
     rivals = []
@@ -191,7 +192,7 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
             fit = again.refit(rival.ids, rival.values, gust)
             if fit.cost - accepted.cost < RIVAL and frozenset(fit.ids) != frozenset(accepted.ids):
                 rivals.append(fit)
-    return again, Found(again.null(), accepted, tuple(rivals), found.singles, tried, found.screened)
+    return again, Found(nothing, accepted, tuple(rivals), found.singles, tried, found.screened)
 
 
 def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:

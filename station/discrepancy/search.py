@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 FIRST: Final = 18.0
 """Drop of -2 log likelihood for one effect: one false alarm in 200 clean flights."""
 FURTHER: Final = 18.0
-FURTHER_SHARE: Final = 0.005
+FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 PAIR: Final = 30.0
 RIVAL: Final = 6.0
@@ -53,6 +53,14 @@ class Found:
         return self.null.cost - self.accepted.cost
 
 
+def least_judged(problem: Problem, terms: Sequence[Term]) -> dict[str, float]:
+    """The values below which effects are not judged, SI, for those that have such a limit."""
+    tick = LEAST_TIME * max(r.record.dt for r in problem.references)
+    least = {t.id: tick for t in terms if t.unit == "s"}
+    least["elevator.backlash"] = LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)
+    return least
+
+
 def search(
     problem: Problem,
     terms: Sequence[Term],
@@ -64,9 +72,7 @@ def search(
     null = problem.null()
     base = problem.at({})
     refitted: dict[frozenset[str], Fit] = {}
-    tick = LEAST_TIME * max(r.record.dt for r in problem.references)
-    least = {t.id: tick for t in terms if t.unit == "s"}
-    least["elevator.backlash"] = LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)
+    least = least_judged(problem, terms)
 
     def refit(ids: tuple[str, ...], start: Mapping[str, float], gust: Sequence[float]) -> Fit | None:
         key = frozenset(ids)
