@@ -36,7 +36,7 @@ body{font:15px/1.5 system-ui,sans-serif;color:#1f2430;max-width:60rem;margin:2re
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}p.verdict{font-size:1.15rem;font-weight:600}
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
 th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #e3e6eb;vertical-align:top}
-th:first-child,td:first-child,.words{text-align:left}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
+th:first-child,td:first-child,.words{text-align:left}td:not(.words){white-space:nowrap}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
 """
 _VERDICT: Final = {
     "no_effect": "Nothing found: the measured flight agrees with the simulation within noise and gusts.",
@@ -119,7 +119,7 @@ def effects_table(result: Mapping[str, Any]) -> str:
         low, high = e["ci95"]
         drop, unit = e["evidence"]["drop"], e.get("shown", e["unit"])
         evidence = "seen at once" if drop is None else f"{drop:.1f}"
-        rivals = f"could also be {', '.join(e['confounded_with'])}" if e["confounded_with"] else ""
+        rivals = f"Could also be {', '.join(e['confounded_with'])}." if e["confounded_with"] else ""
         suspect = " (suspect)" if e["suspect"] else ""
         rows.append(
             f"<tr><td>{_text(e['id'])}{suspect}</td><td class='words'>{_text(e['sentence'])} {_text(rivals)}</td>"
