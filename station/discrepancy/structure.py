@@ -92,7 +92,9 @@ UNSTATED: Final = (
 GAINS: Final = (
     "mass.scale", "inertia.scale", "cg.shift", "aero.icing", "elevator.scale", "dynamic_pressure.scale",
 )  # fmt: skip
-"""Effects that do to the derivatives what wrong derivatives do: no candidates where those are wrong already."""
+"""Effects that act as wrong derivatives do: no candidates where those are wrong or not known well."""
+SURE: Final = 0.15
+"""Standard deviation of a freed derivative, as a share of it, up to which it is known well."""
 INSTRUMENTS: Final = ("alpha_vane", "boom", "accelerometer", "q", "imu", "theta", "velocity")
 """First parts of the ids that instruments can check among themselves."""
 
@@ -325,7 +327,8 @@ def in_doubt(
     allowed, named = doubts(aircraft, terms)
     problem, shares = doubtful(references, aircraft, allowed, gust, {})
     wrong = parts(problem, problem.null(), named)
-    gains = GAINS if any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong) else ()
+    unsure = incomplete(aircraft) or any(a.sd > SURE for a in allowed if a.name in DERIVATIVES)
+    gains = GAINS if unsure or any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong) else ()
     gusty = any(r.setting.gusty for r in references)
     others = [t for t in terms if t.id not in named and t.id not in gains and t.id not in said]
     own = [t for t in terms if _candidate(t, aircraft, said, gusty)]
