@@ -63,13 +63,13 @@ class Solution:
 class Equations:
     """What turns spectra into a Solution; keeps the sums over closed segments."""
 
-    def __init__(self, aircraft: Aircraft, frequencies_hz: Array, dt: float, vane_noise: float) -> None:
-        """`vane_noise`: standard deviation, rad."""
+    def __init__(self, aircraft: Aircraft, frequencies_hz: Array, dt: float, noise: Mapping[str, float]) -> None:
+        """`noise`: standard deviations of the sensors, SI."""
         self._omega = 2.0 * np.pi * frequencies_hz
         self._derivative = central_difference_factor(frequencies_hz, dt)
-        self._constants = pc.constants(aircraft)
+        self._constants = pc.constants(aircraft, noise)
         body = aircraft.boom.upwash_body if aircraft.boom else 0.0
-        self._noise = (vane_noise / (1.0 + body)) ** 2
+        self._noise = (noise["alpha_vane"] / (1.0 + body)) ** 2
         self._past = np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N))
         self._preference = 0.0
 
@@ -159,7 +159,7 @@ class Physical:
         self._transform = Transform(pc.CHANNELS, self._frequencies, dt)
         self._segment = round(SEGMENT / card.step / dt)
         self._keep = math.exp(-self._segment * dt / forgetting_s)
-        self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise["alpha_vane"])
+        self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise)
         self._has_inertia = aircraft.inertia.iyy is not None
         self._known = [abs(aircraft.value(n)) for n in names]
         self._row = np.zeros(pc.CHANNELS)

@@ -11,13 +11,31 @@ D is what tail and wing do beyond the quasi-steady derivatives, which stay the t
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.estimation.physical_signals import DK, DKL, DKM, DW, DX, GC, GT, KG, KL, KM, SIGNALS, WX, X
+from station.conventions import to_si
+from station.estimation.physical_signals import (
+    DK,
+    DKL,
+    DKM,
+    DW,
+    DX,
+    GC,
+    GT,
+    KG,
+    KL,
+    KM,
+    SIGNALS,
+    SPAN_FAST,
+    SPAN_SLOW,
+    WX,
+    X,
+)
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -33,16 +51,23 @@ NUISANCES: Final = (
 )
 """What else may be wrong: the constants of the profile, and the mean wind."""
 N: Final = len(NUISANCES)
-N_LEARNT: Final = 8
-"""The first of them are estimated along."""
-PARAMETERS: Final = 6 + N_LEARNT
+PARAMETERS: Final = 6 + N
+TAIL, WASH, ARM_LENGTH, WIND = 0, 8, 10, N - 1
+"""Places among the nuisances that enter in products with others."""
+SOURCES: Final = ("theta", "q", "az", "v_down", "elevator")
+"""Sensors whose noise is in the regressors."""
 
 # constants
-A_H, _E, ARM, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, CL_ALPHA, CM_ALPHA, HAS_MOMENT, _WASH, LEARNT_AT = range(15)
-KNOWN_AT: Final = LEARNT_AT + N_LEARNT
+A_H, E, ARM, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, CL_ALPHA, CM_ALPHA, HAS_MOMENT, _WASH, LEARNT_AT = range(15)
+KNOWN_AT: Final = LEARNT_AT + N
 _NW, _NK, _NM, _NG = range(KNOWN_AT + N, KNOWN_AT + N + 4)
 _TABLES: Final = KNOWN_AT + N + 4
-CONSTANTS: Final = _TABLES + 32
+NOISE_AT: Final = _TABLES + 32
+_SPAN, _LIFT, _MOMENT = range(NOISE_AT + len(SOURCES), NOISE_AT + len(SOURCES) + 3)
+CONSTANTS: Final = _MOMENT + 1
+
+DENSITY: Final = 1.1
+"""kg/m3 where the profile fixes none: only the correction for noise in az uses it."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,42 +118,43 @@ def wiener(f: Complex, omega: Array, noise: float, gust_power: Array, rho: Array
 
 
 @njit(cache=True, error_model="numpy")
-def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing: Complex, base: Complex) -> None:
-    """What the equations are made of, without the derivatives.
+def columns(
+    f: Complex, omega: Array, speed: float, con: Array, rho: Array, every: int, wing: Complex, base: Complex
+) -> None:
+    """What the equations are made of at every so-many-th line, without the derivatives, with D = P - e Q.
 
-    `wing` (2, frequencies): A and D. `base` (N, 4, frequencies): of each nuisance dA, dD, and what it adds to CL and
-    Cm besides.
+    `wing` (3, frequencies): A, P, Q. `base` (N, 3, frequencies): what a unit of each nuisance adds to them; of the
+    tail's share, which multiplies D, nothing.
     """
-    a_h, e, lc = con[A_H], con[_E], con[ARM]
+    lc = con[ARM]
     late = con[_LT] / speed
     tau = con[_BOOM] / speed
     lead = con[_LE] / speed
     chords = speed / con[_CHORD]
-    for i in range(omega.shape[0]):
-        w = omega[i]
-        s = 1j * w
+    t = _TABLES
+    share = con[_KW] / (1.0 + con[_KF])
+    gain = (1.0 + con[_KF] + con[_KW]) / (1.0 + con[_KF])
+    base[:] = 0.0
+    for i in range(every // 2, omega.shape[0], every):
+        s = 1j * omega[i]
         r = rho[i]
         x, qh = f[X, i], f[QH, i]
         wx, kg, gc, gt = f[WX, i], r * f[KG, i], r * f[GC, i], r * f[GT, i]
         dw, dk, dx = f[DW, i], r * f[DK, i], f[DX, i]
         kl, km, dkl, dkm = r * f[KL, i], r * f[KM, i], r * f[DKL, i], r * f[DKM, i]
-        a = wx + kg
-        d = x + gt - e * (dw + dk) - (1.0 - e) * a - 2.0 * e * lc * qh
-        wing[0, i] = a
-        wing[1, i] = d
+        wing[0, i] = wx + kg
+        wing[1, i] = x + gt - wx - kg
+        wing[2, i] = dw + dk - wx - kg + 2.0 * lc * qh
         to_tail = np.exp(-s * late)
         washed = to_tail * np.exp(-s * con[_WASH])
         to_boom = np.exp(-s * tau)
-        t = _TABLES
-        met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * np.exp(s * lead)
+        lead_in = np.exp(s * lead)
+        met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * lead_in
         f_m = _memory(con[t + 16 : t + 20], con[t + 20 : t + 24], int(con[_NM]), s / chords)
         f_g = _memory(con[t + 24 : t + 28], con[t + 28 : t + 32], int(con[_NG]), s / chords)
         # q at the boom as an angle: r q/V = (2 r/c) qhat
-        boom_rate = con[_BOOM] / con[_HALF] * qh
-        flow = (x - boom_rate) * to_boom
-        to_edge = to_boom * np.exp(s * lead)
-        share = con[_KW] / (1.0 + con[_KF])
-        gain = (1.0 + con[_KF] + con[_KW]) / (1.0 + con[_KF])
+        flow = (x - con[_BOOM] / con[_HALF] * qh) * to_boom
+        to_edge = to_boom * lead_in
         # gust incidence at the CG that a constant's error feigns
         feigned = (
             (1, -s * gc + speed / con[_HALF] * qh * to_boom),
@@ -141,79 +167,143 @@ def columns(f: Complex, omega: Array, speed: float, con: Array, rho: Array, wing
         for j, g in feigned:
             da = met * g
             base[j, 0, i] = da
-            base[j, 1, i] = to_tail * g - (1.0 - e) * da - e * washed * da
-            base[j, 2, i] = 0.0
-            base[j, 3, i] = 0.0
+            base[j, 1, i] = to_tail * g - da
+            base[j, 2, i] = (washed - 1.0) * da
         # wing incidence with another memory, and the same of l_t/V ago
         for j, da, late_da in ((3, kl - kg, dkl - dk), (4, km - kg, dkm - dk), (5, wx - x, dw - dx)):
             base[j, 0, i] = da
-            base[j, 1, i] = -(1.0 - e) * da - e * late_da
-            base[j, 2, i] = 0.0
-            base[j, 3, i] = 0.0
+            base[j, 1, i] = -da
+            base[j, 2, i] = late_da - da
         slow = _slope(con, t, int(con[_NW]), s / chords)
-        for j, da in ((13, _slope(con, t + 8, int(con[_NK]), s / chords) * np.exp(s * lead) * gc), (14, slow * x)):
+        for j, da in ((13, _slope(con, t + 8, int(con[_NK]), s / chords) * lead_in * gc), (14, slow * x)):
             base[j, 0, i] = da
-            base[j, 1, i] = -(1.0 - e) * da - e * washed * da
-            base[j, 2, i] = 0.0
-            base[j, 3, i] = 0.0
-        for j, lift in (
-            (0, d),
-            (8, a_h * (a - dw - dk - 2.0 * lc * qh)),
-            (9, a_h * e * s * (dw + dk)),
-        ):
-            base[j, 0, i] = 0.0
-            base[j, 1, i] = 0.0
-            base[j, 2, i] = lift
-            base[j, 3, i] = -lc * lift
-        further = -s * late * gt + e * s * late * (dw + dk) - 2.0 * e * lc * qh
-        base[10, 0, i] = 0.0
-        base[10, 1, i] = 0.0
-        base[10, 2, i] = a_h * further
-        base[10, 3, i] = -a_h * lc * (further + d)
-        # A mean wind wrong by a share of the speed is motion by -(theta - x) and a gust that meets boom and tail apart.
+            base[j, 1, i] = -da
+            base[j, 2, i] = (washed - 1.0) * da
+        base[9, 2, i] = -s * (dw + dk)
+        base[ARM_LENGTH, 1, i] = -s * late * gt
+        base[ARM_LENGTH, 2, i] = -s * late * (dw + dk) + 2.0 * lc * qh
+        # A mean wind wrong by a share of the speed is motion by -(theta - x), a gust that meets boom and tail apart,
+        # and a wrong time for both and for the downwash.
         theta = speed / con[_HALF] * qh / s
         w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
-        da = w_m * (x - theta) + met * (theta * to_boom - x * np.exp(-s * lead))
-        base[N - 1, 0, i] = da
-        base[N - 1, 1, i] = theta * (to_boom * to_tail - 1.0) - (1.0 - e) * da - e * washed * da
-        base[N - 1, 2, i] = 0.0
-        base[N - 1, 3, i] = 0.0
+        da = w_m * (x - theta) + met * (theta * to_boom - x / lead_in - s * tau * gc)
+        base[WIND, 0, i] = da
+        base[WIND, 1, i] = theta * (to_boom * to_tail - 1.0) - s * (tau + late) * gt - da
+        base[WIND, 2, i] = (washed - 1.0) * da - s * late * (dw + dk)
 
 
 @njit(cache=True, error_model="numpy")
-def design(f: Complex, wing: Complex, base: Complex, con: Array, cla: float, cma: float, g: Complex) -> None:
-    """`g` (2, 6 + N, frequencies): columns of CL and Cm, the six derivatives and all nuisances."""
-    a_h, lc = con[A_H], con[ARM]
-    for i in range(g.shape[2]):
-        for equation in range(2):
-            own, other = 3 * equation, 3 - 3 * equation
-            g[equation, own, i] = wing[0, i]
-            g[equation, own + 1, i] = f[QH, i]
-            g[equation, own + 2, i] = f[DE, i]
-            for k in range(3):
-                g[equation, other + k, i] = 0.0
-        for j in range(N):
-            g[0, 6 + j, i] = cla * base[j, 0, i] + a_h * base[j, 1, i] + base[j, 2, i]
-            g[1, 6 + j, i] = cma * base[j, 0, i] - a_h * lc * base[j, 1, i] + base[j, 3, i]
+def noise_spectrum(
+    source: int, omega: Array, speed: float, con: Array, derivative: Array, every: int, f: Complex
+) -> None:
+    """What a unit of white noise of one of SOURCES puts into every channel, `f` (CHANNELS, frequencies), at every
+    so-many-th line.
+
+    The inertial angle of attack has it from attitude (drawn to its stream in 0.5 s), pitch rate, az and velocity (drawn
+    below 0.05 Hz), as inertial.py blends them; the gust has what the vane is predicted from it.
+    """
+    corner = 2.0 * math.pi * 0.05
+    chords = speed / con[_CHORD]
+    t = _TABLES
+    tau, lead, late = con[_BOOM] / speed, con[_LE] / speed, con[_LT] / speed
+    f[:] = 0.0
+    for i in range(every // 2, omega.shape[0], every):
+        s = 1j * omega[i]
+        x, q = 0.0j, 0.0j
+        attitude = 1.0 / (1.0 + 0.5 * s)
+        blend = s * s + 1.4 * corner * s + corner * corner
+        if source == 0:
+            x = attitude
+        elif source == 1:
+            x = 0.5 * attitude
+            q = 1.0 + 0.0j
+            f[CM, i] = s * con[_MOMENT] / (speed * speed * derivative[i])
+        elif source == 2:
+            x = s / blend / speed
+            f[CL, i] = -con[_LIFT] / (speed * speed)
+        elif source == 3:
+            x = (1.4 * corner * s + corner * corner) / blend / speed
+        else:
+            f[DE, i] = 1.0
+            continue
+        w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
+        met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * np.exp(s * lead)
+        f_m = _memory(con[t + 16 : t + 20], con[t + 20 : t + 24], int(con[_NM]), s / chords)
+        f_g = _memory(con[t + 24 : t + 28], con[t + 28 : t + 32], int(con[_NG]), s / chords)
+        seen = (1.0 + con[_KF]) * (x - con[_BOOM] / speed * q) + con[_KW] * f_m * x
+        gust = -seen / (1.0 + con[_KF] + con[_KW] * f_g * np.exp(-s * (tau - lead))) * np.exp(-s * tau)
+        washed = np.exp(-s * (late + con[_WASH]))
+        f[X, i], f[WX, i], f[QH, i] = x, w_m * x, con[_HALF] / speed * q
+        f[GC, i], f[KG, i], f[GT, i] = gust, met * gust, gust * np.exp(-s * late)
+        f[KL, i] = f[KG, i] / (1.0 + s * con[_SPAN] / (SPAN_SLOW * speed))
+        f[KM, i] = f[KG, i] / (1.0 + s * con[_SPAN] / (SPAN_FAST * speed))
+        f[DW, i], f[DK, i], f[DX, i] = washed * f[WX, i], washed * f[KG, i], washed * x
+        f[DKL, i], f[DKM, i] = washed * f[KL, i], washed * f[KM, i]
 
 
-KNOWN: Final = (
-    *(0.2, 6e-3, 4e-3, 1.0, 1.0, 0.3, 0.3),
-    *(0.27, 0.2, 15e-3, 0.09, 0.0115, 0.27),
-    *(0.27, 0.27, 0.0),
-)
-"""Prior standard deviation of each nuisance: delays in s, others relative. The mean wind's comes with the data
-(set_wind)."""
-LEARNT: Final = (0.2, 6e-3, 4e-3, 1.0, 1.0, 0.2, 0.15, 0.135)
-"""How much of it turbulence is let move; the rest is only considered."""
+@njit(cache=True, error_model="numpy")
+def design(
+    f: Complex,
+    i: int,
+    derivative: float,
+    wing: Complex,
+    base: Complex,
+    con: Array,
+    theta: Array,
+    g: Complex,
+    r: Complex,
+) -> None:
+    """At line i and the estimate `theta` (PARAMETERS,): `g` (2, PARAMETERS), slopes of CL and Cm by each parameter,
+    and `r` (2,), what the model leaves of both. Products of constants are exact.
+    """
+    a, p, q = wing[0, i], wing[1, i], wing[2, i]
+    for j in range(1, N):
+        if j != WASH:
+            c = theta[6 + j]
+            a += c * base[j, 0, i]
+            p += c * base[j, 1, i]
+            q += c * base[j, 2, i]
+    a_h, e, lc = con[A_H] + theta[6 + TAIL], con[E] + theta[6 + WASH], con[ARM] * (1.0 + theta[6 + ARM_LENGTH])
+    d = p - e * q
+    qh, de = f[QH, i], f[DE, i]
+    g[:] = 0.0
+    g[0, 0], g[0, 1], g[0, 2] = a, qh, de
+    g[1, 3], g[1, 4], g[1, 5] = a, qh, de
+    g[0, 6 + TAIL], g[1, 6 + TAIL] = d, -lc * d
+    for j in range(1, N):
+        own, tail = base[j, 0, i], base[j, 1, i] - e * base[j, 2, i]
+        if j == WASH:
+            own, tail = 0.0j, -q
+        g[0, 6 + j] = theta[0] * own + a_h * tail
+        g[1, 6 + j] = theta[3] * own - a_h * lc * tail
+    g[1, 6 + ARM_LENGTH] -= a_h * con[ARM] * d
+    r[0] = f[CL, i] - theta[0] * a - theta[1] * qh - theta[2] * de - a_h * d
+    r[1] = f[CM, i] * derivative - theta[3] * a - theta[4] * qh - theta[5] * de + a_h * lc * d
 
 
-def constants(aircraft: Aircraft) -> Array:
-    """The constants of `fit`, (CONSTANTS,); for an aircraft for which `why_not` gives no reason against it."""
+LEARNT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 0.67, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""How much of each nuisance's prior standard deviation turbulence is let move: there the rest, which stands for errors
+of another shape than the nuisance's own, is only considered. In calm air everything is learnt."""
+NOISE: Final = {
+    "alpha_vane": to_si(0.05, "deg"),
+    "theta": to_si(0.03, "deg"),
+    "q": to_si(0.03, "deg/s"),
+    "az": to_si(0.004, "g"),
+    "v_down": to_si(0.1, "ft/s"),
+    "elevator": to_si(0.02, "deg"),
+}
+"""Standard deviations where none are given, SI."""
+
+
+def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> Array:
+    """The constants of `fit`, (CONSTANTS,); for an aircraft for which `why_not` gives no reason against it.
+
+    `noise`: standard deviations of the sensors, SI.
+    """
     con = np.zeros(CONSTANTS)
     g, unsteady, boom = aircraft.geometry, aircraft.unsteady, aircraft.boom
     assert boom is not None
-    con[A_H], con[_E] = unsteady.tail_lift_slope, unsteady.downwash
+    con[A_H], con[E] = unsteady.tail_lift_slope, unsteady.downwash
     con[ARM], con[_LT] = unsteady.tail_arm / g.chord, unsteady.tail_arm
     con[_BOOM], con[_LE] = boom.vane_x, g.chord / 4
     con[_CHORD], con[_HALF] = unsteady.reference_chord or g.chord, g.chord / 2
@@ -221,10 +311,21 @@ def constants(aircraft: Aircraft) -> Array:
     con[_WASH] = unsteady.downwash_delay
     con[HAS_MOMENT] = float(aircraft.inertia.iyy is not None)
     con[CL_ALPHA], con[CM_ALPHA] = aircraft.value("CL_alpha") or 5.0, aircraft.value("Cm_alpha") or -1.0
-    con[KNOWN_AT : KNOWN_AT + N] = KNOWN
-    con[LEARNT_AT : LEARNT_AT + N_LEARNT] = LEARNT
-    con[[KNOWN_AT, LEARNT_AT]] *= unsteady.tail_lift_slope
-    con[KNOWN_AT + 8] *= unsteady.downwash
+    known = aircraft.uncertainty
+    con[KNOWN_AT : KNOWN_AT + N] = (
+        *(known.tail_lift_slope * unsteady.tail_lift_slope, known.vane_x, known.vane_delay, known.span_lag),
+        *(known.span_lag, known.lift_memory, known.upwash_wing, known.upwash_rate),
+        *(known.downwash * unsteady.downwash, known.downwash_delay, known.tail_arm, known.vane_scale),
+        *(known.upwash_rate, known.lift_rate, known.lift_rate, 0.0),
+    )
+    con[LEARNT_AT : LEARNT_AT + N] = LEARNT
+    sd = {**NOISE, **(noise or {})}
+    vane = sd["alpha_vane"] / (1.0 + boom.upwash_body)
+    con[NOISE_AT : NOISE_AT + len(SOURCES)] = [(sd[name] / vane) ** 2 for name in SOURCES]
+    pressure = 0.5 * (aircraft.air_density or DENSITY)
+    con[_SPAN] = g.span
+    con[_LIFT] = aircraft.inertia.mass / (pressure * g.wing_area)
+    con[_MOMENT] = (aircraft.inertia.iyy or 0.0) / (pressure * g.wing_area * g.chord)
     for k, response in enumerate(
         (unsteady.lift_motion, unsteady.lift_gust, unsteady.upwash_motion, unsteady.upwash_gust)
     ):

@@ -1,10 +1,16 @@
 """Generalised least squares of both longitudinal equations (physical_columns.py) with uncertain constants.
 
 The constants that the profile gives (tail's share, arm and downwash, boom length, memories ...) are known to a prior
-standard deviation. Some are estimated along, as far as the gust moves them; the rest of each, and the others, are
-considered: they widen the total standard error. Residual spectra are log-quadratic in frequency and re-estimated
-(feasible GLS). The statistical error is the larger of the parametric one and a sum of score products over neighbouring
-lines (Newey and West 1987). SI, radians.
+standard deviation, of which the profile speaks (uncertainty.py), and are estimated along: Gauss-Newton on the sum of
+squares and prior. In calm air the data move all of them; in turbulence part of some is only considered: it widens the
+total standard error. Residual spectra are log-quadratic in frequency, with one coherence between the equations, and
+are re-estimated (feasible generalised least squares, seemingly unrelated regressions). What the known noise of the
+inertial sensors adds to the normal equations is taken off again (corrected score; Fuller 1987, Measurement error
+models), for a tail's share is read from small high frequencies, which noise in the regressors would attenuate.
+
+The statistical error is what the residuals do to the estimate, the larger of the parametric one and a sum of score
+products over neighbouring lines (Newey and West 1987): repeatability. The total one holds what the priors leave. SI,
+radians.
 """
 
 from __future__ import annotations
@@ -17,8 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.estimation.physical_columns import (
-    A_H,
-    ARM,
+    CHANNELS,
     CL,
     CL_ALPHA,
     CM,
@@ -27,12 +32,14 @@ from station.estimation.physical_columns import (
     HAS_MOMENT,
     KNOWN_AT,
     LEARNT_AT,
-    N_LEARNT,
+    NOISE_AT,
     PARAMETERS,
     QH,
+    SOURCES,
     N,
     columns,
     design,
+    noise_spectrum,
     wiener,
 )
 from station.estimation.physical_signals import GC, X
@@ -42,13 +49,15 @@ Complex = NDArray[np.complex128]
 
 PASSES: Final = 4
 QUALITY: Final = 7
+MOST_COHERENT: Final = 0.9
 ORDER: Final = 3.5
 """Residual energy is scaled by n/(n - ORDER): parameters used up by each equation."""
 SMALL_RECORD: Final = 1.2
-"""On statistical standard errors: weights and errors come from the residuals of one short record. From Monte Carlo, so
-that 95 % intervals cover 95 %."""
-SECOND_ORDER: Final = 1.7
-"""On them within the total ones: several constants wrong at once do more than the sum of each. From Monte Carlo."""
+"""On standard errors: weights come from the residuals of the record itself, of some 40 independent lines. From Monte
+Carlo with known constants, so that 95 % intervals cover 95 %."""
+EVERY: Final = 4
+"""Lines from one to the next at which the noise of the sensors is evaluated: it is smooth."""
+_SOURCES: Final = len(SOURCES)
 
 
 @njit(cache=True, error_model="numpy")
@@ -160,6 +169,54 @@ def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Arra
 
 
 @njit(cache=True, error_model="numpy")
+def _accumulate(
+    f: Complex,
+    derivative: Array,
+    wing: Complex,
+    base: Complex,
+    con: Array,
+    theta: Array,
+    spectrum: Array,
+    coherence: complex,
+    energy: float,
+    every: int,
+    equations: int,
+    g: Complex,
+    residual: Complex,
+    m: Array,
+    rhs: Array,
+) -> None:
+    """Add `energy` times the normal matrix and gradient of the spectra `f` to `m` and `rhs`.
+
+    Both equations are divided by their spectra, and the second is freed of what it shares with the first: `g` (lines,
+    2, PARAMETERS), `residual` (lines, 2).
+    """
+    n = PARAMETERS
+    plain = np.empty((2, n), dtype=np.complex128)
+    left = np.empty(2, dtype=np.complex128)
+    alone = 1.0 / math.sqrt(1.0 - abs(coherence) ** 2)
+    shared = np.conj(coherence)
+    weight = 2.0 * energy * every
+    for i in range(every // 2, f.shape[1], every):
+        design(f, i, derivative[i], wing, base, con, theta, plain, left)
+        first, second = 1.0 / math.sqrt(spectrum[0, i]), 1.0 / math.sqrt(spectrum[1, i])
+        for a in range(n):
+            g[i, 0, a] = first * plain[0, a]
+            g[i, 1, a] = alone * (second * plain[1, a] - shared * g[i, 0, a])
+        residual[i, 0] = first * left[0]
+        residual[i, 1] = alone * (second * left[1] - shared * residual[i, 0])
+        for q in range(equations):
+            r = residual[i, q]
+            for a in range(n):
+                re, im = weight * g[i, q, a].real, weight * g[i, q, a].imag
+                if re == 0.0 and im == 0.0:
+                    continue
+                rhs[a] += re * r.real + im * r.imag
+                for b in range(a + 1):
+                    m[a, b] += re * g[i, q, b].real + im * g[i, q, b].imag
+
+
+@njit(cache=True, error_model="numpy")
 def fit(
     f: Complex,
     omega: Array,
@@ -186,50 +243,83 @@ def fit(
     """
     lines = omega.shape[0]
     n = PARAMETERS
-    wing = np.empty((2, lines), dtype=np.complex128)
-    base = np.empty((N, 4, lines), dtype=np.complex128)
-    g = np.empty((2, 6 + N, lines), dtype=np.complex128)
     gust_power = np.empty(lines)
     turbulent = wiener(f, omega, noise, gust_power, rho)
-    columns(f, omega, speed, con, rho, wing, base)
-    y = np.empty((2, lines), dtype=np.complex128)
-    residual = np.empty((2, lines), dtype=np.complex128)
-    spectrum = np.ones((2, lines))
-    for i in range(lines):
-        tail = con[A_H] * wing[1, i]
-        y[0, i] = f[CL, i] - tail
-        y[1, i] = f[CM, i] * derivative[i] + con[ARM] * tail
-        spectrum[1, i] = 0.1
+    spectra = np.empty((1 + _SOURCES, CHANNELS, lines), dtype=np.complex128)
+    wing = np.empty((1 + _SOURCES, 3, lines), dtype=np.complex128)
+    base = np.empty((1 + _SOURCES, N, 3, lines), dtype=np.complex128)
+    spectra[0] = f
+    for k in range(1 + _SOURCES):
+        every = EVERY if k > 0 else 1
+        if k > 0:
+            noise_spectrum(k - 1, omega, speed, con, derivative, every, spectra[k])
+        columns(spectra[k], omega, speed, con, rho, every, wing[k], base[k])
     prior = np.zeros(n)
+    considered = np.zeros(N)
     equations = 2 if con[HAS_MOMENT] > 0.0 else 1
     if equations == 1:
         prior[3:6] = 1.0
-    for j in range(N_LEARNT):
-        prior[6 + j] = 1.0 / max(turbulent * con[LEARNT_AT + j], 1e-4 * con[KNOWN_AT + j], 1e-9) ** 2
+    for j in range(N):
+        learnt = 1.0 - turbulent * (1.0 - con[LEARNT_AT + j] ** 2)
+        prior[6 + j] = 1.0 / max(con[KNOWN_AT + j] ** 2 * learnt, 1e-18)
+        considered[j] = con[KNOWN_AT + j] ** 2 * (1.0 - learnt)
     independent = min(max(share, 1e-3), 1.0)
+    spectrum = np.ones((2, lines))
+    spectrum[1] = 0.1
+    coherence = 0.0j
+    g = np.zeros((lines, 2, n), dtype=np.complex128)
+    white = np.zeros((lines, 2), dtype=np.complex128)
+    scratch = np.empty((lines, 2, n), dtype=np.complex128)
+    spare = np.empty((lines, 2), dtype=np.complex128)
+    residual = np.empty((2, lines), dtype=np.complex128)
+    alone = np.zeros((n, n))
     m = np.empty((n, n))
     rhs = np.empty(n)
     inverse = np.empty((n, n))
     theta[:] = 0.0
     theta[0], theta[3] = con[CL_ALPHA], con[CM_ALPHA]
+    before = np.empty(n)
     for k in range(PASSES):
-        design(f, wing, base, con, theta[0], theta[3], g)
-        for a in range(n):
-            rhs[a] = past[a, 2 * n]
-            for b in range(a + 1):
-                m[a, b] = past[a, b]
-        for q in range(equations):
-            for i in range(lines):
-                weight = 2.0 * independent / spectrum[q, i]
-                for a in range(n):
-                    ga = g[q, a, i]
-                    re, im = weight * ga.real, weight * ga.imag
-                    rhs[a] += re * y[q, i].real + im * y[q, i].imag
-                    for b in range(a + 1):
-                        m[a, b] += re * g[q, b, i].real + im * g[q, b, i].imag
+        alone[:] = 0.0
+        rhs[:] = 0.0
+        w, b0 = wing[0], base[0]
+        _accumulate(
+            f, derivative, w, b0, con, theta, spectrum, coherence, independent, 1, equations, g, white, alone, rhs
+        )
+        m[:] = alone
+        for source in range(_SOURCES):
+            energy = -independent * noise * con[NOISE_AT + source]
+            _accumulate(
+                spectra[1 + source],
+                derivative,
+                wing[1 + source],
+                base[1 + source],
+                con,
+                theta,
+                spectrum,
+                coherence,
+                energy,
+                EVERY,
+                equations,
+                scratch,
+                spare,
+                m,
+                rhs,
+            )
         for a in range(n):
             for b in range(a):
                 m[b, a] = m[a, b]
+                alone[b, a] = alone[a, b]
+        # In the form m theta = rhs, to which segments before and the prior, about zero, add.
+        before[:] = theta
+        for a in range(n):
+            for b in range(n):
+                rhs[a] += m[a, b] * before[b]
+        own, own_rhs = m.copy(), rhs.copy()
+        for a in range(n):
+            rhs[a] += past[a, 2 * n]
+            for b in range(n):
+                m[a, b] += past[a, b]
             m[a, a] += prior[a]
         if not _invert(m, inverse):
             return False
@@ -237,86 +327,79 @@ def fit(
             theta[a] = 0.0
             for b in range(n):
                 theta[a] += inverse[a, b] * rhs[b]
-        for q in range(equations):
+        for q in range(2):
             for i in range(lines):
-                left = y[q, i]
+                left = white[i, q]
                 for a in range(n):
-                    left -= g[q, a, i] * theta[a]
-                residual[q, i] = left
-            if k < PASSES - 1:
+                    left -= g[i, q, a] * (theta[a] - before[a])
+                white[i, q] = left
+        for i in range(lines):
+            first = white[i, 0]
+            second = math.sqrt(1.0 - abs(coherence) ** 2) * white[i, 1] + np.conj(coherence) * first
+            residual[0, i] = first * math.sqrt(spectrum[0, i])
+            residual[1, i] = second * math.sqrt(spectrum[1, i])
+        if k < PASSES - 1:
+            product = 0.0j
+            for q in range(2):
                 _residual_spectrum(residual[q], omega, spectrum[q])
                 for i in range(lines):
                     spectrum[q, i] *= lines / (lines - ORDER)
+            if equations == 2:
+                for i in range(lines):
+                    product += residual[0, i] * np.conj(residual[1, i]) / math.sqrt(spectrum[0, i] * spectrum[1, i])
+                coherence = product / lines
+                if abs(coherence) > MOST_COHERENT:
+                    coherence *= MOST_COHERENT / abs(coherence)
 
     score = np.zeros((lines, n))
-    cross = np.empty((n, N))
-    for a in range(n):
-        for j in range(N):
-            cross[a, j] = past[a, 2 * n + 1 + j]
-    for q in range(equations):
-        for i in range(lines):
-            weight = 2.0 * independent / spectrum[q, i]
-            # A line that draws the fit to itself shows too small a residual: divide by what it leaves free.
-            pull = 0.0
+    for i in range(lines):
+        for q in range(equations):
+            re, im = 2.0 * independent * white[i, q].real, 2.0 * independent * white[i, q].imag
             for a in range(n):
-                for b in range(n):
-                    pull += inverse[a, b] * (g[q, a, i].real * g[q, b, i].real + g[q, a, i].imag * g[q, b, i].imag)
-            free = weight / max(1.0 - 0.5 * weight * pull, 0.2)
-            re, im = free * residual[q, i].real, free * residual[q, i].imag
-            for a in range(n):
-                ga = g[q, a, i]
-                score[i, a] += ga.real * re + ga.imag * im
-                for j in range(N):
-                    gj = g[q, 6 + j, i]
-                    cross[a, j] += weight * (ga.real * gj.real + ga.imag * gj.imag)
+                score[i, a] += g[i, q, a].real * re + g[i, q, a].imag * im
     lags = min(max(math.ceil(2.0 / independent), 2), 12)
     cloud = np.zeros((n, n))
     for lag in range(lags + 1):
-        weight = (1.0 if lag == 0 else 2.0 * (1.0 - lag / (lags + 1.0))) * lines / (lines - ORDER)
+        weight = (0.5 if lag == 0 else 1.0 - lag / (lags + 1.0)) * lines / (lines - ORDER)
         for i in range(lines - lag):
             for a in range(n):
                 for b in range(n):
-                    cloud[a, b] += weight * score[i, a] * score[i + lag, b]
+                    cloud[a, b] += weight * (score[i, a] * score[i + lag, b] + score[i + lag, a] * score[i, b])
+    cross = alone[:, 6:] + past[:, 2 * n + 1 :]
+    spread = inverse @ (cloud + past[:, n : 2 * n]) @ inverse
+    effect = inverse @ cross
     for a in range(n):
-        sandwich = inverse[a, a]
-        total_square = 0.0
+        smallest = 0.0
         for b in range(n):
             for c in range(n):
-                spread = cloud[b, c] + past[b, n + c]
-                if b == c:
-                    spread += prior[b]
-                total_square += inverse[a, b] * spread * inverse[c, a]
-        spread = math.sqrt(max(sandwich, total_square))
-        stat[a] = SMALL_RECORD * spread
-        total_square = (SECOND_ORDER * spread) ** 2
+                smallest += inverse[a, b] * (own[b, c] + past[b, c]) * inverse[c, a]
+        square = SMALL_RECORD**2 * max(smallest, spread[a, a])
+        stat[a] = math.sqrt(square)
+        for b in range(n):
+            square += inverse[a, b] ** 2 * prior[b] * SMALL_RECORD**2
         for j in range(N):
-            effect = 0.0
-            for b in range(n):
-                effect -= inverse[a, b] * cross[b, j]
-            learnt = turbulent * con[LEARNT_AT + j] if j < N_LEARNT else 0.0
-            left = effect * effect * max(con[KNOWN_AT + j] ** 2 - learnt**2, 0.0)
-            total_square += left
-            if j == N - 1:
-                # The mean wind is no constant: it is as wrong as this record's gusts make it.
-                stat[a] = math.sqrt(stat[a] ** 2 + left)
-        total[a] = math.sqrt(total_square)
+            square += effect[a, j] ** 2 * considered[j]
+        total[a] = math.sqrt(square)
 
     quality[:] = 0.0
     quality[4] = turbulent
+    z = np.empty(lines, dtype=np.complex128)
     for q in range(equations):
         for i in range(lines):
-            z = f[CL, i] if q == 0 else f[CM, i] * derivative[i]
+            z[i] = f[CL, i] if q == 0 else f[CM, i] * derivative[i]
             quality[q] += residual[q, i].real ** 2 + residual[q, i].imag ** 2
-            quality[2 + q] += z.real**2 + z.imag**2
-            y[q, i] = z
+            quality[2 + q] += z[i].real ** 2 + z[i].imag ** 2
         quality[5] += independent * _deviance(residual[q], omega, spectrum[q])
-        quality[6] += independent * _quasi_steady(f, rho, y[q], omega, spectrum[q])
+        quality[6] += independent * _quasi_steady(f, rho, z, omega, spectrum[q])
+    # A model that fits only with constants far from the profile's, and just there, is the less likely one (Laplace).
+    for a in range(6, n):
+        quality[5] += prior[a] * theta[a] ** 2 - math.log(inverse[a, a] * prior[a])
     if close:
         for a in range(n):
             for b in range(n):
-                past[a, b] = m[a, b] - (prior[a] if a == b else 0.0)
+                past[a, b] += own[a, b]
                 past[a, n + b] += cloud[a, b]
-            past[a, 2 * n] = rhs[a]
+            past[a, 2 * n] += own_rhs[a]
             for j in range(N):
-                past[a, 2 * n + 1 + j] = cross[a, j]
+                past[a, 2 * n + 1 + j] += alone[a, 6 + j]
     return math.isfinite(theta.sum())

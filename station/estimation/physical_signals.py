@@ -2,13 +2,15 @@
 
 From the gust at the boom (alpha.py; still seen through the vane) and the inertial angle of attack x,
 
-    w   = g_boom V + x u_g,   u_g = airspeed - inertial speed, both smoothed over 0.2 s
-    g_p = (w(t - t_p) - x u_g(t - t_p))/V,   p at the leading edge, the CG, the tail; t_p = (x_vane - x_p)/V_i
+    g_p = [g_boom(t - t_p) (V_i(t - t_p) + u_p) + (x(t - t_p) - x(t)) u_p]/(V_i(t) + u_p)
+    u   = airspeed - inertial speed, met by the wing now and by the tail l_t/V_i later
+    p     the leading edge, the CG, the tail; t_p = (x_vane - x_p)/V_i
     Wx  = W{x},   Kg = K{g_le},   and both of l_t/V_i ago: their downwash is at the tail now
 
-The wind is carried, not the angle: what arrives meets the speed of that moment. Delays follow the inertial speed (gusts
-do not carry themselves past the aircraft), memories the airspeed. The vane's own lag is undone with the time that the
-gust takes from the boom, by a finite impulse response. SI, radians.
+The wind is carried, not the angle: the vane turned that vertical gust into an angle over the airspeed at the boom,
+whose headwind the airspeed at the CG shows when it arrives; and what arrives meets the speed of that moment. Delays
+follow the inertial speed (gusts do not carry themselves past the aircraft), memories the airspeed. The vane's own lag
+is undone with the time that the gust takes from the boom, by a finite impulse response. SI, radians.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ LENGTH_M: Final = 533.4
 """Of the turbulence (MIL-F-8785C above 2000 ft): how long gusts last that the mean wind is averaged over."""
 
 # ring
-_W, _U, _RWX, _RKG, _RX, _RKL, _RKM, COLUMNS = range(8)
+_SEEN, _U, _RWX, _RKG, _RX, _RKL, _RKM, _VI, COLUMNS = range(9)
 # params
 _BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK, _WASH = range(8)
 _WA, _WB, _KA, _KB, PARAMS = 8, 12, 16, 20, 24
@@ -96,6 +98,16 @@ def _through(table: Array, ring: Array, at: int, column: int, ticks: float) -> f
 
 
 @njit(cache=True, error_model="numpy")
+def _met(table: Array, ring: Array, at: int, ticks: float, headwind: float) -> float:
+    """Gust incidence now where the air is that the vane saw `ticks` ago, and whose headwind gust is `headwind`, m/s."""
+    n = ring.shape[0]
+    seen = _through(table, ring, at, _SEEN, ticks)
+    then = _delayed(ring, at, _VI, ticks) + headwind
+    now = ring[at % n, _VI] + headwind
+    return float((seen * then + (_delayed(ring, at, _RX, ticks) - ring[at % n, _RX]) * headwind) / now)
+
+
+@njit(cache=True, error_model="numpy")
 def _lag(state: float, before: float, now: float, x: float) -> float:
     """First-order lag, exact for an input that goes straight from `before` to `now` in x time constants."""
     decay = math.exp(-x)
@@ -119,7 +131,7 @@ def step(
     """One tick -> `out` (2, SIGNALS): the signals of the tick before and of this one.
 
     `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed. Edits `s` (STATE,) and
-    `ring` (RING, 7).
+    `ring` (RING, COLUMNS).
     """
     n = ring.shape[0]
     count = int(s[COUNT])
@@ -139,6 +151,7 @@ def step(
         for i in range(n):
             for c in range(COLUMNS):
                 ring[i, c] = alpha_i if c in (_RWX, _RX) else 0.0
+            ring[i, _VI] = inertial_speed
     for i in range(SIGNALS):
         out[0, i] = out[1, i]
     gain = 1.0 - math.exp(-dt / SMOOTH_S)
@@ -147,15 +160,17 @@ def step(
     s[_UU] += max(dt / WIND_S, 1.0 / (count + 1.0)) * (s[_UG] ** 2 - s[_UU])
     v = s[_VF]
     carried = max(inertial_speed, 1.0) * dt
-    ring[at, _W] = boom_gust * v + alpha_i * s[_UG]
-    ring[at, _U] = s[_UG]
+    headwind = speed - inertial_speed
+    ring[at, _SEEN] = boom_gust
+    ring[at, _U] = headwind
     ring[at, _RX] = alpha_i
+    ring[at, _VI] = inertial_speed
 
     cg, edge = par[_BOOM] / carried, max(par[_BOOM] - par[_LE], 0.0) / carried
     late = par[_TAIL] / carried
-    at_cg = (_through(table, ring, at, _W, cg) - alpha_i * _delayed(ring, at, _U, cg)) / v
-    at_edge = (_through(table, ring, at, _W, edge) - alpha_i * _delayed(ring, at, _U, edge)) / v
-    at_tail = (_through(table, ring, at, _W, cg + late) - alpha_i * _delayed(ring, at, _U, cg + late)) / v
+    at_cg = _met(table, ring, at, cg, headwind)
+    at_edge = _met(table, ring, at, edge, headwind)
+    at_tail = _met(table, ring, at, cg + late, _delayed(ring, at, _U, late))
 
     chords = v * dt / par[_CHORD]
     wing = _remember(s, _WS, par[_WA : _WA + 4], par[_WB : _WB + 4], n_w, s[_XIN], alpha_i, chords)
@@ -204,7 +219,9 @@ def wind_sd(s: Array, dt: float) -> float:
     """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
     lasting = LENGTH_M / max(s[_VF], 1.0)
     seconds = min(s[COUNT] * dt, 2.0 * WIND_S)
-    return math.sqrt(max(s[_UU], 0.0) * 2.0 / (seconds / lasting + 2.0))
+    share = 2.0 / (seconds / lasting + 2.0)
+    # The gusts' mean square is about that mean, which takes its share of it.
+    return math.sqrt(max(s[_UU], 0.0) * share / max(1.0 - share, 0.2))
 
 
 class Signals:

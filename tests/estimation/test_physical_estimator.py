@@ -15,6 +15,7 @@ from station.estimation.methods import Estimator
 from station.estimation.physical import SEGMENT, Equations, transform
 from station.estimation.spectra import grid
 from station.profile import Aircraft, Card, load_aircraft
+from station.profile.uncertainty import EXACT, Uncertainty
 from station.rows import Frame, MethodEstimate, Status
 from station.simulation import fly
 from station.simulation.sensors import STANDARD
@@ -137,7 +138,7 @@ def test_streaming_equals_batch() -> None:
     n = round(SEGMENT / c.step / DT)
     spectrum = transform(np.array(kept[: opens + n]).T, grid(c.low, c.high, c.step), DT, opens)
     mean, wind_sd = np.mean([v for v, _ in speeds[opens : opens + n]]), speeds[opens + n - 1][1]
-    equations = Equations(aircraft, grid(c.low, c.high, c.step), DT, math.radians(0.05))
+    equations = Equations(aircraft, grid(c.low, c.high, c.step), DT, {"alpha_vane": math.radians(0.05)})
     batch = equations.solve(spectrum, n, n * DT * c.step, float(mean), wind_sd)
     assert batch is not None
     assert streamed is not None
@@ -204,6 +205,51 @@ def test_the_data_prefer_the_model_that_is_true() -> None:
     found = last(Estimator(aircraft, c, methods=("physical",)), flown(aircraft, c, 50.1, real=steady))
     assert not found.applicable
     assert "quasi-steady" in found.why
+
+
+def test_slopes_are_those_of_the_residual() -> None:
+    """Of every parameter, at constants far from the profile's, by central differences."""
+    aircraft = load_aircraft("twin_otter")
+    rng = np.random.default_rng(4)
+    lines, speed = 5, 57.0
+    omega = 2 * np.pi * np.linspace(0.2, 1.8, lines)
+
+    def complex_normal(*shape: int) -> np.ndarray:
+        return rng.normal(size=shape) + 1j * rng.normal(size=shape)
+
+    f, rho = complex_normal(pc.CHANNELS, lines), rng.uniform(size=lines)
+    con = pc.constants(aircraft)
+    wing = np.empty((3, lines), dtype=complex)
+    base = np.empty((pc.N, 3, lines), dtype=complex)
+    pc.columns(f, omega, speed, con, rho, 1, wing, base)
+    theta = rng.normal(size=pc.PARAMETERS)
+    g, left = np.empty((2, pc.PARAMETERS), dtype=complex), np.empty(2, dtype=complex)
+    up, down = left.copy(), left.copy()
+    pc.design(f, 3, 1.1, wing, base, con, theta, g, left)
+    for a in range(pc.PARAMETERS):
+        step = np.zeros(pc.PARAMETERS)
+        step[a] = 1e-5
+        spare = np.empty_like(g)
+        pc.design(f, 3, 1.1, wing, base, con, theta + step, spare, up)
+        pc.design(f, 3, 1.1, wing, base, con, theta - step, spare, down)
+        np.testing.assert_allclose(g[:, a], (down - up) / 2e-5, rtol=1e-6, atol=1e-6)
+
+
+def test_exact_constants_leave_the_statistical_error() -> None:
+    """The profile says that its constants are right: the interval is that of the noise, and no constant moves."""
+    aircraft, c = load_aircraft("twin_otter"), card(sigma=0.0, warm_up=20.0)
+    given = flown(aircraft, c, 50.1)
+    solutions = []
+    for known in (Uncertainty(), EXACT):
+        estimator = Estimator(aircraft.model_copy(update={"uncertainty": known}), c, methods=("physical",))
+        last(estimator, given)
+        assert estimator._physical is not None
+        assert estimator._physical.solution is not None
+        solutions.append(estimator._physical.solution)
+    usual, exact = solutions
+    np.testing.assert_allclose(exact.total[:6], exact.stat[:6], rtol=1e-3)
+    assert (usual.total[:6] > exact.total[:6]).all()
+    np.testing.assert_allclose(exact.theta[6:-1], 0.0, atol=1e-6)
 
 
 def test_constants_come_from_the_profile() -> None:

@@ -16,6 +16,7 @@ import pytest
 from station.conventions import SIGNALS, TICK_NS
 from station.estimation.methods import Estimator
 from station.profile import Aircraft, Card, Indicial, load_aircraft
+from station.profile.uncertainty import EXACT
 from station.rows import Frame
 from station.simulation import fly
 from station.simulation.sensors import STANDARD
@@ -97,8 +98,11 @@ def estimate(aircraft: Aircraft, real: Aircraft, gain: float, c: Card, seed: int
 
 def campaign(which: str, sigma: float, kind: str, count: int, random: bool = False) -> tuple[float, np.ndarray, str]:
     """Mean RMSE of four derivatives in per cent, coverage (2, 6) of the 95 % intervals, statistical and total, and a
-    line of the table."""
+    line of the table. The constants are those of the profile, which says that they are exact, or drawn at `random`,
+    for a profile with its ordinary uncertainty."""
     aircraft, c = load_aircraft(SETS[which]), card(sigma, kind)
+    if not random:
+        aircraft = aircraft.model_copy(update={"uncertainty": EXACT})
     found = []
     for i in range(count):
         real, gain = drawn(aircraft, np.random.default_rng([5, i // 2])) if random else (aircraft, 1.0)
@@ -122,39 +126,35 @@ def test_a_few_records_of_light_turbulence() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("which", ["A", "B"])
 @pytest.mark.parametrize(
-    ("which", "sigma", "kind", "limit"),
+    ("sigma", "kind", "limit", "covered"),
     [
-        (which, sigma, kind, limit)
-        for which in ("A", "B")
-        for sigma, kind, limit in (
-            (0.0, "doublet", 0.6),
-            (0.0, "multisine", 0.6),
-            (5.0, "doublet", 1.3),
-            (5.0, "multisine", 0.8),
-            (10.0, "doublet", 2.2),
-        )
+        (0.0, "doublet", 0.6, 0.9),
+        (0.0, "multisine", 0.6, 0.9),
+        (5.0, "doublet", 0.8, 0.9),
+        (5.0, "multisine", 0.6, 0.85),
+        (10.0, "doublet", 1.2, 0.6),
     ],
 )
-def test_constants_as_in_the_profile(which: str, sigma: float, kind: str, limit: float) -> None:
+def test_constants_as_in_the_profile(which: str, sigma: float, kind: str, limit: float, covered: float) -> None:
+    """At sigma 10 ft/s the rest is no noise: gusts times the slow changes of speed, which no constant stands for."""
     rmse, coverage, line = campaign(which, sigma, kind, SEEDS)
     print(f"\n{line}")
-    # The limit is for 200 records: fewer scatter.
+    # The limits are for many records: fewer scatter.
     assert rmse < limit * (1 + 1 / math.sqrt(SEEDS))
-    assert coverage[0].mean() > 0.88
-    assert coverage[1].min() > 0.93
+    assert coverage[1].min() > covered - 0.5 / math.sqrt(SEEDS)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("which", ["A", "B"])
 @pytest.mark.parametrize(
     ("sigma", "kind", "limit"),
-    [(0.0, "doublet", 5.0), (5.0, "doublet", 3.0), (5.0, "multisine", 3.0), (10.0, "doublet", 3.6)],
+    [(0.0, "doublet", 3.0), (5.0, "doublet", 2.2), (5.0, "multisine", 2.2), (10.0, "doublet", 2.8)],
 )
 def test_every_constant_drawn_at_random(which: str, sigma: float, kind: str, limit: float) -> None:
-    """In calm air the tail's constants cannot be learnt: the error stays, and the interval tells."""
     rmse, coverage, line = campaign(which, sigma, kind, SEEDS, random=True)
     print(f"\n{line}")
     assert rmse < limit * (1 + 1 / math.sqrt(SEEDS))
     # Two records share their constants: half as many independent draws.
-    assert coverage[1].min() > 0.9 - math.sqrt(2 / SEEDS)
+    assert coverage[1].min() > 0.9 - math.sqrt(0.5 / SEEDS)
