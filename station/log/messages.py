@@ -169,7 +169,7 @@ class RowWriter:
         return announced.topic, data
 
     def _odd_sample(self, row: Sample) -> tuple[Topic, bytes]:
-        """One with an infinity, before time 0, or not as the rig announced it: kept all the same, then without names."""
+        """One with an infinity, before time 0, or not as the rig announced it, which is kept without names."""
         announced = self._announced.get(row.stream)
         body: dict[str, Any] = {"t_device_ns": row.t_device_ns, "seq": row.seq, "quality": int(row.quality)}
         if announced is not None and announced.count == len(row.values):

@@ -101,7 +101,7 @@ class Unsteady(Frozen):
     """How lift, downwash and upwash lag behind the motion and the gust (thin wing with a tail)."""
 
     memory: bool = True
-    """False: quasi-steady lift, that wing and tail make of what the CG meets; the upwash at the boom keeps its memory."""
+    """False: quasi-steady lift, which wing and tail make of what the CG meets; the upwash at the boom keeps its own."""
     tail_lift_slope: float = Field(default=0.0, ge=0)
     """Tail's share of CL_alpha, per rad, referred to the wing area (a_h)."""
     tail_arm: Metres = 0.0
