@@ -31,9 +31,17 @@ SMALL_RECORD: Final = 1.15
 NEXT_ORDER: Final = 1.5
 MAX_PARAMETERS: Final = 4
 
-# Sums over closed segments: normal matrix, score products, right side, next order of the gust's lag, energy, lines.
-_NORMAL, _CLOUD, _RHS, _NEXT, _ENERGY, _LINES = 0, 16, 32, 36, 40, 41
-PAST: Final = 42
+# Sums over closed segments: normal matrix, score products (each places x places), right side, next order of the gust's
+# lag (places), energy, lines. Where `next order` begins with four places:
+_NEXT: Final = 36
+
+
+def past_size(places: int) -> int:
+    """Length of `fit`'s `past` for up to so many parameters."""
+    return 2 * places * places + 2 * places + 2
+
+
+PAST: Final = past_size(MAX_PARAMETERS)
 
 # One row of the history that a tick's coefficients are made from.
 _P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = range(13)
@@ -96,7 +104,7 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
 @njit(cache=True)
 def _invert(m: Array, n: int, inverse: Array) -> bool:
     """inverse <- m^-1 (n x n, Gauss-Jordan, m symmetric positive and of unit diagonal); False if singular."""
-    work = np.empty((4, 8))
+    work = np.empty((n, 2 * n))
     for i in range(n):
         for j in range(n):
             work[i, j] = m[i, j]
@@ -122,14 +130,18 @@ def _invert(m: Array, n: int, inverse: Array) -> bool:
 def fit(
     x: Complex, z: Complex, ridge: Array, independent: float, past: Array, close: bool, out: Array, inverse: Array
 ) -> bool:
-    """Least squares of `z` (frequencies,) on `x` (parameters, frequencies), parameters <= 4, and on the `past`.
+    """Least squares of `z` (frequencies,) on `x` (parameters, frequencies), parameters <= places, and on the `past`.
 
     `ridge`: added to the diagonal of Re(X^H X), (parameters,). `independent`: T df of `x`, how many independent lines
-    there are to a line of the grid. `past` (PAST,): sums over the segments closed before; `close` adds this one. `out`
-    (3, parameters + 1): parameters; standard errors; variance inflation by collinearity; in the last column R2,
-    residual energy and signal energy. `inverse` (4, 4): of the normal matrix. False if there is no solution.
+    there are to a line of the grid. `past` (past_size(places),): sums over the segments closed before; `close` adds
+    this one. `out` (3, parameters + 1): parameters; standard errors; variance inflation by collinearity; in the last
+    column R2, residual energy and signal energy. `inverse` (places, places): of the normal matrix. False if there is no
+    solution.
     """
     n, lines = x.shape
+    places = inverse.shape[0]
+    cloud_at, rhs_at = places * places, 2 * places * places
+    energy_at = rhs_at + 2 * places
     m = np.zeros((n, n))
     rhs = np.zeros(n)
     energy = 0.0
@@ -141,19 +153,19 @@ def fit(
                 m[i, j] += a * x[j, f].real + b * x[j, f].imag
         energy += z[f].real ** 2 + z[f].imag ** 2
     share = min(max(independent, 1e-3), 1.0)
-    count = past[_LINES] + lines * share
-    energy += past[_ENERGY]
+    count = past[energy_at + 1] + lines * share
+    energy += past[energy_at]
     for i in range(n):
-        rhs[i] += past[_RHS + i]
+        rhs[i] += past[rhs_at + i]
         for j in range(i + 1):
-            m[i, j] += past[_NORMAL + 4 * i + j]
+            m[i, j] += past[places * i + j]
     if close:
-        past[_LINES] = count
-        past[_ENERGY] = energy
+        past[energy_at + 1] = count
+        past[energy_at] = energy
         for i in range(n):
-            past[_RHS + i] = rhs[i]
+            past[rhs_at + i] = rhs[i]
             for j in range(i + 1):
-                past[_NORMAL + 4 * i + j] = m[i, j]
+                past[places * i + j] = m[i, j]
     scale = np.empty(n)
     for i in range(n):
         m[i, i] += ridge[i]
@@ -199,9 +211,9 @@ def fit(
         left -= 2.0 * theta[i] * rhs[i]
         for j in range(n):
             left += theta[i] * (m[i, j] if i >= j else m[j, i]) * theta[j]
-            cloud[i, j] += past[_CLOUD + 4 * i + j]
+            cloud[i, j] += past[cloud_at + places * i + j]
             if close:
-                past[_CLOUD + 4 * i + j] = cloud[i, j]
+                past[cloud_at + places * i + j] = cloud[i, j]
         left -= theta[i] * ridge[i] * theta[i]
     left = max(left, 0.0)
     variance = 0.5 * left / max(count - 0.5 * n, 1.0)

@@ -12,13 +12,14 @@ import numpy as np
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
-from station.estimation import tick
+from station.estimation import lateral, tick
 from station.estimation.alpha import Vane
 from station.estimation.conditioning import Array, Conditioner
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import ROW, Sides
 from station.estimation.inertial import Inertial
+from station.estimation.lateral import Lateral
 from station.estimation.physical import Physical
 from station.estimation.physical_signals import Signals
 from station.estimation.turbulence import HIGH_HZ, LOW_HZ, Turbulence
@@ -57,6 +58,8 @@ METHODS: Final = {
 LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)
 MEASURED: Final = "IV"
 """Runs as the live ones do, but needs the spectra of minutes of flight first."""
+WITH_LATERAL: Final = "II"
+"""The live method that also gives the lateral derivatives, where the card asks for them."""
 
 
 def recommended(given: Mapping[str, int], level: str) -> str | None:
@@ -94,6 +97,7 @@ HELD_TICKS: Final = 3
 """An angle of attack from a vane or pitch rate held longer is not valid."""
 WAIT_TICKS: Final = 150
 """Without inertial data for so long after a start, the turbulence is judged by the vane alone."""
+WARMED: Final = tuple(dict.fromkeys((*cond.INPUTS, *lateral.MEASURED)))
 WARM_TICKS: Final = 2000
 """Of the made-up flight that compiles: every method closes a segment of its transforms in it."""
 SETTLE_TICKS: Final = 25
@@ -147,6 +151,11 @@ class Estimator:
         self._physical = (
             Physical(aircraft, card, self._noise, names, dt, forgetting_s) if "physical" in methods else None
         )
+        self._lateral = (
+            Lateral(aircraft, card, imu_position, self._noise, dt, forgetting_s)
+            if card.asks_lateral and WITH_LATERAL in methods
+            else None
+        )
         self._signals = Signals(aircraft, dt)
         boom = aircraft.boom
         self._zero = boom.zero if boom else 0.0
@@ -185,7 +194,7 @@ class Estimator:
         steady["mass"] = aircraft.inertia.mass
         for k in range(WARM_TICKS):
             # Every signal moves, each in its own way: one that stood still would be taken for frozen.
-            moves = {name: 0.02 * math.sin(0.05 * (i + 2) * k) for i, name in enumerate(cond.INPUTS)}
+            moves = {name: 0.02 * math.sin(0.05 * (i + 2) * k) for i, name in enumerate(WARMED)}
             twin.step(_frame(k, {name: steady.get(name, 0.0) + move for name, move in moves.items()}))
 
     def start_point(self) -> None:
@@ -193,6 +202,8 @@ class Estimator:
         self._derivatives.clear()
         if self._physical:
             self._physical.clear()
+        if self._lateral:
+            self._lateral.clear()
 
     def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]:
         """One frame in, the angle of attack and every method's estimates as of it out."""
@@ -216,7 +227,24 @@ class Estimator:
         estimates = self._derivatives.estimate(frame.t_ns, self._mean_speed(), applicable)
         if self._physical:
             estimates += (self._physical.estimate(frame.t_ns),)
+        if self._lateral:
+            estimates = self._with_lateral(self._lateral, frame, u, usable, estimates)
         return alpha, estimates
+
+    def _with_lateral(
+        self, side: Lateral, frame: Frame, u: Array, usable: bool, estimates: tuple[MethodEstimate, ...]
+    ) -> tuple[MethodEstimate, ...]:
+        if usable:
+            since_start = (frame.t_ns - (self._start_ns or 0)) * 1e-9
+            pressure, mass = self._conditioner.dynamic_pressure(), self._conditioner.mass()
+            side.add(frame, float(u[cond.AIRSPEED]), pressure, mass, since_start)
+        more = side.estimate()
+        return tuple(
+            MethodEstimate(e.t_ns, e.method, e.parameters + more, e.applicable, e.why)
+            if e.method == WITH_LATERAL
+            else e
+            for e in estimates
+        )
 
     def _advance_to(self, t_ns: int, ticks: int, u: Array, is_fresh: bool) -> None:
         """Run the filters to `t_ns`, over missing frames if they are few."""

@@ -113,9 +113,16 @@ class Card(Frozen):
     rotate: Annotated[Bytes, Positive] = 512 * 1024.0**2
     accuracy: float = Field(default=0.1, gt=0)
     """Enough: 2 sd below this share of the value."""
+    lateral: bool | None = None
+    """Whether CY, Cl and Cn are estimated too; if left out, where a manoeuvre moves aileron or rudder."""
     flight: Flight = Flight()
     manoeuvres: tuple[Manoeuvre, ...] = ()
     faults: tuple[Fault, ...] = ()
+
+    @property
+    def asks_lateral(self) -> bool:
+        """Whether the lateral derivatives are to be estimated."""
+        return any(m.surface != "elevator" for m in self.manoeuvres) if self.lateral is None else self.lateral
 
     @model_validator(mode="before")
     @classmethod
