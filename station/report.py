@@ -22,7 +22,8 @@ from station.estimation.methods import LIVE, MEASURED
 from station.estimation.record import FlightRecord
 from station.estimation.regression import autocorrelation
 from station.estimation.results import Axes, equations
-from station.identify import flight_record, fly
+from station.flown import fly
+from station.identify import flight_record
 from station.log import Table
 from station.profile import Card
 from station.report_instruments import instrument_pages
@@ -31,6 +32,8 @@ from station.rows import LogError
 Array = NDArray[np.float64]
 
 FILE_NAME: Final = "identification.html"
+WITH_LATERAL: Final = ("II", "I", "sidpac")
+"""Methods that give lateral derivatives."""
 _INK, _FAINT, _MODEL, _BAND = "#1f2430", "#a9b0bd", "#d55e00", "#0072b2"
 _STYLE: Final = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1f2430;max-width:60rem;margin:2rem auto;padding:0 1rem}
@@ -72,9 +75,10 @@ def write_report(
     ]
     if shown is not None and alpha is not None:
         body += _fits(result, record, shown, result["axes"], alpha)
-        # The live methods are longitudinal: where the record has lateral motion, show what method I makes of it.
-        if "I" in result["methods"] and shown not in ("I", "sidpac"):
-            body += _fits(result, record, "I", result["axes"], record.alpha, LATERAL)
+        if shown not in WITH_LATERAL:
+            beside = [m for m in WITH_LATERAL if m in result["methods"]]
+            made = (_fits(result, record, m, result["axes"], record.alpha, LATERAL) for m in beside)
+            body += next(filter(None, made), [])
     body.append(_consistency(result))
     body += _spectra(result)
     if "vane_calibration" in result:

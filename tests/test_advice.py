@@ -7,8 +7,8 @@ import pytest
 
 from station.advice import next_input_json, sifted_json
 from station.estimation.results import MethodResult
+from station.flown import fly as refly
 from station.identify import flight_record, identify
-from station.identify import fly as refly
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Multisine, load_aircraft
 from station.rows import ParamEstimate, Status

@@ -10,8 +10,8 @@ import pytest
 from station.advice import next_input_json
 from station.convert import import_file
 from station.estimation.kinematics import kinematics
+from station.flown import fly as refly
 from station.identify import flight_record, identify
-from station.identify import fly as refly
 from station.instruments import instruments_json, structure_json
 from station.log import Table, table
 from station.profile import Card, Flight, Multisine, load_aircraft

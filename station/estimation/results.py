@@ -29,6 +29,7 @@ COLLINEAR: Final = 100.0
 MIN_R2: Final = 0.3
 DOF: Final = ("alpha", "q", "de")
 LATERAL_DOF: Final = ("beta", "p", "r", "da", "dr")
+LATERAL_SURFACES: Final = ("aileron", "rudder")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,17 +124,21 @@ class Equation:
     surfaces: tuple[str, ...]
 
 
+def moves_laterally(record: FlightRecord) -> bool:
+    """Whether a record has the lateral signals, and aileron or rudder were moved."""
+    return record.has("p", "r", "ay", "beta_vane", *LATERAL_SURFACES) and excited(record, LATERAL_SURFACES)
+
+
 def equations(record: FlightRecord, axes: Axes, forces: Sequence[str] | None = None) -> list[Equation]:
     """The longitudinal equations, and the lateral ones where the record has their signals and inputs."""
     c, m = record.coefficients, record.motion
     x = np.column_stack([record.alpha, c.qhat, m["elevator"]])
     wanted = forces or (("CL", "Cm") if axes == "wind" else ("CZ", "Cm"))
     made = [Equation(n, tuple(f"{n}_{d}" for d in DOF), x, c.named(n), ("elevator",)) for n in wanted]
-    lateral = ("aileron", "rudder")
-    if record.has("p", "r", "ay", "beta_vane", *lateral) and excited(record, lateral):
+    if moves_laterally(record):
         x = np.column_stack([record.beta, c.phat, c.rhat, m["aileron"], m["rudder"]])
         for name in ("CY", "Cl", "Cn"):
-            made.append(Equation(name, tuple(f"{name}_{d}" for d in LATERAL_DOF), x, c.named(name), lateral))
+            made.append(Equation(name, tuple(f"{name}_{d}" for d in LATERAL_DOF), x, c.named(name), LATERAL_SURFACES))
     return made
 
 
