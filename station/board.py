@@ -99,7 +99,7 @@ class Board:
     def _take_health(self, row: Health) -> None:
         self.health = row
         given = {
-            name: sum(p.status is Status.ESTIMATED for p in method.parameters)
+            name: sum(p.status is Status.ESTIMATED and p.name in self.derivatives for p in method.parameters)
             for name, method in self.methods.items()
             if method.applicable
         }

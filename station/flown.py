@@ -128,6 +128,8 @@ class Flown:
         values = {p.name: p.value for p in estimate.parameters}
         found = {}
         for equation in equations(record, "body" if "CZ_alpha" in values else "wind"):
+            if equation.parameters[0] in LATERAL and estimate.method != "II":
+                continue  # the record has the vane's sideslip only
             theta = np.array([values.get(name, math.nan) for name in equation.parameters])
             residual = equation.measured - self._model(equation, alpha, theta)
             good = np.isfinite(residual)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.advice import SIFTED, next_input_json, sifted_json, sifted_results
+from station.conventions import LATERAL
 from station.estimation import cross_spectra, postflight
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.kinematics import kinematics
@@ -217,7 +218,10 @@ def _as_json(result: MethodResult) -> dict[str, Any]:
 def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
     """As in flight; where that says nothing, the first of PREFERRED that applies."""
     ok = {name: result for name, result in results.items() if result.status == "ok"}
-    given = {name: sum(p.status is Status.ESTIMATED for p in result.parameters) for name, result in ok.items()}
+    given = {
+        name: sum(p.status is Status.ESTIMATED and p.name not in LATERAL for p in result.parameters)
+        for name, result in ok.items()
+    }
     return recommended(given, level) or next((name for name in PREFERRED if name in ok), None)
 
 

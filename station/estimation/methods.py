@@ -58,16 +58,14 @@ METHODS: Final = {
 LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)
 MEASURED: Final = "IV"
 """Runs as the live ones do, but needs the spectra of minutes of flight first."""
-WITH_LATERAL: Final = "II"
-"""The live method that also gives the lateral derivatives, where the card asks for them."""
 
 
 def recommended(given: Mapping[str, int], level: str) -> str | None:
     """The method to believe first, or None.
 
-    `given`: how many derivatives each method gives that applies; `level`: of turbulence. The first that gives as much
-    as split does: physical, which does not apply where the data prefer the quasi-steady model; split+gust where there
-    is gust energy; else split.
+    `given`: how many longitudinal derivatives each method gives that applies; `level`: of turbulence. The first that
+    gives as much as split does: physical, which does not apply where the data prefer the quasi-steady model; split+gust
+    where there is gust energy; else split.
     """
     split = given.get("split", 0)
     if 0 < given.get("physical", 0) >= split:
@@ -153,7 +151,7 @@ class Estimator:
         )
         self._lateral = (
             Lateral(aircraft, card, imu_position, self._noise, dt, forgetting_s)
-            if card.asks_lateral and WITH_LATERAL in methods
+            if card.asks_lateral and set(lateral.METHODS) & set(methods)
             else None
         )
         self._signals = Signals(aircraft, dt)
@@ -237,12 +235,11 @@ class Estimator:
         if usable:
             since_start = (frame.t_ns - (self._start_ns or 0)) * 1e-9
             pressure, mass = self._conditioner.dynamic_pressure(), self._conditioner.mass()
-            side.add(frame, float(u[cond.AIRSPEED]), pressure, mass, since_start)
+            beta = float(self._inertial.out[1]) if self._inertial.out[8] > 0.0 else math.nan
+            side.add(frame, float(u[cond.AIRSPEED]), pressure, mass, beta, since_start)
         more = side.estimate()
         return tuple(
-            MethodEstimate(e.t_ns, e.method, e.parameters + more, e.applicable, e.why)
-            if e.method == WITH_LATERAL
-            else e
+            MethodEstimate(e.t_ns, e.method, e.parameters + more.get(e.method, ()), e.applicable, e.why)
             for e in estimates
         )
 
