@@ -14,7 +14,7 @@ from typing import Any, Final
 import msgspec
 
 from station.clock import Clock
-from station.conventions import LONGITUDINAL
+from station.conventions import LATERAL, LONGITUDINAL
 from station.estimation.methods import recommended
 from station.profile import Profiles
 from station.rows import (
@@ -45,6 +45,10 @@ class Board:
         self.accuracy = profiles.card.accuracy if profiles else 0.0
         """2 sd below this share of a derivative's value is enough; 0 where no card says so."""
         self.derivatives: tuple[str, ...] = LONGITUDINAL
+        self.lateral: tuple[str, ...] = ()
+        """Lateral derivatives, where a method gives any."""
+        self.lateral_method = "split"
+        """The method to believe first for them; looked at once a second."""
         self.recommended = "split"
         """The method to believe first; looked at once a second."""
         self.address = address
@@ -98,6 +102,7 @@ class Board:
 
     def _take_health(self, row: Health) -> None:
         self.health = row
+        self._choose_lateral()
         given = {
             name: sum(p.status is Status.ESTIMATED and p.name in self.derivatives for p in method.parameters)
             for name, method in self.methods.items()
@@ -105,6 +110,16 @@ class Board:
         }
         self.recommended = recommended(given, self.alpha.turbulence if self.alpha else "unknown") or "split"
         self.ever_complete = self.ever_complete or (bool(row.streams) and all(s.alive for s in row.streams))
+
+    def _choose_lateral(self) -> None:
+        """split, which carries the side gust to the CG; II where split gives fewer."""
+        given = {}
+        for name, row in self.methods.items():
+            lateral = [p for p in row.parameters if p.name in LATERAL]
+            if lateral:
+                self.lateral = tuple(p.name for p in lateral)
+                given[name] = sum(p.status is Status.ESTIMATED for p in lateral) if row.applicable else 0
+        self.lateral_method = "II" if given.get("II", 0) > given.get("split", 0) else "split"
 
     def _take_event(self, row: Event) -> None:
         if row.code not in (Code.MARK, Code.START):

@@ -26,8 +26,17 @@ from rich.text import Text
 from station.board import Board
 from station.clock import Clock
 from station.conventions import from_si
+from station.derivative_tables import (
+    TITLE,
+    derivative_lines,
+    lateral_lines,
+    lateral_summary,
+    significant,
+    styled,
+    value_text,
+)
 from station.plots import event_text, is_routine
-from station.rows import LEVELS, AlphaEstimate, Level, ParamEstimate, Status, StreamHealth
+from station.rows import LEVELS, AlphaEstimate, Level, Status, StreamHealth
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
 
@@ -35,16 +44,11 @@ REFRESH_S: Final = 0.25
 SECOND_NS: Final = 1_000_000_000
 TWO_COLUMNS: Final = 160
 """Terminals as wide as this get the links and events beside the numbers."""
-LEFT: Final = 82
-_NAME: Final = 12
-_VALUE: Final = 8
-_BOUND: Final = 10
-_STATUS: Final = 11
+LEFT: Final = 86
 _STREAM: Final = 22
 _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "bold red"}
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
 _CLOCK_STYLES: Final = {"synced": "green", "none": "", "converging": "yellow"}
-_TITLE: Final = "bold cyan"
 MOST_WARNINGS: Final = 3
 
 
@@ -142,7 +146,7 @@ class _Screen:
 def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None) -> list[Text]:
     """The screen's lines, no more than `height` of them and none wider than `width`."""
     top = [*_header(board, now_ns), *_banner(board, width)]
-    numbers = [*_alpha_lines(board), Text(), *_derivative_lines(board)]
+    numbers = [*_alpha_lines(board), Text(), *derivative_lines(board), *lateral_lines(board)]
     links = list(_link_lines(board, now_ns))
     room = height - len(top) - 1
     if width >= TWO_COLUMNS:
@@ -164,11 +168,6 @@ def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None)
     return lines
 
 
-def _styled(text: str, style: str) -> Text:
-    """Text whose style does not reach what is appended."""
-    return Text().append(text, style)
-
-
 def _side_by_side(left: list[Text], right: list[Text]) -> Iterator[Text]:
     for i in range(max(len(left), len(right))):
         line = Text().append_text(left[i]) if i < len(left) else Text()
@@ -186,7 +185,7 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
     if health is not None and (health.overruns or health.dropped):
         line.append(f"   {health.overruns} ticks missed, {health.dropped} rows dropped", "yellow")
     yield line
-    yield _styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
+    yield styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
     if board.address:
         line = Text(f" {board.address}")
         if board.view_dropped:
@@ -211,10 +210,10 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
 
 def _alpha_lines(board: Board) -> Iterator[Text]:
     a = board.alpha
-    title = _styled(" ANGLE OF ATTACK [deg]", _TITLE)
+    title = styled(" ANGLE OF ATTACK [deg]", TITLE)
     if a is None:
         yield title
-        yield _styled("   no estimate yet", "dim")
+        yield styled("   no estimate yet", "dim")
         return
     if not a.valid:
         title.append(f"   INVALID: {a.why}", "bold red")
@@ -230,7 +229,7 @@ def _alpha_lines(board: Board) -> Iterator[Text]:
         .append("   gust part ", "dim")
         .append(_deg(a.alpha_gust), "" if a.valid else "dim")
     )
-    line = _styled("   corrections", "dim")
+    line = styled("   corrections", "dim")
     for name in ("zero", "upwash", "rate", "lag", "gust"):
         line.append(f"  {name} ", "dim").append(_deg(getattr(a, name)), "" if a.valid else "dim")
     yield line
@@ -243,7 +242,7 @@ def _believed(text: str, valid: bool) -> str:
 
 def _air_line(a: AlphaEstimate) -> Text:
     styles = {"calm": "green", "light": "green", "moderate": "yellow", "severe": "bold red"}
-    line = _styled("   turbulence ", "dim").append(f"{a.turbulence:<8}", styles.get(a.turbulence, "dim"))
+    line = styled("   turbulence ", "dim").append(f"{a.turbulence:<8}", styles.get(a.turbulence, "dim"))
     settled = a.turbulence != "unknown"
     line.append(f" {a.turbulence_level:5.3f} m/s" if settled else "    –    ", "" if settled else "dim")
     return (
@@ -255,61 +254,15 @@ def _air_line(a: AlphaEstimate) -> Text:
     )
 
 
-def _derivative_lines(board: Board) -> Iterator[Text]:
-    others = [m for m in list(board.methods) if m != board.recommended]
-    title = _styled(f"{' DERIVATIVES':<{_NAME}}", _TITLE)
-    title.append(f" {board.recommended + ' ± 2σ':<{_VALUE + _BOUND - 1}}", "bold").append(
-        f"{'[1/rad]':<{_STATUS}}", "dim"
-    )
-    yield title.append("".join(f"{m:>{_column(m)}}" for m in others), "bold dim")
-    whys: dict[str, list[str]] = {}
-    for name in board.derivatives:
-        p = board.parameter(board.recommended, name)
-        line = Text(f"{'   ' + name:<{_NAME}}").append_text(_estimate(board, p))
-        for m in others:
-            q = board.parameter(m, name)
-            text = _value(q, p.value if p is not None else math.nan)
-            line.append(f"{text:>{_column(m)}}", "" if q is not None and q.status is Status.ESTIMATED else "dim")
-        if p is not None and p.status is not Status.ESTIMATED:
-            whys.setdefault(p.why or p.status, []).append(name)
-        yield line
-    for why, names in whys.items():
-        yield _styled(f"   {'all' if len(names) == len(board.derivatives) else ', '.join(names)}: {why}", "yellow")
-
-
-def _column(method: str) -> int:
-    return max(8, len(method) + 2)
-
-
-def _estimate(board: Board, p: ParamEstimate | None) -> Text:
-    """Value, 2 sd and status of the recommended method, in fixed columns."""
-    if p is None or p.status is Status.UNESTIMATED:
-        return _styled(f"{'–':>{_VALUE}}{'':{_BOUND}}{'unestimated':<{_STATUS}}", "dim")
-    if p.status is Status.INVALID:
-        return _styled(f"{_value(p):>{_VALUE}}{'':{_BOUND}}{'INVALID':<{_STATUS}}", "dim")
-    enough = board.is_enough(p)
-    text = _styled(f"{_value(p):>{_VALUE}}", "bold green")
-    text.append(f"{' ± ' + _significant(2 * p.sd, p.value):<{_BOUND}}")
-    return text.append(f"{'enough' if enough else 'estimated':<{_STATUS}}", "green" if enough else "")
-
-
-def _value(p: ParamEstimate | None, scale: float = math.nan) -> str:
-    """A dash where nothing is estimated; brackets round what is not to be believed."""
-    if p is None or p.status is Status.UNESTIMATED or not math.isfinite(p.value):
-        return "–"
-    text = _significant(p.value, scale if math.isfinite(scale) else p.value)
-    return text if p.status is Status.ESTIMATED else f"({text})"
-
-
 def _link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterator[Text]:
     title = f"{' LINKS':<{_STREAM}}{'rate':>6}{'age':>8}  {'clock':<10}{'offset s':>10}{'ppm':>5}{'gaps/bad':>9}"
     health = board.health
     if health is None:
-        yield _styled(" LINKS", _TITLE).append("   nothing heard yet", "dim")
+        yield styled(" LINKS", TITLE).append("   nothing heard yet", "dim")
         return
     if only_bad:
         title = f" LINKS  {sum(s.alive for s in health.streams)} of {len(health.streams)} alive"
-    yield _styled(title, _TITLE)
+    yield styled(title, TITLE)
     for s in health.streams:
         flags = board.flags(s.stream, s.device, now_ns)
         alive = s.alive and not any(LEVELS[flag] is Level.ALARM for flag in flags)
@@ -319,7 +272,7 @@ def _link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterato
 
 def _link_line(s: StreamHealth, alive: bool, flags: str) -> Text:
     style = "bold red" if not alive else "yellow" if flags else "green"
-    line = _styled(f" {'●' if alive else '✗'} {s.stream:<{_STREAM - 3}}", style)
+    line = styled(f" {'●' if alive else '✗'} {s.stream:<{_STREAM - 3}}", style)
     age = f"{1000 * s.age_s:.0f} ms" if s.age_s < 1 else f"{s.age_s:.1f} s" if math.isfinite(s.age_s) else "–"
     line.append(f"{_fixed(s.rate_hz, '.0f'):>3} Hz{age:>8}", "" if alive else "bold red")
     line.append(f"  {s.clock:<10}", _CLOCK_STYLES.get(s.clock, "bold red"))
@@ -333,17 +286,17 @@ def _event_lines(board: Board, count: int) -> list[Text]:
     """The title and the last events, `count` of them; nothing if there is room for none."""
     if count < 1:
         return []
-    lines = [_styled(" EVENTS", _TITLE)]
+    lines = [styled(" EVENTS", TITLE)]
     for event in [event for _, event in board.events_after(0) if not is_routine(event)][-count:]:
         style = _LEVEL_STYLES[event.level]
-        lines.append(_styled(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
+        lines.append(styled(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
     return lines
 
 
 def _footer(note: str | None) -> Text:
     if note is not None:
         return (
-            _styled(" note: ", "bold black on yellow")
+            styled(" note: ", "bold black on yellow")
             .append(f" {note}█")
             .append("   Enter records  Esc drops it", "dim")
         )
@@ -365,12 +318,6 @@ def _deg(angle: float, *, sign: bool = True) -> str:
 
 def _fixed(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else "–".rjust(int(form[1]) if form[1:2].isdigit() else 1)
-
-
-def _significant(value: float, scale: float) -> str:
-    """A derivative to three or four figures of `scale`, so that value and bound have the same decimals."""
-    decimals = 1 if abs(scale) >= 10 else 2 if abs(scale) >= 2 else 3
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "–"
 
 
 def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
@@ -404,8 +351,10 @@ def _status_line(board: Board) -> str:
     for name in board.derivatives:
         p = board.parameter(board.recommended, name)
         if p is not None and p.status is Status.ESTIMATED:
-            shown.append(f"{name} {_value(p)} ± {_significant(2 * p.sd, p.value)}")
+            shown.append(f"{name} {value_text(p)} ± {significant(2 * p.sd, p.value)}")
     parts.append(", ".join(shown) if shown else "derivatives unestimated")
+    if board.lateral:
+        parts.append(f"lateral {lateral_summary(board)}")
     if board.health is not None:
         streams = board.health.streams
         parts.append(f"links {sum(s.alive for s in streams)}/{len(streams)}")

@@ -75,7 +75,7 @@ class Plot:
         return (self.name, self.child) if self.child else (self.name,)
 
 
-def _band(colour: int, name: str = BAND) -> tuple[Line, Line]:
+def band(colour: int, name: str = BAND) -> tuple[Line, Line]:
     return (Line(name, _faint(colour), 0.75),) * 2
 
 
@@ -84,7 +84,7 @@ ALPHA: Final = Plot(
     (
         Line("vane", _ORANGE, 1.0),
         Line("inertial", _BLUE, 1.25),
-        *_band(_GREEN),
+        *band(_GREEN),
         Line("corrected", _GREEN, 2.5),
         Line("not valid", _GREY, 1.0),
     ),
@@ -138,7 +138,7 @@ def derivative_plot(name: str, setup: Setup) -> Plot:
     lines = [Line("profile", _GREY, 1.0)]
     for m in setup.methods:
         # The legend hides lines of one name together.
-        bounds = _band(METHOD_COLOURS[m], BAND if m == setup.recommended else f"other {BAND}")
+        bounds = band(METHOD_COLOURS[m], BAND if m == setup.recommended else f"other {BAND}")
         lines += [*bounds, Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
@@ -170,6 +170,8 @@ class Setup(msgspec.Struct, frozen=True):
     recommended: str = "split"
     methods: tuple[str, ...] = ("II", "III", "V", "split", "split+gust", "physical")
     derivatives: tuple[str, ...] = LONGITUDINAL
+    lateral_methods: tuple[str, ...] = ()
+    """Methods that give the lateral derivatives, the one to believe last; none where the card does not ask."""
     references: dict[str, float] = {}
     """The aircraft profile's derivatives, drawn for comparison."""
     nominal_hz: dict[str, float] = {}
@@ -235,11 +237,11 @@ def points(rows: Batch, setup: Setup) -> Iterator[Points]:
     """The new points of every plot."""
     if rows.truths:
         alphas = [[row.values.get("alpha", math.nan)] for row in rows.truths]
-        yield Points(TRUTH.path, _times(rows.truths, rows.start_ns), np.degrees(alphas))
+        yield Points(TRUTH.path, times(rows.truths, rows.start_ns), np.degrees(alphas))
     if rows.alphas:
         yield from _alpha(rows, setup)
     if rows.frames:
-        t = _times(rows.frames, rows.start_ns)
+        t = times(rows.frames, rows.start_ns)
         picked = [SIGNAL_INDEX[name] for name in ("elevator", "q", "airspeed")]
         values = np.array([[frame.values[i] for i in picked] for frame in rows.frames])
         yield Points(CONTROLS.path, t, np.degrees(values[:, :2]))
@@ -250,12 +252,12 @@ def points(rows: Batch, setup: Setup) -> Iterator[Points]:
         yield from _links(rows, setup)
 
 
-def _times(rows: Sequence[Row], start_ns: int) -> NDArray[np.int64]:
+def times(rows: Sequence[Row], start_ns: int) -> NDArray[np.int64]:
     return np.array([row.t_ns - start_ns for row in rows], dtype=np.int64)
 
 
 def _alpha(rows: Batch, setup: Setup) -> Iterator[Points]:
-    t = _times(rows.alphas, rows.start_ns)
+    t = times(rows.alphas, rows.start_ns)
     angles = np.degrees(
         [
             (a.vane, a.alpha_inertial, a.alpha, a.alpha_sd, a.alpha_gust, a.zero, a.upwash, a.rate, a.lag, a.gust)
@@ -271,15 +273,15 @@ def _alpha(rows: Batch, setup: Setup) -> Iterator[Points]:
     yield Points(CORRECTIONS.path, t, angles[:, 5:])
     gusts = np.array([a.gust_vertical if a.valid else math.nan for a in rows.alphas])
     yield Points(GUST_SPEED.path, t, gusts[:, None])
-    slow = [a for a in rows.alphas if _is_slow_point(a)]
+    slow = [a for a in rows.alphas if is_slow_point(a)]
     if slow:
-        t = _times(slow, rows.start_ns)
+        t = times(slow, rows.start_ns)
         yield Points(WIND.path, t, np.array([[a.wind_north, a.wind_east, a.wind_down] for a in slow]))
         levels = [math.nan if a.turbulence == "unknown" else a.turbulence_level for a in slow]
         yield Points(TURBULENCE.path, t, np.array([[level, *setup.class_limits] for level in levels]))
 
 
-def _is_slow_point(row: Row) -> bool:
+def is_slow_point(row: Row) -> bool:
     """One tick in `SLOW_NS`, whichever batch it falls in."""
     return row.t_ns % SLOW_NS < TICK_NS
 
@@ -287,7 +289,7 @@ def _is_slow_point(row: Row) -> bool:
 def _derivatives(rows: Batch, setup: Setup) -> Iterator[Points]:
     slots: dict[int, dict[str, MethodEstimate]] = {}
     for row in rows.methods:
-        if _is_slow_point(row):
+        if is_slow_point(row):
             slots.setdefault(row.t_ns, {})[row.method] = row
     t = np.array([t_ns - rows.start_ns for t_ns in slots], dtype=np.int64)
     for name in setup.derivatives:
@@ -296,14 +298,14 @@ def _derivatives(rows: Batch, setup: Setup) -> Iterator[Points]:
         for slot in slots.values():
             lines = [reference]
             for m in setup.methods:
-                value, sd = _estimated(slot[m], name) if m in slot else (math.nan, math.nan)
+                value, sd = estimated(slot[m], name) if m in slot else (math.nan, math.nan)
                 lines += [value - 2 * sd, value + 2 * sd, value]
             values.append(lines)
         if slots and not np.all(np.isnan(np.array(values)[:, 1:])):
             yield Points((f"{name} [1/rad]",), t, np.array(values))
 
 
-def _estimated(row: MethodEstimate, name: str) -> tuple[float, float]:
+def estimated(row: MethodEstimate, name: str) -> tuple[float, float]:
     """Value and sd of a derivative, NaN unless it may be believed."""
     if row.applicable:
         for p in row.parameters:
@@ -313,7 +315,7 @@ def _estimated(row: MethodEstimate, name: str) -> tuple[float, float]:
 
 
 def _links(rows: Batch, setup: Setup) -> Iterator[Points]:
-    t = _times(rows.healths, rows.start_ns)
+    t = times(rows.healths, rows.start_ns)
     tables = np.full((4, len(t), len(setup.nominal_hz)), math.nan)
     column = {stream: i for i, stream in enumerate(setup.nominal_hz)}
     for k, row in enumerate(rows.healths):
@@ -336,7 +338,7 @@ def states(rows: Batch, setup: Setup) -> Iterator[tuple[str, int, str]]:
         yield "alpha", a.t_ns - rows.start_ns, "valid" if a.valid else "not valid"
         yield "turbulence", a.t_ns - rows.start_ns, a.turbulence
     for row in [row for row in rows.methods if row.method == setup.recommended][-1:]:
-        known = sum(not math.isnan(_estimated(row, name)[0]) for name in setup.derivatives)
+        known = sum(not math.isnan(estimated(row, name)[0]) for name in setup.derivatives)
         share = "none" if known == 0 else "all" if known == len(setup.derivatives) else "some"
         yield "derivatives", row.t_ns - rows.start_ns, f"{share} estimated"
 

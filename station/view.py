@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from station import plots
+from station import lateral_plots, plots
 from station.clock import Clock, SystemClock
 from station.plots import Batch, Plot, Points, Setup
 from station.rows import LogError, Rows
@@ -59,7 +59,7 @@ class Page:
         self._derivatives = tuple(plots.derivative_plot(name, setup) for name in setup.derivatives)
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
-        drawn = (*plots.FIXED, *self._derivatives, *self._links)
+        drawn = (*plots.FIXED, *self._derivatives, *self._links, *lateral_plots.drawn(setup))
         self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < 60}
         for plot in drawn:
             style = rr.SeriesLines(
@@ -79,7 +79,7 @@ class Page:
         """Send the new points of every line, the events and the changes of state."""
         import rerun as rr
 
-        for points in plots.points(rows, self._setup):
+        for points in itertools.chain(plots.points(rows, self._setup), lateral_plots.points(rows, self._setup)):
             held = self._held.setdefault(points.path, [])
             held.append(points)
             if points.path in self._prompt or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
@@ -150,6 +150,7 @@ class Page:
             rrb.Tabs(
                 flight,
                 rrb.Grid(*(view(plot, legend=True) for plot in self._derivatives), grid_columns=2, name="Derivatives"),
+                *self._lateral_tab(),
                 rrb.Grid(*(view(plot) for plot in self._links), grid_columns=2, name="Links"),
                 rrb.Vertical(view(plots.GUST_SPEED), view(plots.WIND), view(plots.TURBULENCE), name="Air"),
                 active_tab=0,
@@ -161,7 +162,29 @@ class Page:
             auto_layout=False,
         )
 
-    def _view(self, plot: Plot, *, only: list[bool] | None = None, legend: bool | None = None) -> rrb.TimeSeriesView:
+    def _lateral_tab(self) -> list[rrb.Vertical]:
+        """What was flown above, the derivatives below; nothing where the card does not ask for them."""
+        import rerun.blueprint as rrb
+
+        if not self._setup.lateral_methods:
+            return []
+        motion = (lateral_plots.SURFACES, lateral_plots.RATES, lateral_plots.SIDESLIP)
+        views = [
+            self._view(plot, only=shown, legend=k == 0, name=name)
+            for k, (name, plot, shown) in enumerate(lateral_plots.views(self._setup))
+        ]
+        return [
+            rrb.Vertical(
+                rrb.Horizontal(*(self._view(plot) for plot in motion)),
+                rrb.Grid(*views, grid_columns=5),
+                row_shares=[1, 3],
+                name="Lateral",
+            )
+        ]
+
+    def _view(
+        self, plot: Plot, *, only: list[bool] | None = None, legend: bool | None = None, name: str | None = None
+    ) -> rrb.TimeSeriesView:
         import rerun as rr
         import rerun.blueprint as rrb
 
@@ -175,7 +198,7 @@ class Page:
         return rrb.TimeSeriesView(
             origin=_path(plot.path),
             overrides={_path(plot.path): rr.SeriesLines(visible_series=only)} if only else None,
-            name=plot.name,
+            name=name or plot.name,
             axis_x=axis,
             axis_y=rrb.ScalarAxis(range=fixed) if fixed else None,
             plot_legend=rrb.PlotLegend("LeftTop", visible=plot.legend if legend is None else legend),

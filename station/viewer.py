@@ -287,7 +287,8 @@ def setup_for(
     open_page: bool = False,
 ) -> Setup:
     """What the page shows beside the rows, from the flight's profiles."""
-    from station.estimation.physical_columns import why_not  # bring numba: not for the child
+    from station.estimation.lateral import METHODS  # these bring numba: not for the child
+    from station.estimation.physical_columns import why_not
     from station.estimation.turbulence import Thresholds
 
     classes = Thresholds()
@@ -298,6 +299,7 @@ def setup_for(
         port,
         web_port,
         recommended="physical" if profiles and not why_not(profiles.aircraft) else "split",
+        lateral_methods=METHODS if profiles and profiles.card.asks_lateral else (),
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
         class_limits=(classes.calm, classes.light, classes.moderate),
