@@ -50,7 +50,7 @@ def score(case: Case, d: Diagnosis) -> str:
     return "companion" if true < set(found) else "group" if true <= possible and len(found) == 1 else "wrong"
 
 
-@pytest.mark.parametrize("sigma", [SIGMAS[0], SIGMAS[1]])
+@pytest.mark.parametrize("sigma", [SIGMAS[0], pytest.param(SIGMAS[1], marks=pytest.mark.slow)])
 def test_without_an_effect_the_model_lacks_something_and_no_instrument_failed(sigma):
     d = diagnosed(Case(seed=70, sigma=sigma))
     assert named(d) == {}
@@ -60,7 +60,10 @@ def test_without_an_effect_the_model_lacks_something_and_no_instrument_failed(si
     assert -0.45 < slope.value < -0.1
 
 
-@pytest.mark.parametrize(("name", "sigma"), [("q.scale", SIGMAS[2]), ("alpha_vane.delay", SIGMAS[0])])
+@pytest.mark.parametrize(
+    ("name", "sigma"),
+    [pytest.param("q.scale", SIGMAS[2], marks=pytest.mark.slow), ("alpha_vane.delay", SIGMAS[0])],
+)
 def test_an_instrument_that_contradicts_the_others_is_named(name, sigma):
     case = Case(seed=71, sigma=sigma, effects={name: 4 * size(name, sigma)})
     d = diagnosed(case)
