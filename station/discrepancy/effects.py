@@ -106,6 +106,27 @@ def boom(field: str) -> Extend:
     return change
 
 
+MODE_HZ: Final = 8.0
+"""Frequency of a boom's first bending mode where the profile states none; what is judged lies well below."""
+MODE_SHARE: Final = 0.5
+"""How far a vane rises per radian of bending where the profile does not say, as a share of vane_x: most of that is
+boom, whose tip swings about a point a third of its length from the root."""
+
+
+def _boom_mode(a: Aircraft, x: float) -> Aircraft:
+    """The boom bends with the load at its tip, not at the CG, and swings."""
+    if x == 0:
+        return a
+    old = a.boom or NO_BOOM
+    frequency, length = old.mode_frequency or MODE_HZ, old.mode_length or MODE_SHARE * old.vane_x
+    made = {"flexure": old.flexure + x, "mode_frequency": frequency, "mode_length": length}
+    return a.model_copy(update={"boom": old.model_copy(update=made)})
+
+
+def _cubic(a: Aircraft, x: float) -> Aircraft:
+    return _instruments(a, ("elevator",), lambda i: {"cubic": i.cubic + x / _BEND_AT**2})
+
+
 def _vane_dynamics(a: Aircraft, x: float) -> Aircraft:
     old = a.boom or NO_BOOM
     return a.model_copy(update={"boom": old.model_copy(update={"vane_frequency": old.vane_frequency * (1 + x)})})
@@ -193,7 +214,8 @@ def _thrust_arm(a: Aircraft, x: float) -> Aircraft:
 # --- the table
 
 _DEG = math.radians(1)
-_FT = 0.3048
+_BEND_AT = 10 * _DEG
+"""Deflection at which a bent characteristic is told."""
 
 EFFECTS: Final[tuple[Term, ...]] = (
     Term("alpha_vane.delay", "alpha_vane", 0, "s", "ms", -0.3, 0.5, 2e-3, "The alpha vane is {value} late.",
@@ -215,6 +237,12 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("boom.flexure", "alpha_vane", 0, "rad s2/m", "deg/g", -1 * _DEG / G0, 1 * _DEG / G0, 1e-4,
          "The boom bends by {value} under load.",
          "a load-factor change at constant pitch rate, or a multisine in place of doublets", boom("flexure")),
+    Term("boom.mode", "alpha_vane", 0, "rad s2/m", "deg/g", 0, 1 * _DEG / G0, 1e-4,
+         "The boom bends by {value} under the acceleration of its tip, as one that swings does.",
+         "a sharp doublet: the tip's acceleration leads that of the CG", _boom_mode),
+    Term("gust.lead", "alpha_vane", 0, "1", "%", -1, 2, 0.03,
+         "Gusts meet the vane earlier by {value} of its distance than the profile says.",
+         "a calm manoeuvre: it shows in turbulence only", boom("gust_lead"), aerodynamic=True, gust_only=True),
     Term("accelerometer.position", "ax az", 0, "m", "ft", -5, 5, 0.1,
          "The accelerometer sits {value} further ahead than the rig says.",
          "a sharp doublet: position shows with pitch acceleration", _imu_forward),
@@ -240,6 +268,9 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("elevator.backlash", "elevator", 0, "rad", "deg", 0, 0.05, 1e-3,
          "The elevator has {value} of play between sensor and surface.",
          "small and large doublets: play does not grow with the input", _backlash, relinear=True),
+    Term("elevator.nonlinearity", "elevator", 0, "1", "%", -0.6, 1.0, 0.1,
+         "The elevator's sensor bends: at 10 deg it shows {value} more than a straight one would.",
+         "small and large doublets, and two trims", _cubic, relinear=True),
     Term("dynamic_pressure.scale", "dynamic_pressure airspeed", 0, "1", "%", -0.4, 0.6, 0.02,
          "The dynamic pressure is off by {value}.", "a calm manoeuvre, and ground-speed runs on reverse headings",
          _pitot_gain, relinear=True),

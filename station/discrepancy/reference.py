@@ -16,18 +16,9 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from station.conventions import G0, to_si
+from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record
-from station.discrepancy.residuals import (
-    SERIES,
-    VANE,
-    Memo,
-    Setting,
-    Spectra,
-    bridge_of,
-    series,
-    series_spectra,
-    spectra,
-)
+from station.discrepancy.residuals import SERIES, VANE, Memo, Spectra, series, series_spectra, spectra
 from station.profile import Actuator, Aircraft, Flight
 from station.rows import ProfileError, UsageError
 from station.simulation.aircraft import constants
@@ -254,10 +245,15 @@ def _fly(
     simulation = Simulation(quick, flight, (), record.imu, deflection=deflection)
     truth = simulation.advance(math.ceil(record.n * record.dt / DT) + 1)
     t = record.dt * np.arange(record.n)
-    out = {_THROUGH: np.interp(t, truth["time"], np.hypot(truth["v_north"], truth["v_down"]))}
-    for name in record.signals:
-        column = truth["v_north" if name == "v_along" else name]
-        out[name] = np.interp(t, truth["time"], column)
+    every = round(record.dt / DT)
+
+    def sampled(column: Array) -> Array:
+        if abs(every * DT - record.dt) < 1e-9:
+            return np.array(column[::every][: record.n])
+        return np.asarray(np.interp(t, truth["time"], column))
+
+    out = {name: sampled(truth["v_north" if name == "v_along" else name]) for name in record.signals}
+    out[_THROUGH] = np.hypot(sampled(truth["v_north"]), sampled(truth["v_down"]))
     return out
 
 
@@ -332,6 +328,7 @@ def _levels(
     mine, theirs = power(measured), power(model) / SIGMA**2
     noise = dict(stated)
     guess = 0.0
+    powers = {name: _signal_powers(name, record, flights) for name in stated if name in record.signals}
     for _ in range(3):
         white = noise["alpha_vane"] ** 2
         guess = math.sqrt(max(mine - 1.3 * white, 0.0) / theirs)
@@ -339,18 +336,23 @@ def _levels(
             if name in record.signals:
                 # Below that a record has been smoothed, and its noise above the motion's band says nothing.
                 least = sd * (SMOOTHED if record.stated.get(_ALIAS.get(name, name)) else 1.0)
-                noise[name] = max(_level(name, sd, record, flights, guess), least)
+                noise[name] = max(_level(name, sd, record, powers[name], guess), least)
     return {n: v for n, v in noise.items() if n in record.signals}, guess
 
 
-def _level(name: str, stated: float, record: Record, flights: Flights, gust: float) -> float:
+def _signal_powers(name: str, record: Record, flights: Flights) -> tuple[Array, Array, Array]:
+    """Power per band of what was measured, of the motion, and of the answer to gusts of SIGMA."""
+    return _powers(record.signals[name]), _powers(flights.nominal[name]), _powers(flights.turbulent[name]).mean(0)
+
+
+def _level(name: str, stated: float, record: Record, powers: tuple[Array, Array, Array], gust: float) -> float:
     """Noise of one signal: the power where neither the motion nor the gust reaches."""
     if name in record.held:
         return stated
     if name == "elevator":
         return _between_steps(record.signals[name]) / math.sqrt(1 - COLOURED_SHARE)
-    mine = _powers(record.signals[name])
-    expected = _powers(flights.nominal[name]) + _powers(flights.turbulent[name]).mean(0) * (gust / SIGMA) ** 2
+    mine, motion, gusts = powers
+    expected = motion + gusts * (gust / SIGMA) ** 2
     clear = np.flatnonzero(mine > 2 * expected)
     if not len(clear):
         return min(stated, math.sqrt(float(mine.min())))

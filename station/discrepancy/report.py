@@ -20,8 +20,9 @@ from station.conventions import from_si
 from station.discrepancy import judge
 from station.discrepancy.diagnosis import Diagnosis
 from station.discrepancy.effects import BY_ID
+from station.discrepancy.processing import HIGH_HZ, back, transform
 from station.discrepancy.reference import Reference, loaded
-from station.discrepancy.residuals import HIGH_HZ, SERIES, back, series, transform
+from station.discrepancy.residuals import SERIES, series
 from station.discrepancy.search import FIRST
 from station.discrepancy.structure import GUST
 from station.profile import Aircraft

@@ -26,7 +26,19 @@ from scipy import fft, signal
 
 from station.conventions import G0
 from station.discrepancy.play import play
-from station.profile import Aircraft, Boom, Indicial, Instrument
+from station.discrepancy.processing import (
+    Setting,
+    at_places,
+    back,
+    derivative,
+    indicial,
+    integral,
+    passed,
+    places_of,
+    transform,
+    without_line,
+)
+from station.profile import Aircraft, Boom, Instrument
 from station.simulation.boom import NO_BOOM
 
 Array = NDArray[np.float64]
@@ -36,74 +48,13 @@ T = TypeVar("T")
 
 SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
 THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
-LOW_HZ: Final = 0.1
-HIGH_HZ: Final = 3.0
-BRIDGE_S: Final = 3.6
-"""The ends are joined over this time, so that filters by Fourier transform see no step."""
-CUT_S: Final = 2.0
 TAPER: Final = 0.25
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
 CORRECTION_STOP_HZ: Final = (6.0, 9.0)
 """Corrections that would raise noise (lags, play) are passed up to the first and stopped from the second."""
-_FAST_ENOUGH_S: Final = 0.03
-"""Records at least this fast are filtered along the path; slower ones cannot be interpolated well up to HIGH_HZ."""
 PLAY_DITHER: Final = 4.0
 """Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """How a manoeuvre is processed: the same for what was measured and for every simulated flight beside it."""
-
-    dt: float
-    n: int
-    bridge: int
-    gusty: bool
-    """Whether the vane's leftover is a gust that acts on the aircraft, or noise that does not."""
-    judged: tuple[int, ...]
-    """The series that can be judged."""
-    imu: tuple[float, float, float]
-    thrust: float
-    """N, where none is measured."""
-    nominal: Aircraft
-    elevator_noise: float
-    rebuilt: bool
-    """The vertical speed is integrated from the accelerations."""
-    held: Mapping[str, NDArray[np.int64]]
-    """Signals that repeat their values, and the samples at which they are fresh."""
-
-    @property
-    def omega(self) -> Array:
-        """rad/s of the transform over n + bridge samples."""
-        return _omega(self.n + self.bridge, self.dt)
-
-    @property
-    def cut(self) -> int:
-        return round(min(CUT_S, 0.08 * self.n * self.dt) / self.dt)
-
-    @property
-    def bins(self) -> NDArray[np.int64]:
-        """Numbers of the frequencies judged, in the transform of the cut series."""
-        return _judged(self.n - 2 * self.cut, self.dt)[0]
-
-    @property
-    def frequencies(self) -> Array:
-        return _judged(self.n - 2 * self.cut, self.dt)[1]
-
-
-@lru_cache(maxsize=16)
-def _omega(n: int, dt: float) -> Array:
-    w: Array = 2 * np.pi * fft.rfftfreq(n, dt)
-    return w
-
-
-@lru_cache(maxsize=16)
-def _judged(n: int, dt: float) -> tuple[NDArray[np.int64], Array]:
-    """Numbers and values (Hz) of the frequencies judged."""
-    f = fft.rfftfreq(n, dt)
-    bins = np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= min(HIGH_HZ, 0.35 / dt)))
-    return bins, f[bins]
 
 
 class Memo:
@@ -126,65 +77,6 @@ class Memo:
 _KEPT: Final = {"signal": 48, "motion": 8, "flow": 8, "spectra": 8}
 
 
-def bridge_of(dt: float, n: int) -> int:
-    """Samples from the end back to the start that make the transform's length a fast one."""
-    return int(fft.next_fast_len(n + min(round(BRIDGE_S / dt), n // 2), real=True)) - n
-
-
-def _bridged(x: Array, bridge: int) -> Array:
-    """(..., n) -> (..., n + bridge): from the end back to the start along half a cosine."""
-    part = 0.5 - 0.5 * np.cos(np.pi * (np.arange(bridge) + 1) / (bridge + 1))
-    edge = min(5, x.shape[-1])
-    end, start = x[..., -edge:].mean(-1, keepdims=True), x[..., :edge].mean(-1, keepdims=True)
-    return np.concatenate([x, end + (start - end) * part], axis=-1)
-
-
-def transform(x: Array, s: Setting) -> Complex:
-    """Transform of a series with its ends joined."""
-    out: Complex = fft.rfft(_bridged(x, s.bridge), axis=-1)
-    return out
-
-
-def back(x: Complex, s: Setting) -> Array:
-    out: Array = fft.irfft(x, s.n + s.bridge, axis=-1)[..., : s.n]
-    return out
-
-
-def _pass(omega: Array, band: tuple[float, float]) -> Array:
-    """1 below the first frequency (Hz), 0 above the second, half a cosine between."""
-    part = np.clip((omega / (2 * np.pi) - band[0]) / (band[1] - band[0]), 0, 1)
-    out: Array = 0.5 + 0.5 * np.cos(np.pi * part)
-    return out
-
-
-def indicial(response: Indicial | None, omega: Array, chords_per_s: Array) -> Complex:
-    """Frequency response of 1 - sum a exp(-b t)."""
-    out = np.ones(len(omega), dtype=complex)
-    if response is not None:
-        for a, b in zip(response.a, response.b, strict=True):
-            out = out - a * 1j * omega / (1j * omega + b * chords_per_s)
-    return out
-
-
-def _derivative(x: Array, dt: float) -> Array:
-    """Central differences of fourth order, of lower order at the ends."""
-    out = np.empty_like(x)
-    out[..., 2:-2] = (8 * (x[..., 3:-1] - x[..., 1:-3]) - (x[..., 4:] - x[..., :-4])) / (12 * dt)
-    for k in (1, -2):
-        out[..., k] = (x[..., k + 1 if k > 0 else -1] - x[..., k - 1]) / (2 * dt)
-    out[..., 0] = (x[..., 1] - x[..., 0]) / dt
-    out[..., -1] = (x[..., -1] - x[..., -2]) / dt
-    return out
-
-
-def _integral(x: Array, dt: float) -> Array:
-    out = np.zeros_like(x)
-    np.cumsum(0.5 * dt * (x[..., 1:] + x[..., :-1]), axis=-1, out=out[..., 1:])
-    # Euler-Maclaurin: the trapezium's error is dt2/12 of the change of slope.
-    slope = _derivative(x, dt)
-    return out - dt**2 / 12 * (slope - slope[..., :1])
-
-
 PRESENT: Final = {
     "v_along": "v_north",
 }
@@ -205,16 +97,27 @@ def _corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
         w = s.omega
         inverse = np.exp(1j * w * found.latency)
         if found.lag:
-            inverse = inverse * (1 + 1j * w * found.lag) * _pass(w, CORRECTION_STOP_HZ)
+            inverse = inverse * (1 + 1j * w * found.lag) * passed(w, CORRECTION_STOP_HZ)
         x = back(transform(x, s) * inverse, s)
     if found.gain != 1:
         x = x / found.gain
+    if found.cubic:
+        x = straightened(x, found.cubic)
     if found.backlash:
         dither = PLAY_DITHER * s.elevator_noise
         moved = play(x, found.backlash + dither) - play(x, dither)
         # The play stands between sensor and surface: the surface follows the sensor late.
-        x = x + back(transform(moved, s) * _pass(s.omega, CORRECTION_STOP_HZ), s)
+        x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
     return x
+
+
+def straightened(shown: Array, cubic: float) -> Array:
+    """What a sensor that shows x + cubic x3 has met; beyond where that turns back, the turning point."""
+    size = 2 / math.sqrt(3 * abs(cubic))
+    inside = 3 * shown / size
+    if cubic > 0:
+        return np.asarray(size * np.sinh(np.arcsinh(inside) / 3))
+    return np.asarray(size * np.sin(np.arcsin(np.clip(inside, -1, 1)) / 3))
 
 
 class _Motion(NamedTuple):
@@ -299,18 +202,18 @@ def _stages(
 def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     theta, q, v = x["theta"], x["q"], x["airspeed"]
     imu = tuple(a + b for a, b in zip(s.imu, aircraft.imu_offset, strict=True))
-    qdot = _derivative(q, s.dt)
+    qdot = derivative(q, s.dt)
     ax = x["ax"] - qdot * imu[2] + q * q * imu[0]
     az = x["az"] + qdot * imu[0] + q * q * imu[2]
     bank = x.get("phi")
     turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
     level = 1.0 if bank is None else np.cos(bank)
     cos, sin = np.cos(theta), np.sin(theta)
-    climb = _integral(az * cos * level - ax * sin + G0, s.dt)
-    along = _integral(ax * cos + az * sin * level, s.dt)
-    down = _without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
+    climb = integral(az * cos * level - ax * sin + G0, s.dt)
+    along = integral(ax * cos + az * sin * level, s.dt)
+    down = without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
     out = np.zeros((*q.shape[:-1], 3, s.n))
-    out[..., THETA, :] = theta - _integral(turned, s.dt)
+    out[..., THETA, :] = theta - integral(turned, s.dt)
     out[..., DOWN, :] = down - climb
     ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
     if ground is not None:
@@ -327,89 +230,59 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     w = s.omega
     v0 = motion.mean_speed + drift
     inertial = motion.base + v0
-    there, again = _places(inertial, v0, s)
+    there, again = places_of(inertial, v0, s)
     boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
     chord = aircraft.geometry.chord
     chords = v0 / (unsteady.reference_chord or chord)
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
-    along = transform(_at(alpha_i, there), s)
+    along = transform(at_places(alpha_i, there), s)
     vane_response = _vane_response(boom, w)
     upwash_spectrum = indicial(unsteady.upwash_motion, w, chords) * along
     gust_upwash = indicial(unsteady.upwash_gust, w, chords)
     turned = turned_tail = np.zeros(along.shape, dtype=complex)
     turned_boom: float | Array = 0.0
     if s.gusty:
-        surge = _at((motion.airspeed - inertial) / motion.airspeed, there)
-        moved = _at(alpha_i, there)
+        surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
+        moved = at_places(alpha_i, there)
         moved = moved - moved.mean(-1, keepdims=True)
         surging = transform(surge, s)
         turned = transform(-moved * surge, s)
         turned_tail = transform(-moved * back(surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
-        at_boom = moved - _at(motion.q * boom.vane_x / inertial, there)
-        turned_boom = _at(-at_boom * back(surging * np.exp(1j * w * boom.vane_x / v0), s), again)
+        at_boom = moved - at_places(motion.q * boom.vane_x / inertial, there)
+        turned_boom = at_places(-at_boom * back(surging * np.exp(1j * w * boom.gust_x / v0), s), again)
         upwash_spectrum = upwash_spectrum + gust_upwash * turned
-    upwash = _at(back(upwash_spectrum, s), again)
+    upwash = at_places(back(upwash_spectrum, s), again)
     inside = (1 + boom.upwash_body) * (
         alpha_i - motion.q * boom.vane_x / inertial + turned_boom
     ) + boom.upwash_wing * upwash
-    if boom.flexure:
-        inside = inside + boom.flexure * motion.az
-    vane = x["alpha_vane"] - back(transform(inside, s) * vane_response, s) - boom.zero
+    shown = transform(inside, s)
+    given: float | Complex = 1.0
+    if boom.flexure or boom.tip_load:
+        bend, load = _bending(boom, w, v0), motion.az
+        if boom.mode_frequency is not None:
+            load = load - motion.qdot * boom.vane_x
+        given = 1 + bend * (boom.tip_load / 1000 * 0.5 * (aircraft.air_density or 1.225) * v0**2)
+        shown = shown * given + transform(boom.flexure * load, s) * bend
+    vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
 
     gust = np.zeros(along.shape, dtype=complex)
     ahead = np.exp(0.25j * w * chord / v0)
     if s.gusty:
-        met = (1 + boom.upwash_body) * np.exp(1j * w * boom.vane_x / v0)
-        met = met + boom.upwash_wing * gust_upwash * ahead
-        quick = back(transform(vane, s) / vane_response * _pass(w, GUST_PASS_HZ), s)
-        gust = transform(_at(quick, there), s) / met
+        met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
+        met = (met + boom.upwash_wing * gust_upwash * ahead) * given
+        quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
+        gust = transform(at_places(quick, there), s) / met
     wing_series = tail_series = np.empty(0)
     if unsteady.memory:
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
         wing = indicial(unsteady.lift_motion, w, chords) * along
         wing += indicial(unsteady.lift_gust, w, chords) * (ahead * gust + turned)
         tail = along + turned_tail + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
-        tail_series = _at(back(tail - unsteady.downwash * late * wing, s), again)
-        wing_series = _at(back(wing, s), again)
-    gust_series = _at(back(gust + turned, s), again)
+        tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
+        wing_series = at_places(back(wing, s), again)
+    gust_series = at_places(back(gust + turned, s), again)
     return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * _gain(aircraft, "alpha_vane"))
-
-
-Places = tuple[NDArray[np.int64], Array]
-"""Whole samples and what is beyond them."""
-
-
-def _places(speed: Array, v0: Array, s: Setting) -> tuple[Places | None, Places | None]:
-    """Where, in samples, the instants of equal distance are in time, and those of equal time in distance; None where
-    the samples are too few to be interpolated."""
-    if s.dt > _FAST_ENOUGH_S:
-        return None, None
-    n = s.n
-    run = _integral(speed / v0 - 1, 1.0)
-    run = run - run[..., -1:] * np.linspace(0, 1, n)  # both begin and end together
-    at = np.arange(n, dtype=np.float64)
-    distance = at + run
-    flat = distance.reshape(-1, n)
-    time = np.stack([np.interp(at, row, at) for row in flat]).reshape(distance.shape)
-    return _split(time), _split(distance)
-
-
-def _split(place: Array) -> Places:
-    whole = np.clip(np.floor(place).astype(np.int64), 1, place.shape[-1] - 3)
-    return whole, place - whole
-
-
-def _at(x: Array, places: Places | None) -> Array:
-    """A series (..., n) at places between its samples: the cubic through the four nearest."""
-    if places is None:
-        return x
-    k, f = places
-    a, b, c, d = (np.take_along_axis(x, k + j, axis=-1) for j in (-1, 0, 1, 2))
-    left, right = f - 1, f - 2
-    up = f + 1
-    out: Array = -a * f * left * right / 6 + b * up * left * right / 2 - c * up * f * right / 2 + d * up * f * left / 6
-    return out
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
@@ -474,8 +347,20 @@ def _gain(aircraft: Aircraft, name: str) -> float:
 
 
 def _vane_response(boom: Boom, omega: Array) -> Complex:
-    wn = 2 * math.pi * boom.vane_frequency
-    return np.asarray(wn**2 / (wn**2 - omega**2 + 2j * boom.vane_damping * wn * omega), dtype=complex)
+    return _second_order(boom.vane_frequency, boom.vane_damping, omega)
+
+
+def _second_order(frequency: float, damping: float, omega: Array) -> Complex:
+    wn = 2 * math.pi * frequency
+    return np.asarray(wn**2 / (wn**2 - omega**2 + 2j * damping * wn * omega), dtype=complex)
+
+
+def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
+    """What the vane shows of a load that would bend the boom by an angle of 1: a swinging tip also moves."""
+    if boom.mode_frequency is None:
+        return np.ones(len(omega), dtype=complex)
+    bent = _second_order(boom.mode_frequency, boom.mode_damping, omega)
+    return np.asarray(bent * (1 - 1j * omega * boom.mode_length / speed), dtype=complex)
 
 
 def _between(held: Array, integral: Array, fresh: NDArray[np.int64] | None) -> Array:
@@ -487,11 +372,6 @@ def _between(held: Array, integral: Array, fresh: NDArray[np.int64] | None) -> A
     flat = difference.reshape(-1, len(fresh))
     filled = np.stack([np.interp(at, fresh, row) for row in flat]).reshape(held.shape)
     return np.asarray(integral + filled)
-
-
-def _without_line(x: Array) -> Array:
-    out: Array = signal.detrend(x, axis=-1)
-    return out
 
 
 @dataclass(frozen=True, slots=True)

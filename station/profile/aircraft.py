@@ -90,6 +90,13 @@ class Boom(Frozen):
     mode_damping: float = Field(default=0.03, gt=0, lt=2)
     mode_length: Metres = 0.0
     """How far the vane rises per radian of bending: about 2/3 of a slender boom's length."""
+    gust_lead: float = Field(default=1.0, ge=0, le=4)
+    """How far ahead of the CG a gust meets the vane, in vane_x."""
+
+    @property
+    def gust_x(self) -> float:
+        """Where a gust meets the vane, ahead of the CG, m."""
+        return self.vane_x * self.gust_lead
 
     @property
     def steady_calibration(self) -> float:
@@ -137,7 +144,8 @@ class Actuator(Frozen):
 class Instrument(Frozen):
     """What a signal's sensor does to it besides its noise, as found in flight; SI of the signal.
 
-    Reported = gain * lagged(signal, latency earlier) + bias; a surface's play lies between sensor and surface.
+    Reported = gain * lagged(signal + cubic signal^3, latency earlier) + bias; a surface's play lies between sensor and
+    surface.
     """
 
     latency: Seconds = 0.0
@@ -146,6 +154,8 @@ class Instrument(Frozen):
     bias: float = 0.0
     backlash: float = Field(default=0.0, ge=0)
     """Width of the play, in the signal's SI unit."""
+    cubic: float = 0.0
+    """Per square of the signal's SI unit."""
 
 
 COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")

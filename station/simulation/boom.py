@@ -49,6 +49,8 @@ class VaneConstants(NamedTuple):
 
     x: float
     z: float
+    gust_x: float
+    """Where the vane meets gusts."""
     body: float
     wing: float
     zero: float
@@ -88,6 +90,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
     return VaneConstants(
         boom.vane_x,
         boom.vane_z,
+        boom.gust_x,
         boom.upwash_body,
         boom.upwash_wing,
         boom.zero,

@@ -1,6 +1,6 @@
 """A flight as the instruments of an aircraft's profile show it: the errors that a diagnosis wrote there.
 
-    shown = gain * lagged(true, latency earlier) + bias + drift
+    shown = gain * lagged(true + cubic true^3, latency earlier) + bias + drift
 
 A negative latency or lag shows what comes: the flight is then flown a little ahead. The sensor of a surface with play
 is on its drive. The drift is the rig's; its noise, quantisation and gaps come after.
@@ -48,6 +48,8 @@ class _Stage:
 
     def feed(self, values: Array) -> Array:
         e = self._errors
+        if e.cubic:
+            values = values + e.cubic * values**3
         if self._wraps:
             values = np.unwrap(values if self._before is None else np.concatenate((self._before[-1:], values)))
             values = values if self._before is None else values[1:]

@@ -152,7 +152,7 @@ class JsbsimFlight:
         self._tables = indicial_tables(aircraft)
         self._chord = unsteady.reference_chord or aircraft.geometry.chord
         self._nose = 0.25 * aircraft.geometry.chord
-        self._ahead = max(boom.vane_x, self._nose) + 1.0
+        self._ahead = max(boom.gust_x, self._nose) + 1.0
         self._site = site(flight, imu_position)
         self._field = GustField(
             field_constants(dryden_of(flight), flight.speed, flight.gust_start),

@@ -58,7 +58,7 @@ class Simulation:
         self._manoeuvres = tuple(manoeuvres)
         self._deflection = deflection
         self._behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration) + 1.0
-        self._ahead = max(boom.vane_x, aircraft.geometry.chord) + 1.0
+        self._ahead = max(boom.gust_x, aircraft.geometry.chord) + 1.0
         self._field = GustField(
             field_constants(dryden_of(flight), flight.speed, flight.gust_start),
             self._behind,
@@ -135,7 +135,7 @@ def indicial_tables(aircraft: Aircraft) -> Tables:
 def reach(aircraft: Aircraft) -> tuple[float, float]:
     """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare."""
     boom = aircraft.boom or NO_BOOM
-    return aircraft.unsteady.tail_arm + 1.0, max(boom.vane_x, aircraft.geometry.chord) + 1.0
+    return aircraft.unsteady.tail_arm + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
 
 
 def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:

@@ -271,11 +271,12 @@ def vanes_now(
     wing = upwash_step(tables.upwash_motion, memory.upwash_motion, memory.last[0], alpha_i, chords)
     wing += upwash_step(tables.upwash_gust, memory.upwash_gust, memory.last[1], gust_le, chords)
     memory.last[0], memory.last[1] = alpha_i, gust_le
-    ug, wg = gust_at(field, first, s + vane.x, 0), gust_at(field, first, s + vane.x, 2)
+    met = s + vane.gust_x
+    ug, wg = gust_at(field, first, met, 0), gust_at(field, first, met, 2)
     speed = aux[ac.AIRSPEED]
     flow = flow_angle(vane, x[ac.U], x[ac.W] + moving[2], x[ac.Q], ug, wg, wing)
     flow += bending(vane, memory.vane[2], begins, aux[ac.FORCE_Z], moving[0], aux[ac.PRESSURE], speed, flow)
-    side = math.asin((gust_at(field, first, s + vane.x, 1) + moving[1]) / speed)
+    side = math.asin((gust_at(field, first, met, 1) + moving[1]) / speed)
     if begins:
         memory.vane[0, 0], memory.vane[0, 2] = flow, flow
         memory.vane[1, 0], memory.vane[1, 2] = side, side

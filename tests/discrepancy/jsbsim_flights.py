@@ -16,8 +16,9 @@ from blind import BIASES, DT, FT, IMU, SECONDS, Case, _sense, inputs
 from scipy import fft
 
 from station.discrepancy import effects as catalogue
+from station.discrepancy.processing import indicial
 from station.discrepancy.record import Record
-from station.discrepancy.residuals import _vane_response, indicial
+from station.discrepancy.residuals import _vane_response
 from station.profile import Aircraft, load_aircraft
 from station.simulation.gusts import dryden
 from station.simulation.manoeuvres import elevator_input

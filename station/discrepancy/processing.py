@@ -1,0 +1,197 @@
+"""How a manoeuvre's series are processed: filters by Fourier transform, and the path in place of time.
+
+All functions take leading axes: series of (..., n).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from station.profile import Aircraft, Indicial
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+LOW_HZ: Final = 0.1
+HIGH_HZ: Final = 3.0
+CUT_S: Final = 2.0
+BRIDGE_S: Final = 3.6
+"""The ends are joined over this time, so that filters by Fourier transform see no step."""
+_FAST_ENOUGH_S: Final = 0.03
+"""Records at least this fast are filtered along the path; slower ones cannot be interpolated well up to HIGH_HZ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """How a manoeuvre is processed: the same for what was measured and for every simulated flight beside it."""
+
+    dt: float
+    n: int
+    bridge: int
+    gusty: bool
+    """Whether the vane's leftover is a gust that acts on the aircraft, or noise that does not."""
+    judged: tuple[int, ...]
+    """The series that can be judged."""
+    imu: tuple[float, float, float]
+    thrust: float
+    """N, where none is measured."""
+    nominal: Aircraft
+    elevator_noise: float
+    rebuilt: bool
+    """The vertical speed is integrated from the accelerations."""
+    held: Mapping[str, NDArray[np.int64]]
+    """Signals that repeat their values, and the samples at which they are fresh."""
+
+    @property
+    def omega(self) -> Array:
+        """rad/s of the transform over n + bridge samples."""
+        return _omega(self.n + self.bridge, self.dt)
+
+    @property
+    def cut(self) -> int:
+        return round(min(CUT_S, 0.08 * self.n * self.dt) / self.dt)
+
+    @property
+    def bins(self) -> NDArray[np.int64]:
+        """Numbers of the frequencies judged, in the transform of the cut series."""
+        return _judged(self.n - 2 * self.cut, self.dt)[0]
+
+    @property
+    def frequencies(self) -> Array:
+        return _judged(self.n - 2 * self.cut, self.dt)[1]
+
+
+@lru_cache(maxsize=16)
+def _omega(n: int, dt: float) -> Array:
+    w: Array = 2 * np.pi * fft.rfftfreq(n, dt)
+    return w
+
+
+@lru_cache(maxsize=16)
+def _judged(n: int, dt: float) -> tuple[NDArray[np.int64], Array]:
+    """Numbers and values (Hz) of the frequencies judged."""
+    f = fft.rfftfreq(n, dt)
+    bins = np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= min(HIGH_HZ, 0.35 / dt)))
+    return bins, f[bins]
+
+
+def bridge_of(dt: float, n: int) -> int:
+    """Samples from the end back to the start that make the transform's length a fast one."""
+    return int(fft.next_fast_len(n + min(round(BRIDGE_S / dt), n // 2), real=True)) - n
+
+
+def _bridged(x: Array, bridge: int) -> Array:
+    """(..., n) -> (..., n + bridge): from the end back to the start along half a cosine."""
+    part = 0.5 - 0.5 * np.cos(np.pi * (np.arange(bridge) + 1) / (bridge + 1))
+    edge = min(5, x.shape[-1])
+    end, start = x[..., -edge:].mean(-1, keepdims=True), x[..., :edge].mean(-1, keepdims=True)
+    return np.concatenate([x, end + (start - end) * part], axis=-1)
+
+
+def transform(x: Array, s: Setting) -> Complex:
+    """Transform of a series with its ends joined."""
+    out: Complex = fft.rfft(_bridged(x, s.bridge), axis=-1)
+    return out
+
+
+def back(x: Complex, s: Setting) -> Array:
+    out: Array = fft.irfft(x, s.n + s.bridge, axis=-1)[..., : s.n]
+    return out
+
+
+def passed(omega: Array, band: tuple[float, float]) -> Array:
+    """1 below the first frequency (Hz), 0 above the second, half a cosine between."""
+    part = np.clip((omega / (2 * np.pi) - band[0]) / (band[1] - band[0]), 0, 1)
+    out: Array = 0.5 + 0.5 * np.cos(np.pi * part)
+    return out
+
+
+def indicial(response: Indicial | None, omega: Array, chords_per_s: Array) -> Complex:
+    """Frequency response of 1 - sum a exp(-b t)."""
+    out = np.ones(len(omega), dtype=complex)
+    if response is not None:
+        for a, b in zip(response.a, response.b, strict=True):
+            out = out - a * 1j * omega / (1j * omega + b * chords_per_s)
+    return out
+
+
+def derivative(x: Array, dt: float) -> Array:
+    """Central differences of fourth order, of lower order at the ends."""
+    out = np.empty_like(x)
+    out[..., 2:-2] = (8 * (x[..., 3:-1] - x[..., 1:-3]) - (x[..., 4:] - x[..., :-4])) / (12 * dt)
+    for k in (1, -2):
+        out[..., k] = (x[..., k + 1 if k > 0 else -1] - x[..., k - 1]) / (2 * dt)
+    out[..., 0] = (x[..., 1] - x[..., 0]) / dt
+    out[..., -1] = (x[..., -1] - x[..., -2]) / dt
+    return out
+
+
+def integral(x: Array, dt: float) -> Array:
+    out = np.zeros_like(x)
+    np.cumsum(0.5 * dt * (x[..., 1:] + x[..., :-1]), axis=-1, out=out[..., 1:])
+    # Euler-Maclaurin: the trapezium's error is dt2/12 of the change of slope.
+    slope = derivative(x, dt)
+    return out - dt**2 / 12 * (slope - slope[..., :1])
+
+
+Places = tuple[NDArray[np.int64], Array]
+"""Whole samples and what is beyond them."""
+
+
+def places_of(speed: Array, v0: Array, s: Setting) -> tuple[Places | None, Places | None]:
+    """Where, in samples, the instants of equal distance are in time, and those of equal time in distance; None where
+    the samples are too few to be interpolated."""
+    if s.dt > _FAST_ENOUGH_S:
+        return None, None
+    n = s.n
+    run = integral(speed / v0 - 1, 1.0)
+    run = run - run[..., -1:] * np.linspace(0, 1, n)  # both begin and end together
+    at = np.arange(n, dtype=np.float64)
+    distance = at + run
+    flat = distance.reshape(-1, n)
+    time = np.stack([np.interp(at, row, at) for row in flat]).reshape(distance.shape)
+    return _split(time), _split(distance)
+
+
+def _split(place: Array) -> Places:
+    whole = np.clip(np.floor(place).astype(np.int64), 1, place.shape[-1] - 3)
+    return whole, place - whole
+
+
+def at_places(x: Array, places: Places | None) -> Array:
+    """A series (..., n) at places between its samples: the cubic through the four nearest."""
+    if places is None:
+        return x
+    k, f = places
+    rows = np.broadcast_to(x, np.broadcast_shapes(x.shape, k.shape))
+    out = np.empty(rows.shape)
+    n = rows.shape[-1]
+    _cubic(np.ascontiguousarray(rows).reshape(-1, n), k.reshape(-1, n), f.reshape(-1, n), out.reshape(-1, n))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _cubic(x: Array, whole: NDArray[np.int64], part: Array, out: Array) -> None:
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            k, f = whole[i, j], part[i, j]
+            up, left, right = f + 1.0, f - 1.0, f - 2.0
+            out[i, j] = (
+                -x[i, k - 1] * f * left * right / 6
+                + x[i, k] * up * left * right / 2
+                - x[i, k + 1] * up * f * right / 2
+                + x[i, k + 2] * up * f * left / 6
+            )
+
+
+def without_line(x: Array) -> Array:
+    out: Array = signal.detrend(x, axis=-1)
+    return out
