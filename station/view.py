@@ -169,16 +169,18 @@ class Page:
         if not self._setup.lateral_methods:
             return []
         motion = (lateral_plots.SURFACES, lateral_plots.RATES, lateral_plots.SIDESLIP)
+        # No legend: it would show and hide lines of one name together, those of the other derivatives too.
         views = [
-            self._view(plot, only=shown, legend=k == 0, name=name)
-            for k, (name, plot, shown) in enumerate(lateral_plots.views(self._setup))
+            self._view(plot, only=shown, legend=False, name=name)
+            for name, plot, shown in lateral_plots.views(self._setup)
         ]
+        *others, believed = self._setup.lateral_methods
         return [
             rrb.Vertical(
                 rrb.Horizontal(*(self._view(plot) for plot in motion)),
                 rrb.Grid(*views, grid_columns=5),
                 row_shares=[1, 3],
-                name="Lateral",
+                name=f"Lateral ({believed} bold, {', '.join(others)} thin, profile grey)",
             )
         ]
 
