@@ -11,7 +11,7 @@ import contextlib
 import os
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -41,6 +41,12 @@ _MESSAGE = struct.Struct("<BQHIQQ")
 _OPCODE: Final = int(Opcode.MESSAGE)
 CHUNK = struct.Struct("<QQQI")
 CHUNK_MARK = struct.pack("<I", 4) + b"zstd"
+_INDEX = struct.Struct("<BQHI")
+_KEPT = struct.Struct("<6QH")
+"""Of a closed chunk: place, length, packed and full size, first and last time, number of channels; then _NUMBERS for
+each of them."""
+_NUMBERS = struct.Struct("<HI")
+"""A channel's number, and how many numbers its index of the chunk holds: two a message."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +89,8 @@ class PartWriter:
         self._body: list[bytes] = []
         self._first = self._last = 0
         self._compress = zstandard.ZstdCompressor(level=1).compress
-        self._chunk_indexes: list[ChunkIndex] = []
+        # Kept for the summary at the end as bytes: as objects they would take 80 MiB an hour.
+        self._chunks = bytearray()
         self._other_indexes: list[McapRecord] = []
         self._counts: dict[int, int] = {}
         self._start = self._end = 0
@@ -165,30 +172,15 @@ class PartWriter:
             packed,
         ]
         at = self.size + len(head)
-        indexes_at = at + RECORD.size + length
-        offsets: dict[int, int] = {}
-        indexes = 0
         for channel in self._open:
             entries = channel.index
-            offsets[channel.number] = indexes_at + indexes
             size = 8 * len(entries)
-            head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, channel.number, size)
-            out.append(head + struct.pack(f"<{len(entries)}Q", *entries))
-            indexes += len(out[-1])
+            out.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + size, channel.number, size))
+            out.append(struct.pack(f"<{len(entries)}Q", *entries))
         self._write(b"".join(out))
-        self._chunk_indexes.append(
-            ChunkIndex(
-                chunk_length=RECORD.size + length,
-                chunk_start_offset=at,
-                compression="zstd",
-                compressed_size=len(packed),
-                message_end_time=self._last,
-                message_index_length=indexes,
-                message_index_offsets=offsets,
-                message_start_time=self._first,
-                uncompressed_size=len(body),
-            )
-        )
+        self._chunks += _KEPT.pack(at, length, len(packed), len(body), self._first, self._last, len(self._open))
+        for channel in self._open:
+            self._chunks += _NUMBERS.pack(channel.number, len(channel.index))
         self._start = min(self._start, self._first) if self._counts else self._first
         self._end = max(self._end, self._last)
         for channel in self._open:
@@ -207,11 +199,12 @@ class PartWriter:
         summary_at = self.size
         out = RecordBuilder()
         groups: list[SummaryOffset] = []
+        chunk_indexes = list(self._chunk_indexes())
         counted = Statistics(
             attachment_count=sum(isinstance(r, AttachmentIndex) for r in self._other_indexes),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=len(chunk_indexes),
             message_count=sum(self._counts.values()),
             message_end_time=self._end,
             message_start_time=self._start,
@@ -227,7 +220,7 @@ class PartWriter:
             (Opcode.METADATA_INDEX, MetadataIndex),
         ):
             at = out.count
-            for record in (*self._records, counted, *self._chunk_indexes, *self._other_indexes):
+            for record in (*self._records, counted, *chunk_indexes, *self._other_indexes):
                 if isinstance(record, kind):
                     record.write(out)
             if out.count > at:
@@ -240,6 +233,30 @@ class PartWriter:
         Footer(summary_at, groups_at, crc).write(out)
         self._write(summary + _taken(out) + MAGIC)
         os.close(self._file)
+
+    def _chunk_indexes(self) -> Iterator[ChunkIndex]:
+        kept, place = self._chunks, 0
+        while place < len(kept):
+            at, length, packed, full, first, last, channels = _KEPT.unpack_from(kept, place)
+            place += _KEPT.size
+            begin = index_at = at + RECORD.size + length
+            offsets: dict[int, int] = {}
+            for _ in range(channels):
+                number, entries = _NUMBERS.unpack_from(kept, place)
+                place += _NUMBERS.size
+                offsets[number] = index_at
+                index_at += _INDEX.size + 8 * entries
+            yield ChunkIndex(
+                chunk_length=RECORD.size + length,
+                chunk_start_offset=at,
+                compression="zstd",
+                compressed_size=packed,
+                message_end_time=last,
+                message_index_length=index_at - begin,
+                message_index_offsets=offsets,
+                message_start_time=first,
+                uncompressed_size=full,
+            )
 
     def abandon(self) -> None:
         """Close the file as it is."""
