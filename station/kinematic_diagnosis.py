@@ -16,7 +16,6 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from station.conventions import G0
 from station.discrepancy.checks import Seen, examine
@@ -146,7 +145,7 @@ def _effects(fitted: Sequence[Judged], aircraft: Aircraft) -> tuple[list[dict[st
                 "unit": term.unit,
                 "ci95": [value - 1.96 * sd, value + 1.96 * sd],
                 "evidence": {
-                    "p_value": float(2 * stats.norm.sf(abs(value) / sd)),
+                    "p_value": math.erfc(abs(value) / sd / math.sqrt(2)),
                     "signature": f"{term.target} against the other instruments",
                     "drop": (value / sd) ** 2,
                 },

@@ -10,8 +10,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.signal import windows
+from scipy.special import gammaincc
 
 from station.discrepancy.effects import BY_ID
 from station.discrepancy.fit import INDEPENDENT, Fit, Problem, gust_variance, trust, turbulent_share, whitened
@@ -108,7 +108,8 @@ def left_over(problem: Problem, found: Found) -> Leftover:
 
 def _log_p(total: float, count: float) -> float:
     """log probability that `count` powers of mean 1 sum to more."""
-    return float(stats.gamma.logsf(total * INDEPENDENT, count * INDEPENDENT))
+    share = float(gammaincc(count * INDEPENDENT, total * INDEPENDENT))
+    return math.log(share) if share > 0 else -math.inf
 
 
 def _sequential(reference: Reference, gust: float, z: Spectra) -> tuple[Array, list[int]]:
