@@ -19,7 +19,7 @@ from rich.console import Console
 from station import panel
 from station.board import Board
 from station.clock import ManualClock
-from station.conventions import LONGITUDINAL
+from station.conventions import LATERAL, LONGITUDINAL
 from station.panel import Callbacks, json_lines, plain_lines, run_panel
 from station.rows import (
     AlphaEstimate,
@@ -127,6 +127,39 @@ def test_the_column_in_front_is_the_method_to_believe_first() -> None:
     # Where the data prefer split's model, physical is not applicable.
     refused = msgspec.structs.replace(estimate("physical"), applicable=False, why="the data prefer split")
     assert line_with(screen(board_with(ALPHA, estimate("split"), refused, health)), "DERIVATIVES").split()[1] == "split"
+
+
+def lateral(method: str, status: Status = Status.ESTIMATED, why: str = "", applicable: bool = True) -> Rows:
+    """CY_p is in doubt; all others have the status given."""
+    doubt = {"CY_p": (0.1, 0.09, Status.UNESTIMATED, "2 sd exceed the value")}
+    of = [ParamEstimate(n, *doubt.get(n, (-0.822, 0.0038, status, why))) for n in LATERAL]
+    return MethodEstimate(START_NS, method, (*estimate(method).parameters, *of), applicable, why)
+
+
+def test_lateral_derivatives_stand_in_a_table_of_their_own_with_status_and_why() -> None:
+    board = board_with(ALPHA, lateral("II"), lateral("split"), Health(START_NS, ()))
+    board.accuracy = 0.1
+    lines = screen(board)
+    title = line_with(lines, "LATERAL")
+    assert title.split()[1] == "split"
+    assert "14 of 15 estimated, 14 enough" in title
+    assert line_with(lines, " CY ").split() == ["CY", "-0.822±0.008", "–", *["-0.822±0.008"] * 3]
+    assert "CY_p: 2 sd exceed the value" in line_with(lines, "CY_p")
+    assert "LATERAL" not in "".join(screen(board_with(ALPHA, estimate("split"), Health(START_NS, ()))))
+
+
+def test_lateral_derivatives_are_method_ii_s_where_split_is_not_applicable() -> None:
+    refused = lateral("split", applicable=False, why="no inertial angle of attack")
+    board = board_with(ALPHA, lateral("II"), refused, Health(START_NS, ()))
+    assert line_with(screen(board), "LATERAL").split()[1] == "II"
+    nothing = board_with(ALPHA, lateral("II", Status.INVALID, "too noisy"), refused, Health(START_NS, ()))
+    assert "±" not in "".join(line for line in screen(nothing) if line.strip()[:3] in ("CY ", "Cl ", "Cn "))
+
+
+def test_lateral_derivatives_do_not_decide_which_method_leads() -> None:
+    few = msgspec.structs.replace(lateral("split"), parameters=lateral("split").parameters[2:])
+    board = board_with(ALPHA, few, estimate("physical"), Health(START_NS, ()))
+    assert board.recommended == "physical"
 
 
 def test_an_unestimated_derivative_is_a_dash_with_why_and_no_number() -> None:

@@ -18,13 +18,14 @@ from io import BytesIO
 from pathlib import Path
 
 import matplotlib.image
+import msgspec
 import numpy as np
 import psutil
 import pytest
 import websocket
 
-from station import plots
-from station.conventions import LONGITUDINAL, SIGNALS, TICK_NS
+from station import lateral_plots, plots
+from station.conventions import LATERAL, LONGITUDINAL, SIGNALS, TICK_NS
 from station.plots import Setup
 from station.rows import (
     AlphaEstimate,
@@ -169,8 +170,6 @@ def lines_of(rows: list[Rows]) -> dict[str, np.ndarray]:
 
 
 def with_alpha(**changes: object) -> list[Rows]:
-    import msgspec
-
     (tick,) = flight(1)
     return [msgspec.structs.replace(r, **changes) if isinstance(r, AlphaEstimate) else r for r in tick]
 
@@ -215,6 +214,23 @@ def test_only_derivatives_to_be_believed_are_drawn(status: Status, applicable: b
     else:
         assert np.isnan(values[at - 2 : at + 1]).all()
     assert values[names.index("II")] == 4.0
+
+
+def test_a_plot_of_a_lateral_derivative_shows_its_own_lines_only() -> None:
+    setup = msgspec.structs.replace(SETUP, lateral_methods=("II", "split"), references={"Cn_r": -0.2})
+    of = {n: ParamEstimate(n, float(k), 0.25, Status.ESTIMATED) for k, n in enumerate(LATERAL)}
+    of["Cn_p"] = ParamEstimate("Cn_p", 9.0, 0.25, Status.INVALID, "moves with the other regressors")
+    rows = [MethodEstimate(START_NS, m, tuple(of.values())) for m in ("II", "split")]
+    made = {p.path: p.values[-1] for p in lateral_plots.points(plots.batch(rows, START_NS), setup)}
+    drawn = {name: (plot, shown) for name, plot, shown in lateral_plots.views(setup)}
+    assert [name.split()[0] for name in drawn] == list(LATERAL)
+    plot, shown = drawn["Cn_r [1/rad]"]
+    lines = {(line.name, value) for line, value, on in zip(plot.lines, made[plot.path], shown, strict=True) if on}
+    assert lines == {("profile", -0.2), ("II", 12.0), ("split", 12.0), ("±2 sd", 11.5), ("±2 sd", 12.5)}
+    plot, shown = drawn["Cn_p [1/rad]"]
+    assert np.isnan(made[plot.path][shown]).all()  # not to be believed: no line
+    assert not lateral_plots.drawn(SETUP)
+    assert not list(lateral_plots.points(plots.batch(rows, START_NS), SETUP))
 
 
 def test_slow_lines_get_two_points_a_second_however_the_ticks_are_batched() -> None:

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from station.estimation.equation_error import PAST, fit
+from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit, past_size
 
 LINES = 48
 
 
 def solve(x, z, ridge=None, independent=1.0, past=None, close=False):
     n = len(x)
-    out, inverse = np.zeros((3, n + 1)), np.zeros((4, 4))
-    past = np.zeros(PAST) if past is None else past
+    places = max(n, MAX_PARAMETERS)
+    out, inverse = np.zeros((3, n + 1)), np.zeros((places, places))
+    past = np.zeros(past_size(places)) if past is None else past
     ok = fit(x, z, np.zeros(n) if ridge is None else ridge, independent, past, close, out, inverse)
     return ok, out
 
@@ -20,28 +21,30 @@ def complex_normal(rng, *shape):
     return rng.normal(size=shape) + 1j * rng.normal(size=shape)
 
 
-def test_equals_real_least_squares_on_stacked_parts():
+@pytest.mark.parametrize("n", [3, 5])
+def test_equals_real_least_squares_on_stacked_parts(n):
     rng = np.random.default_rng(4)
-    x, z = complex_normal(rng, 3, LINES), complex_normal(rng, LINES)
+    x, z = complex_normal(rng, n, LINES), complex_normal(rng, LINES)
     ok, out = solve(x, z)
     stacked = np.concatenate([x.real, x.imag], axis=1).T
     theta, residual, *_ = np.linalg.lstsq(stacked, np.concatenate([z.real, z.imag]), rcond=None)
     assert ok
-    assert out[0, :3] == pytest.approx(theta, rel=1e-10)
-    assert out[1, 3] == pytest.approx(residual[0], rel=1e-10)
+    assert out[0, :n] == pytest.approx(theta, rel=1e-10)
+    assert out[1, n] == pytest.approx(residual[0], rel=1e-10)
 
 
-def test_segments_add_up_to_one_fit():
+@pytest.mark.parametrize("n", [3, 5])
+def test_segments_add_up_to_one_fit(n):
     rng = np.random.default_rng(5)
-    x, z = complex_normal(rng, 3, 3 * LINES), complex_normal(rng, 3 * LINES)
-    past = np.zeros(PAST)
+    x, z = complex_normal(rng, n, 3 * LINES), complex_normal(rng, 3 * LINES)
+    past = np.zeros(PAST if n == 3 else past_size(n))
     for part in range(2):
         cut = slice(part * LINES, (part + 1) * LINES)
         solve(np.ascontiguousarray(x[:, cut]), z[cut], past=past, close=True)
     _, out = solve(np.ascontiguousarray(x[:, 2 * LINES :]), z[2 * LINES :], past=past)
     _, whole = solve(x, z)
     assert out[0] == pytest.approx(whole[0], rel=1e-10)
-    assert out[1, :3] == pytest.approx(whole[1, :3], rel=0.15)
+    assert out[1, :n] == pytest.approx(whole[1, :n], rel=0.15)
 
 
 @pytest.mark.parametrize("colour", ["white", "louder at low frequency", "grid twice too fine"])

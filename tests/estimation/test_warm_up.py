@@ -12,7 +12,7 @@ from station.profile import load_card
 from station.rows import Frame
 from station.simulation.simulate import fly
 
-profiles = load_card("bench")
+profiles = load_card("lateral")
 estimator = Estimator(profiles.aircraft, profiles.card, profiles.rig.imu_position, profiles.rig.frame_noise_si())
 shown, _ = fly(profiles.aircraft, profiles.rig, profiles.card, 75.0)
 
