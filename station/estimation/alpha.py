@@ -230,6 +230,8 @@ class Vane:
         self._state = np.zeros(STATE)
         self._ring = np.zeros((RING, 4))
         self.out = np.full(OUT, math.nan)
+        self.arrays = (self.parameters, self._state, self._ring, self.out)
+        """As tick.advance takes them."""
 
     def restart(self) -> None:
         """Begin anew from the next sample."""

@@ -8,14 +8,14 @@ held for 0.2 s so that filters run on, then the tick is given up.
 from __future__ import annotations
 
 import math
-from typing import Final
+from operator import itemgetter
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_HZ
-from station.profile import Aircraft
 from station.rows import Frame
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ _LIMIT_S: Final = {
     **dict.fromkeys(("static_pressure", "air_temperature", "altitude", "thrust", "mass"), 5.0),
 }
 
-_COLUMNS: Final = tuple(SIGNAL_INDEX[name] for name in INPUTS)
+_pick: Final[Any] = itemgetter(*(SIGNAL_INDEX[name] for name in INPUTS))
 GAS_CONSTANT: Final = 287.05287
 """Dry air, J/(kg K): ISO 2533."""
 
@@ -109,10 +109,26 @@ def step(
     return state
 
 
+@njit(cache=True)
+def dynamic_pressure(u: Array, density: float) -> float:
+    """Pa: measured if there is one, else rho V^2/2 with `density` (NaN: not known) or that of static air data or
+    altitude."""
+    if u[QBAR] > 0.0:
+        return float(u[QBAR])
+    if math.isnan(density):
+        if u[STATIC] > 0.0 and u[TEMPERATURE] > 0.0:
+            density = u[STATIC] / (GAS_CONSTANT * u[TEMPERATURE])
+        else:
+            height = u[ALTITUDE] if math.isfinite(u[ALTITUDE]) else 0.0
+            # ISO 2533 standard atmosphere below 11 km.
+            density = 1.225 * max(1.0 - 2.25577e-5 * height, 0.1) ** 4.25588
+    return float(0.5 * density * u[AIRSPEED] ** 2)
+
+
 class Conditioner:
     """The state of `step`: `u` (inputs,) and `age` (inputs,) of the newest frame."""
 
-    def __init__(self, aircraft: Aircraft, noise: dict[str, float]) -> None:
+    def __init__(self, noise: dict[str, float]) -> None:
         n = len(INPUTS)
         self._limit = np.array([_LIMIT_S[name] for name in INPUTS])
         self._low = np.array([SIGNALS[name].low for name in INPUTS])
@@ -121,21 +137,17 @@ class Conditioner:
         self._held = np.full(n, math.nan)
         self._lost = np.full(n, float(HOLD_TICKS))
         self._same = np.zeros(n)
-        self._density = aircraft.air_density
-        self._mass = aircraft.inertia.mass
         self.u = np.full(n, math.nan)
         self.age = np.full(n, math.nan)
 
     def step(self, frame: Frame) -> int:
         """Take a frame; returns what the kernel `step` says."""
-        values, ages, quality = frame.values, frame.age_s, frame.quality
-        raw = np.array([values[i] for i in _COLUMNS])
-        self.age = np.array([ages[i] for i in _COLUMNS])
+        raw, self.age, quality = np.array((_pick(frame.values), _pick(frame.age_s), _pick(frame.quality)))
         return int(
             step(
                 raw,
                 self.age,
-                np.array([quality[i] for i in _COLUMNS], dtype=np.float64),
+                quality,
                 self._limit,
                 self._low,
                 self._high,
@@ -146,27 +158,6 @@ class Conditioner:
                 self.u,
             )
         )
-
-    def dynamic_pressure(self) -> float:
-        """Pa: measured if there is one, else rho V^2/2 with density from static air data, profile or altitude."""
-        u = self.u
-        measured = float(u[QBAR])
-        if measured > 0.0:
-            return measured
-        if self._density is not None:
-            density = self._density
-        elif u[STATIC] > 0.0 and u[TEMPERATURE] > 0.0:
-            density = float(u[STATIC] / (GAS_CONSTANT * u[TEMPERATURE]))
-        else:
-            height = float(u[ALTITUDE]) if math.isfinite(u[ALTITUDE]) else 0.0
-            # ISO 2533 standard atmosphere below 11 km.
-            density = 1.225 * max(1.0 - 2.25577e-5 * height, 0.1) ** 4.25588
-        return 0.5 * density * float(u[AIRSPEED]) ** 2
-
-    def mass(self) -> float:
-        """kg: as given with the frame, else the profile's."""
-        given = float(self.u[MASS])
-        return given if given > 0.0 else self._mass
 
     def why(self, code: int) -> str:
         """In words, what a frame's code says against its angle of attack; "" if nothing."""
@@ -183,9 +174,9 @@ class Conditioner:
             )
         return ""
 
-    def lacking(self) -> str:
+    def lacking(self, code: int) -> str:
         """What the derivatives wait for, if a signal has been away for a second."""
-        for i in range(ELEVATOR + 1):
+        for i in range(ELEVATOR + 1 if code != FRESH else 0):
             if self._lost[i] > TICK_HZ:
                 return f"no {INPUTS[i]}"
         return ""

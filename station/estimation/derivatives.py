@@ -22,12 +22,16 @@ from scipy.special import hankel2, jv
 
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
-from station.estimation.spectra import Transform, central_difference_factor, grid
+from station.estimation.spectra import Transform, central_difference_factor, grid, step
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Flags = NDArray[np.bool_]
+Whole = NDArray[np.int64]
+Spectra = tuple[Array, Complex, Complex, Array]
+"""Transform.arrays."""
 
 KINDS: Final = ("II", "III", "V", "split", "split+gust")
 """In the order that equation_error.fit_methods numbers them; IV comes after, where spectra are given."""
@@ -41,6 +45,20 @@ COLLINEAR: Final = 100.0
 MIN_R2: Final = 0.6
 SLACK_S: Final = 3.0
 """A group of signals that comes this much after the first still opens with it."""
+
+ESTIMATED, WARMING, NO_SPLIT, SHORT, STILL, NO_TAIL, NO_INERTIA, UNSOLVED, MOVES_ALONG, WIDE = range(10)
+UNEXPLAINED: Final = 100
+"""Verdicts on an estimate; above UNEXPLAINED by the share of the data that the model explains, %."""
+_WORDS: Final = {
+    ESTIMATED: (Status.ESTIMATED, ""),
+    NO_SPLIT: (Status.INVALID, "no inertial angle of attack: attitude or accelerations are missing"),
+    STILL: (Status.UNESTIMATED, "no elevator input"),
+    NO_TAIL: (Status.INVALID, "the aircraft profile gives no tail arm"),
+    NO_INERTIA: (Status.INVALID, "the aircraft profile gives no iyy"),
+    UNSOLVED: (Status.INVALID, "the regressors cannot be told apart"),
+    MOVES_ALONG: (Status.INVALID, "moves with the other regressors: vary the input"),
+    WIDE: (Status.UNESTIMATED, "2 sd exceed the value"),
+}
 
 
 def sears_magnitude(k: Array) -> Array:
@@ -97,6 +115,79 @@ def measured_factors(
         measured[0, i] = measured[1, i] * (1.0 + steady_upwash) / (1.0 + upwash[i])
 
 
+@njit(cache=True)
+def add(
+    sos: Array,
+    rest: Array,
+    turn: Complex,
+    steady: Spectra,
+    split: Spectra,
+    x: Array,
+    is_open: bool,
+    with_split: bool,
+    split_is_open: bool,
+) -> None:
+    """One sample `x`, see Derivatives.add, into the transforms of both groups."""
+    z, spectrum, phase, count = steady
+    step(sos, rest, z, x[:7], spectrum, phase, turn, count, is_open)
+    if with_split:
+        z, spectrum, phase, count = split
+        step(sos, rest, z, np.concatenate((x[:4], x[7:9])), spectrum, phase, turn, count, split_is_open)
+
+
+@njit(cache=True)
+def energy(spectrum: Complex) -> float:
+    """Sum of squares over all lines, (frequencies,)."""
+    total = 0.0
+    for i in range(spectrum.shape[0]):
+        total += spectrum[i].real ** 2 + spectrum[i].imag ** 2
+    return total
+
+
+@njit(cache=True)
+def judge(
+    fitted: tuple[Array, Array, Flags],
+    rows: Whole,
+    known: Array,
+    has_inertia: bool,
+    blocked: Whole,
+    found: Array,
+    verdicts: Whole,
+) -> None:
+    """What to believe of the kinds in `rows` -> `found` (2, rows, 6): values and errors, and `verdicts` (rows, 6).
+
+    `fitted`: out, model and solved of fit_methods; `known` (6,): sizes of the profile's derivatives; `blocked` (rows,):
+    a verdict over all of a kind's, or ESTIMATED.
+    """
+    out, model, solved = fitted
+    for row in range(rows.shape[0]):
+        kind = rows[row]
+        # R2 comes after the parameters, of which split+gust has four.
+        at_r2 = 4 if kind == 4 else 3
+        for i in range(6):
+            e, j = i // 3, i % 3
+            verdict = blocked[row]
+            is_solved = solved[kind, e]
+            if e == 1 and not has_inertia:
+                verdict, is_solved = NO_INERTIA, False
+            value, error = math.nan, math.nan
+            if is_solved:
+                value = out[kind, e, 0, j]
+                error = math.hypot(out[kind, e, 1, j], model[kind, e, j])
+                r2 = out[kind, e, 0, at_r2]
+                if verdict == ESTIMATED:
+                    if r2 < MIN_R2:
+                        verdict = UNEXPLAINED + round(100.0 * max(r2, 0.0))
+                    elif out[kind, e, 2, j] > COLLINEAR:
+                        verdict = MOVES_ALONG
+                    elif not 2.0 * out[kind, e, 1, j] <= max(abs(value), known[i]):
+                        verdict = WIDE
+            elif verdict == ESTIMATED:
+                verdict = UNSOLVED
+            found[0, row, i], found[1, row, i] = value, error
+            verdicts[row, i] = verdict
+
+
 class Derivatives:
     """Spectra of the flight so far and what each method makes of them."""
 
@@ -119,7 +210,8 @@ class Derivatives:
         self._frequencies = grid(card.low, card.high, card.step)
         self._minimum = MIN_PERIODS / card.low
         self._derivative = central_difference_factor(self._frequencies, dt)
-        self._steady_from_s = self._split_from_s = 0.0
+        self._steady_from_s: float | None = None
+        self._split_from_s: float | None = None
         self._steady = Transform(7, self._frequencies, dt)
         self._split = Transform(6, self._frequencies, dt)
         self._groups = (self._steady, self._split)
@@ -127,7 +219,6 @@ class Derivatives:
         self._methods = methods
         self.lacking = ""
         """What has been missing for a while."""
-        self._names = names
         self._kinds = (*KINDS, "IV") if spectra else KINDS
         kinds = len(self._kinds)
         is_split = [kind.startswith("split") for kind in self._kinds]
@@ -143,8 +234,15 @@ class Derivatives:
         self._model = np.zeros((kinds, 2, 3))
         self._solved = np.zeros((kinds, 2), dtype=np.bool_)
         self._independent = np.zeros(2)
-        known = [abs(aircraft.value(n.replace("CZ", "CL"))) for n in names]
-        self._known = (known[:3], known[3:])
+        self._known = np.array([abs(aircraft.value(n.replace("CZ", "CL"))) for n in names])
+        self._rows = np.array([self._kinds.index(method) for method in methods], dtype=np.int64)
+        self._of_kinds = np.zeros(len(methods), dtype=np.int64)
+        self._found = np.zeros((2, len(methods), 6))
+        self._verdicts = np.zeros((len(methods), 6), dtype=np.int64)
+        self._judged, self._lacked = b"", ""
+        self._labels = names * len(methods)
+        self._statuses: list[Status] = []
+        self._whys: list[str] = []
         self._noise = noise
         self._has_inertia = aircraft.inertia.iyy is not None
         self._has_tail = aircraft.unsteady.tail_arm > 0.0
@@ -165,37 +263,58 @@ class Derivatives:
 
     def add(self, x: Array, since_start_s: float, with_split: bool) -> None:
         """One sample: q c/2V, elevator, CL, Cm, alpha steady, its vane and rate parts delayed, split alpha, d."""
-        due = since_start_s >= self._warm_up_s
-        if self._steady.filtered == 0:
+        if self._steady_from_s is None:
             self._steady_from_s = since_start_s
+        if with_split and self._split_from_s is None:
+            self._split_from_s = since_start_s
+        due = since_start_s >= self._warm_up_s
         late = since_start_s - self._warm_up_s + SLACK_S
-        self._steady.step(x[:7], due and self._steady_from_s <= late)
-        if with_split:
-            if self._split.filtered == 0:
-                self._split_from_s = since_start_s
-            self._split.step(np.concatenate((x[:4], x[7:9])), due and self._split_from_s <= late)
+        splits = with_split and self._split_from_s is not None and due and self._split_from_s <= late
+        steady = self._steady
+        add(
+            steady.sos,
+            steady.rest,
+            steady.turn,
+            steady.arrays,
+            self._split.arrays,
+            x,
+            due and self._steady_from_s <= late,
+            with_split,
+            splits,
+        )
 
     def estimate(self, t_ns: int, mean_speed: float, applicable: Mapping[str, str]) -> tuple[MethodEstimate, ...]:
         """What every method makes of the spectra now. `applicable`: for a method that is not, why."""
         self._samples = [g.samples + c for g, c in zip(self._groups, self._closed[:, 0].tolist(), strict=True)]
         if self._samples[0] > 0 and mean_speed > 0:
             self._fit(mean_speed)
-        blocked = [self._blocked(0), self._blocked(1)]
-        out, model, solved = self._out.tolist(), self._model.tolist(), self._solved.tolist()
+        of_groups = (self._blocked(0), self._blocked(1))
+        for i, method in enumerate(self._methods):
+            is_lost = method == "split+gust" and not self._has_tail
+            self._of_kinds[i] = NO_TAIL if is_lost else of_groups[method.startswith("split")]
+        fitted = (self._out, self._model, self._solved)
+        judge(fitted, self._rows, self._known, self._has_inertia, self._of_kinds, self._found, self._verdicts)
+        verdicts = self._verdicts.tobytes()
+        if verdicts != self._judged or self.lacking != self._lacked:
+            self._judged, self._lacked = verdicts, self.lacking
+            words = [self._in_words(verdict) for verdict in self._verdicts.ravel().tolist()]
+            self._statuses, self._whys = [status for status, _ in words], [why for _, why in words]
+        values, errors = self._found.reshape(2, -1).tolist()
+        parameters = tuple(map(ParamEstimate, self._labels, values, errors, self._statuses, self._whys))
         found = []
-        for method in self._methods:
-            m = self._kinds.index(method)
-            status, why = blocked[method.startswith("split")]
-            if method == "split+gust" and not self._has_tail:
-                status, why = Status.INVALID, "the aircraft profile gives no tail arm"
-            count = 4 if method == "split+gust" else 3
-            parameters: list[ParamEstimate] = []
-            for e in (0, 1):
-                fit = out[m][e] if solved[m][e] else None
-                parameters += self._judge(e, count, fit, model[m][e], status, why)
+        for i, method in enumerate(self._methods):
             reason = applicable.get(method, "")
-            found.append(MethodEstimate(t_ns, method, tuple(parameters), not reason, reason))
+            found.append(MethodEstimate(t_ns, method, parameters[6 * i : 6 * i + 6], not reason, reason))
         return tuple(found)
+
+    def _in_words(self, verdict: int) -> tuple[Status, str]:
+        if verdict >= UNEXPLAINED:
+            return Status.INVALID, f"the model explains {verdict - UNEXPLAINED}% of the data"
+        if verdict == WARMING:
+            return Status.UNESTIMATED, self.lacking or "warming up"
+        if verdict == SHORT:
+            return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
+        return _WORDS[verdict]
 
     def _fit(self, mean_speed: float) -> None:
         steady, split = self._steady, self._split
@@ -226,58 +345,17 @@ class Derivatives:
         )
         for i, group in enumerate(self._groups):
             if self._close[i]:
-                self._closed[i] += group.samples, _energy(group.spectrum[1])
+                self._closed[i] += group.samples, energy(group.spectrum[1])
                 self._closed[i] *= self._keep
                 self._past[self._fitted[i]] *= self._keep
                 group.clear()
 
-    def _blocked(self, i: int) -> tuple[Status, str]:
+    def _blocked(self, i: int) -> int:
         """Why a group of signals, 0 steady or 1 split, gives no estimates yet; ESTIMATED if it does."""
         samples = self._samples[i]
         if samples == 0:
-            if i == 1 and self._samples[0] * self._dt > SLACK_S:
-                return Status.INVALID, "no inertial angle of attack: attitude or accelerations are missing"
-            return Status.UNESTIMATED, self.lacking or "warming up"
+            return NO_SPLIT if i == 1 and self._samples[0] * self._dt > SLACK_S else WARMING
         if samples * self._dt < self._minimum:
-            return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        energy = float(self._closed[i, 1]) + _energy(self._groups[i].spectrum[1])
-        if energy < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2:
-            return Status.UNESTIMATED, "no elevator input"
-        return Status.ESTIMATED, ""
-
-    def _judge(
-        self,
-        equation: int,
-        parameters: int,
-        fit: list[list[float]] | None,
-        model: list[float],
-        status: Status,
-        why: str,
-    ) -> list[ParamEstimate]:
-        """`fit`: of so many `parameters` as equation_error.fit_methods gives it, None if it could not be solved;
-        `model`: standard deviations by the model's error."""
-        names = self._names[3 * equation : 3 * equation + 3]
-        if equation == 1 and not self._has_inertia:
-            status, why, fit = Status.INVALID, "the aircraft profile gives no iyy", None
-        elif status is Status.ESTIMATED and fit is None:
-            status, why = Status.INVALID, "the regressors cannot be told apart"
-        if fit is None:
-            return [ParamEstimate(n, math.nan, math.nan, status, why) for n in names]
-        values, errors, inflation = fit
-        known, r2 = self._known[equation], values[parameters]
-        if status is Status.ESTIMATED and r2 < MIN_R2:
-            status, why = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
-        found = []
-        for i, name in enumerate(names):
-            this, reason = status, why
-            if status is Status.ESTIMATED:
-                if inflation[i] > COLLINEAR:
-                    this, reason = Status.INVALID, "moves with the other regressors: vary the input"
-                elif not 2.0 * errors[i] <= max(abs(values[i]), known[i]):
-                    this, reason = Status.UNESTIMATED, "2 sd exceed the value"
-            found.append(ParamEstimate(name, values[i], math.hypot(errors[i], model[i]), this, reason))
-        return found
-
-
-def _energy(spectrum: Complex) -> float:
-    return float(np.vdot(spectrum, spectrum).real)
+            return SHORT
+        moved = self._closed[i, 1] + energy(self._groups[i].spectrum[1])
+        return STILL if moved < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2 else ESTIMATED

@@ -335,6 +335,8 @@ class Sides:
         self._history = np.full((3, ROW), math.nan)
         self._thrust = np.zeros(2)
         self.out = np.full(4 + EXTRAS, math.nan)
+        self.arrays = (self.constant, self._history, self._thrust, self.out)
+        """As tick.advance takes them."""
 
     def restart(self) -> None:
         """Forget the last two ticks: there is a gap."""

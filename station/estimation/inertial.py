@@ -233,6 +233,14 @@ def step(
     out[8] = 1.0 if count * dt >= READY_S else 0.0
 
 
+@njit(cache=True)
+def restart(s: Array, out: Array) -> None:
+    """Begin anew from the next measurements; the mean wind is kept."""
+    s[_COUNT] = 0.0
+    out[:] = math.nan
+    out[8] = 0.0
+
+
 class Inertial:
     """The state of `step`, and what it last gave (`out`, see OUT)."""
 
@@ -243,12 +251,12 @@ class Inertial:
         self._ring = np.zeros((RING, 7))
         self.out = np.full(OUT, math.nan)
         self.out[8] = 0.0
+        self.arrays = (self._state, self._ring, self._arm, self.out)
+        """As tick.advance takes them."""
 
     def restart(self) -> None:
         """Begin anew from the next measurements; the mean wind is kept."""
-        self._state[_COUNT] = 0.0
-        self.out[:] = math.nan
-        self.out[8] = 0.0
+        restart(self._state, self.out)
 
     def step(self, t: float, motion: Array, streams: tuple[Any, Any, Any, Any], air: Array) -> None:
         """One tick at `t` s. `streams`: attitude and its ages, velocity and its ages, (3,) each."""

@@ -17,7 +17,7 @@ from station.estimation.alpha import Vane
 from station.estimation.conditioning import Array, Conditioner
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.derivatives import Derivatives
-from station.estimation.equation_error import ROW, Sides
+from station.estimation.equation_error import Sides
 from station.estimation.inertial import Inertial
 from station.estimation.lateral import Lateral
 from station.estimation.physical import Physical
@@ -87,8 +87,7 @@ NOISE: Final = {
 GAP_TICKS: Final = 5
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
 UNEXPLAINED: Final = to_si(0.15, "deg")
-UNEXPLAINED_S: Final = 5.0
-"""In calm air the vane must show what the motion predicts, to this rms over this time."""
+"""In calm air the vane must show what the motion predicts, to this rms over tick.UNEXPLAINED_S."""
 DRYDEN_OVER_BAND: Final = 16.0
 """Standard deviation of Dryden gusts over that in 2-7 Hz: 13 for L = 1750 ft at 110 kt, and some margin."""
 HELD_TICKS: Final = 3
@@ -139,7 +138,7 @@ class Estimator:
         self._methods = methods
         self._force = force
         names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
-        self._conditioner = Conditioner(aircraft, given)
+        self._conditioner = Conditioner(given)
         self._inertial = Inertial(imu_position, dt)
         self._vane = Vane(aircraft, dt)
         self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
@@ -158,13 +157,15 @@ class Estimator:
         boom = aircraft.boom
         self._zero = boom.zero if boom else 0.0
         self._scale = boom.steady_calibration if boom else 1.0
-        self._body = 1.0 + boom.upwash_body if boom else 1.0
+        self._upwash = 1.0 + boom.upwash_body if boom else 1.0
         self._arm = boom.vane_x if boom else 0.0
-        self._air = np.zeros(3)
-        self._row = np.zeros(ROW)
-        self._motion = np.zeros(6)
+        self._boom = (self._zero, self._scale, self._arm)
+        self._body = (aircraft.air_density if aircraft.air_density is not None else math.nan, aircraft.inertia.mass)
         self._before = np.zeros(len(cond.INPUTS))
-        self._unexplained_mean = self._unexplained = 0.0
+        self._unexplained = np.zeros(2)
+        self._seen: list[float] = self._vane.out.tolist()
+        """The newest of alpha.OUT, and of inertial.OUT."""
+        self._wind: list[float] = self._inertial.out.tolist()
         self._start_ns: int | None = None
         self._last_ns = 0
         self._running = False
@@ -219,7 +220,7 @@ class Estimator:
         self._held_run = self._held_run + 1 if code == cond.HELD else 0
         if 0 < self._held_run <= HELD_TICKS:
             why = ""
-        self._derivatives.lacking = self._conditioner.lacking()
+        self._derivatives.lacking = self._conditioner.lacking(code)
         alpha = self._alpha(frame.t_ns, u, usable, why)
         applicable = self._not_applicable()
         estimates = self._derivatives.estimate(frame.t_ns, self._mean_speed(), applicable)
@@ -234,8 +235,10 @@ class Estimator:
     ) -> tuple[MethodEstimate, ...]:
         if usable:
             since_start = (frame.t_ns - (self._start_ns or 0)) * 1e-9
-            pressure, mass = self._conditioner.dynamic_pressure(), self._conditioner.mass()
-            beta = float(self._inertial.out[1]) if self._inertial.out[8] > 0.0 else math.nan
+            density, mass = self._body
+            mass = float(u[cond.MASS]) if u[cond.MASS] > 0.0 else mass
+            pressure = cond.dynamic_pressure(u, density)
+            beta = self._wind[1] if self._wind[8] > 0.0 else math.nan
             side.add(frame, float(u[cond.AIRSPEED]), pressure, mass, beta, since_start)
         more = side.estimate()
         return tuple(
@@ -266,49 +269,38 @@ class Estimator:
     def _advance(self, t_ns: int, u: Array, is_fresh: bool) -> None:
         start_ns = self._start_ns if self._start_ns is not None else t_ns
         t = (t_ns - start_ns) * 1e-9
-        tick.prepare(u, self._zero, self._scale, self._arm, self._motion, self._air)
-        speed, vane = float(u[cond.AIRSPEED]), float(u[cond.VANE])
-        p, q = float(self._motion[0]), float(self._motion[1])
-        age = self._conditioner.age
-        a, v = cond.ATTITUDE, cond.VELOCITY
-        if np.isfinite(self._motion).all():
-            self._inertial.step(t, self._motion, (u[a:v], age[a:v], u[v:], age[v:]), self._air)
-        else:
-            self._inertial.restart()
-        ready = self._inertial.out[8] > 0.0
-        self._vane.step(vane, p, q, speed, float(self._inertial.out[0]) if ready else math.nan)
-        out = self._vane.out
-        is_split = out[cg.READY] > 0.0
-        if math.isfinite(out[cg.BOOM_GUST]):
-            self._turbulence.step(float(out[cg.BOOM_GUST]), speed, True)
+        done = tick.advance(
+            t,
+            self._dt,
+            u,
+            self._conditioner.age,
+            self._boom,
+            self._body,
+            self._inertial.arrays,
+            self._vane.arrays,
+            self._signals.arrays,
+            self._sides.arrays,
+            self._unexplained,
+        )
+        seen = self._seen = self._vane.out.tolist()
+        self._wind = self._inertial.out.tolist()
+        speed = float(u[cond.AIRSPEED])
+        if math.isfinite(seen[cg.BOOM_GUST]):
+            self._turbulence.step(seen[cg.BOOM_GUST], speed, True)
         elif self._ticks > WAIT_TICKS:
-            self._turbulence.step(float(out[cg.STEADY]), speed, False)
-        if is_split:
-            fade = self._dt / UNEXPLAINED_S
-            off = self._scale * float(out[cg.RESIDUAL]) - self._unexplained_mean
-            self._unexplained_mean += fade * off
-            self._unexplained += fade * (off * off - self._unexplained)
-
-        inertial_speed = float(self._inertial.out[2])
-        if is_split and self._physical:
-            self._signals.step(float(out[cg.BOOM_GUST]), float(self._inertial.out[0]), speed, inertial_speed)
-        elif self._physical:
-            self._signals.restart()
-        pressure, mass = self._conditioner.dynamic_pressure(), self._conditioner.mass()
-        tick.assemble(u, self._motion, pressure, mass, out, self._row)
-        made = self._sides.step(self._row)
+            self._turbulence.step(seen[cg.STEADY], speed, False)
         # The sample made is of the tick before, from q of three: all of them must have been measured at their own time.
         self._fresh_run = self._fresh_run + 1 if is_fresh else 0
         self._ticks += 1
-        if made and self._fresh_run >= 3 and self._ticks > SETTLE_TICKS and bool(np.isfinite(self._sides.out).all()):
+        if done & tick.MADE and self._fresh_run >= 3 and self._ticks > SETTLE_TICKS:
             self._derivatives.add(self._sides.out, t, self._split_run > 0)
             if self._physical and self._split_run > SETTLE_TICKS:
                 wind_sd = self._signals.wind_sd()
-                self._physical.add(self._signals.out[0], self._sides.out[:4], t, inertial_speed, wind_sd)
-        self._split_run = self._split_run + 1 if is_split else 0
+                self._physical.add(self._signals.out[0], self._sides.out[:4], t, self._wind[2], wind_sd)
+        self._split_run = self._split_run + 1 if done & tick.SPLIT else 0
 
     def _mean_speed(self) -> float:
-        return float(self._vane.out[cg.SPEED_MEAN]) if self._running else 0.0
+        return self._seen[cg.SPEED_MEAN] if self._running else 0.0
 
     def _not_applicable(self) -> dict[str, str]:
         """For each live method that should not be applied now, why."""
@@ -317,10 +309,10 @@ class Estimator:
         if level in ("calm", "unknown") and not self._force:
             why = "calm air: the delay would do harm" if level == "calm" else "turbulence not known yet"
             reasons = {name: why for name in self._methods if METHODS[name].turbulence_only}
-        if not self._vane.out[cg.READY] > 0.0:
+        if not self._seen[cg.READY] > 0.0:
             reasons |= {name: "no inertial angle of attack" for name in self._methods if name.startswith("split")}
-        elif level == "calm" and self._unexplained > self._calm_limit():
-            rms = math.degrees(math.sqrt(self._unexplained))
+        elif level == "calm" and self._unexplained[1] > self._calm_limit():
+            rms = math.degrees(math.sqrt(self._unexplained[1]))
             why = (
                 f"in calm air the motion leaves {rms:.2f} deg of the vane unexplained: check its delay and calibration"
             )
@@ -335,8 +327,7 @@ class Estimator:
         return UNEXPLAINED**2 + (DRYDEN_OVER_BAND * gust) ** 2
 
     def _alpha(self, t_ns: int, u: Array, usable: bool, why: str) -> AlphaEstimate:
-        out = self._vane.out
-        wind = self._inertial.out
+        out, wind = self._seen, self._wind
         level, name = self._turbulence.level, self._turbulence.name
         if not usable:
             nan = math.nan
@@ -344,16 +335,21 @@ class Estimator:
         vane, speed = float(u[cond.VANE]), float(u[cond.AIRSPEED])
         zero = -self._zero
         upwash = (self._scale - 1.0) * (vane - self._zero)
-        rate = float(out[cg.RATE])
+        rate = out[cg.RATE]
         steady = vane + zero + upwash + rate
         noise = self._noise
         by_rate = self._arm * noise["q"] / speed
         if out[cg.READY] > 0.0:
-            fast, gust = float(out[cg.FAST]), float(out[cg.GUST])
-            alpha, lag, arrival = float(out[cg.SPLIT]), fast - steady, float(out[cg.SPLIT]) - fast
-            inertial = float(wind[0])
+            fast, gust = out[cg.FAST], out[cg.GUST]
+            alpha, lag, arrival = out[cg.SPLIT], fast - steady, out[cg.SPLIT] - fast
+            inertial = wind[0]
             # Streams smoothed over half a second; 5 % of the gust for what the upwash model leaves.
-            parts = [noise["alpha_vane"] / self._body, 0.2 * noise["theta"], 0.2 * noise["v_down"] / speed, 0.05 * gust]
+            parts = [
+                noise["alpha_vane"] / self._upwash,
+                0.2 * noise["theta"],
+                0.2 * noise["v_down"] / speed,
+                0.05 * gust,
+            ]
         else:
             alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
             # Twice the band's gust for what the delays make of it.
@@ -374,9 +370,9 @@ class Estimator:
             gust_vertical=gust * speed,
             turbulence_level=level,
             turbulence=name,
-            wind_north=float(wind[3]),
-            wind_east=float(wind[4]),
-            wind_down=float(wind[5]),
+            wind_north=wind[3],
+            wind_east=wind[4],
+            wind_down=wind[5],
             valid=not why,
             why=why,
         )

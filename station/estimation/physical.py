@@ -169,6 +169,8 @@ class Physical:
         self._input = 0.0
         self.solution: Solution | None = None
         """The newest."""
+        self._judged: tuple[tuple[ParamEstimate, ...], bool, str] | None = None
+        """What `estimate` says until the next solution."""
 
     def clear(self) -> None:
         """Begin anew; the high-passes stay warm."""
@@ -177,7 +179,7 @@ class Physical:
             self._equations.clear()
         self._speed_sum = self._input = 0.0
         self._closed = 0
-        self.solution = None
+        self.solution = self._judged = None
 
     def add(self, signals: Array, sides: Array, since_start_s: float, speed: float, wind_sd: float) -> None:
         """One sample: `signals` (SIGNALS,) and, of the same tick, `sides`: q c/2V, elevator, CL, Cm.
@@ -203,6 +205,7 @@ class Physical:
         share = samples * self._dt * self._step_hz
         mean_speed = self._speed_sum / samples
         self.solution = self._equations.solve(spectrum, samples, share, mean_speed, wind_sd, close)
+        self._judged = None
         if close:
             self._input = self._keep * (self._input + self._elevator_energy())
             self._closed += samples
@@ -216,11 +219,16 @@ class Physical:
 
     def estimate(self, t_ns: int) -> MethodEstimate:
         """The newest solution as rows, with what is to be believed of it."""
+        if self._judged is None:
+            self._judged = self._judge()
+        return MethodEstimate(t_ns, "physical", *self._judged)
+
+    def _judge(self) -> tuple[tuple[ParamEstimate, ...], bool, str]:
         status, why = self._status()
         solution = self.solution
         if solution is None:
             found = tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in self._names)
-            return MethodEstimate(t_ns, "physical", found, not self.why_not, self.why_not)
+            return found, not self.why_not, self.why_not
         values = solution.theta[:6].tolist()
         errors = solution.total[:6].tolist()
         parameters = []
@@ -239,7 +247,7 @@ class Physical:
         reason = ""
         if status is Status.ESTIMATED and solution.preference < -WORSE:
             reason = f"the data prefer split's quasi-steady model (deviance {-solution.preference:.0f} lower)"
-        return MethodEstimate(t_ns, "physical", tuple(parameters), not reason, reason)
+        return tuple(parameters), not reason, reason
 
     def _status(self) -> tuple[Status, str]:
         """Why there are no estimates yet; ESTIMATED if there are."""

@@ -224,6 +224,13 @@ def wind_sd(s: Array, dt: float) -> float:
     return math.sqrt(max(s[_UU], 0.0) * share / max(1.0 - share, 0.2))
 
 
+@njit(cache=True)
+def restart(s: Array, out: Array) -> None:
+    """Begin anew from the next sample."""
+    s[COUNT] = 0.0
+    out[:] = math.nan
+
+
 class Signals:
     """The state of `step`; `out[0]`: the tick before, `out[1]`: the newest."""
 
@@ -236,11 +243,12 @@ class Signals:
         self._state = np.zeros(STATE)
         self._ring = np.zeros((RING, COLUMNS))
         self.out = np.full((2, SIGNALS), math.nan)
+        self.arrays = (self._parameters, self._table, self._state, self._ring, self.out)
+        """As tick.advance takes them."""
 
     def restart(self) -> None:
         """Begin anew from the next sample."""
-        self._state[COUNT] = 0.0
-        self.out[:] = math.nan
+        restart(self._state, self.out)
 
     def wind_sd(self) -> float:
         """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""

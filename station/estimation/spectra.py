@@ -84,12 +84,14 @@ class Transform:
     """The state of `step` for some channels: `spectrum` (channels, frequencies) and `samples` in it."""
 
     def __init__(self, channels: int, frequencies_hz: Array, dt: float) -> None:
-        self._sos, self._rest = high_pass(dt)
-        self._z = np.zeros((channels, len(self._sos), 2))
-        self._turn = np.exp(-2j * np.pi * frequencies_hz * dt)
+        self.sos, self.rest = high_pass(dt)
+        self._z = np.zeros((channels, len(self.sos), 2))
+        self.turn = np.exp(-2j * np.pi * frequencies_hz * dt)
         self._phase = np.ones(len(frequencies_hz), dtype=np.complex128)
         self._count = np.zeros(2)
         self.spectrum = np.zeros((channels, len(frequencies_hz)), dtype=np.complex128)
+        self.arrays = (self._z, self.spectrum, self._phase, self._count)
+        """What `step` edits."""
 
     @property
     def filtered(self) -> float:
@@ -110,13 +112,13 @@ class Transform:
     def step(self, x: Array, is_open: bool) -> None:
         """One sample of each channel, (channels,); transformed if `is_open`, else only filtered."""
         step(
-            self._sos,
-            self._rest,
+            self.sos,
+            self.rest,
             self._z,
             x,
             self.spectrum,
             self._phase,
-            self._turn,
+            self.turn,
             self._count,
             is_open,
         )
