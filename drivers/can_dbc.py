@@ -13,12 +13,12 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import cantools
 from fastcrc import crc8
 
 from drivers.codec import Codec, Reading, TimeReply
@@ -26,6 +26,13 @@ from drivers.framing import Cutter
 from station.conventions import unit_named
 from station.profile import CanDevice
 from station.rows import ProfileError
+
+# cantools brings python-can, which handles MDF4 files where it finds asammdf: seconds and 100 MiB that no bus needs.
+_is_absent = sys.modules.setdefault("asammdf", None) is None  # type: ignore[arg-type]
+import cantools  # noqa: E402
+
+if _is_absent:
+    del sys.modules["asammdf"]
 
 STAMP: Final = "stamp"
 COUNTER: Final = "counter"

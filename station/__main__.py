@@ -73,10 +73,9 @@ def run(
     from drivers.adapter import check_devices, open_devices
     from station import live
     from station.alignment import Aligner
-    from station.estimation.disagreement import Disagreement
-    from station.estimation.methods import Estimator
     from station.log import About, LogWriter
     from station.panel import Board, Callbacks, json_lines, plain_lines, run_panel
+    from station.preparing import compile_apart, estimators
     from station.view import View
 
     profiles = _load(card)
@@ -88,10 +87,8 @@ def run(
     screen = sys.stdout.isatty() and sys.stdin.isatty() and not as_json
 
     say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
-    estimator = Estimator(aircraft, flight_card, rig.imu_position, rig.frame_noise_si())
-    estimator.warm_up()
-    watch = Disagreement(aircraft, rig.imu_position, rig.frame_noise_si())
-    watch.warm_up()
+    compile_apart(card)
+    estimator, watch = estimators(profiles)
     aligner = Aligner(streams, noise)
 
     with ExitStack() as stack:

@@ -1,0 +1,43 @@
+"""The estimators of a flight, compiled before it.
+
+Compiling takes half a minute after an update and leaves the compiler's memory, 200 MiB, in the process that did it. So
+the first flight of a card has it done by a process of its own, `python -m station.preparing CARD`, and loads the
+kernels from the cache.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from station.estimation.disagreement import Disagreement
+from station.estimation.methods import Estimator
+from station.profile import Profiles, load_card
+
+
+def estimators(profiles: Profiles) -> tuple[Estimator, Disagreement]:
+    """What estimates and what watches in a flight; no tick of it has to compile."""
+    rig = profiles.rig
+    estimator = Estimator(profiles.aircraft, profiles.card, rig.imu_position, rig.frame_noise_si())
+    estimator.warm_up()
+    watch = Disagreement(profiles.aircraft, rig.imu_position, rig.frame_noise_si())
+    watch.warm_up()
+    return estimator, watch
+
+
+def compile_apart(card: str) -> None:
+    """Fill the cache of kernels where no flight of `card` has; if that fails, the station compiles them itself."""
+    done = Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')}"
+    if done.exists():
+        return
+    child = subprocess.run([sys.executable, "-m", "station.preparing", card], check=False, capture_output=True)
+    if child.returncode == 0:
+        with contextlib.suppress(OSError):
+            done.touch()
+
+
+if __name__ == "__main__":
+    estimators(load_card(sys.argv[1]))
