@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+import pickle
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -54,6 +59,7 @@ def diagnose(
             raise LogError(f"{path}: no such file")
     if write_profile is not None and write_profile.exists():
         raise UsageError(f"{write_profile}: is there already: an extended profile never replaces a file; name another")
+    say(f"  reading {len(logs) + len(hold_out or [])} recordings")
     subject = subject or metadata(logs[0]).about.aircraft
     flown = {path: table(path) for path in (*logs, *(hold_out or []))}
     complete = all(summarise(path).verdict == "complete" for path in flown)
@@ -64,8 +70,8 @@ def diagnose(
         result, extended, judged = _kinematics(flown, logs, hold_out or [], subject)
         result = _finite(result)
         if report is not None:
-            say(str(write_kinematic_report(result, judged, report)))
-            _write_rrd(result, series_in_time(judged), report)
+            with _rrd_beside(result, series_in_time(judged), report):
+                say(str(write_kinematic_report(result, judged, report)))
         told = [e["sentence"] for e in result["effects"]]
         return _finish(result, extended, told, logs, complete, as_json, write_profile)
     fitted: list[Record] = []
@@ -79,11 +85,12 @@ def diagnose(
     found = solve(fitted, kept, subject, progress=lambda words: say(f"  {words}"))
     result = _finite(to_json(found))
     if report is not None:
+        say("  drawing the report")
         from station.discrepancy.report import series_in_time as in_time
         from station.discrepancy.report import write_report  # and with it matplotlib
 
-        say(str(write_report(found, result, report)))
-        _write_rrd(result, in_time(found, found.before, found.after)[1], report)
+        with _rrd_beside(result, in_time(found, found.before, found.after)[1], report):
+            say(str(write_report(found, result, report)))
     told = [e.term.words(e.value) for e in found.effects]
     return _finish(result, found.extended, told, logs, complete, as_json, write_profile)
 
@@ -106,18 +113,34 @@ def _kinematics(
     return result, extended, fitted
 
 
-def _write_rrd(
+_WRITER = (
+    "import pickle, sys; from station.view import write_report_rrd; write_report_rrd(*pickle.load(sys.stdin.buffer))"
+)
+
+
+@contextmanager
+def _rrd_beside(
     result: Mapping[str, Any],
     series: Mapping[str, Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]],
     folder: Path,
-) -> None:
-    """The report's verdict and series as a Rerun recording beside the page."""
-    from station.view import write_report_rrd
-
+) -> Iterator[None]:
+    """The report's verdict and series as a Rerun recording, written by another process while this one draws the page:
+    either library takes a second to import."""
     first, *lines = summary(result)
     words = "\n".join([f"# {first}", *(f"- {line.strip()}" for line in lines)])
-    write_report_rrd(words, series, folder / "diagnosis.rrd", first)
-    say(str(folder / "diagnosis.rrd"))
+    path = folder / "diagnosis.rrd"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"{folder}: cannot be written: {error.strerror}") from error
+    given = pickle.dumps((words, series, path, first))
+    with ThreadPoolExecutor(1) as pool:
+        writer = pool.submit(subprocess.run, [sys.executable, "-c", _WRITER], input=given, capture_output=True)
+        yield
+        done = writer.result()
+    if done.returncode:
+        raise LogError(f"{path}: cannot be written: {done.stderr.decode(errors='replace').strip().splitlines()[-1]}")
+    say(str(path))
 
 
 def _finish(
