@@ -16,6 +16,7 @@ import importlib.metadata
 import json
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -138,7 +139,8 @@ class Store:
             schema = pq.read_schema(self._part(0)).with_metadata(self._metadata)
             with pq.ParquetWriter(partial, schema, compression="zstd") as writer:
                 for i in range(len(self._batches)):
-                    writer.write_table(pq.read_table(self._part(i)).replace_schema_metadata(self._metadata))
+                    # Not pq.read_table, which imports pandas.
+                    writer.write_table(pq.ParquetFile(self._part(i)).read().replace_schema_metadata(self._metadata))
             os.replace(partial, self.result)
 
         self._writing(write, partial)
@@ -182,8 +184,11 @@ def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
     # A process is a core's worth of work: threads of the linear algebra would only stand in each other's way.
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     while missing:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(workers, len(missing)), mp_context=context) as pool:
+        # A fork has at once what this process has imported, which a new one takes seconds to.
+        context = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(
+            min(workers, len(missing)), mp_context=context, initializer=_end_with_the_parent
+        ) as pool:
             try:
                 wait([pool.submit(compile_part, plan, part) for part in range(PARTS)])
                 for i, rows in _in_flight(missing, lambda i: pool.submit(fly_rows, plan, planned[i]), 2 * workers):
@@ -202,6 +207,19 @@ def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
         missing = store.missing()
+
+
+def _end_with_the_parent() -> None:
+    """In a worker: end when the command was killed, rather than wait for its next batch forever."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end with the parent", daemon=True).start()
 
 
 def _in_flight(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -53,7 +54,9 @@ class Rows:
         if column not in self._columns:
             if len(self._columns) >= _COLUMNS_KEPT:
                 self._columns.pop(next(iter(self._columns)))
-            self._columns[column] = pq.read_table(self._file, columns=[column])[column].to_numpy()
+            # Not pq.read_table, nor to_numpy: both import pandas, which takes a second.
+            read = pq.ParquetFile(self._file).read(columns=[column])[column].cast(pa.float64())
+            self._columns[column] = np.concatenate([np.from_dlpack(chunk) for chunk in read.chunks])
         methods, runs = self.plan.campaign.methods, self.plan.campaign.runs
         first = case * runs * len(methods) + methods.index(method)
         return self._columns[column][first : first + runs * len(methods) : len(methods)]

@@ -1,9 +1,9 @@
-"""Flights compiled as a whole: fly and measure, then estimate.
+"""Compiled flights: fly, measure, estimate.
 
 Nothing is computed here that the simulation and the estimators do not compute: their kernels are called in the order in
 which `simulation.fly` and `estimation.methods.Estimator` call them for frames without gaps, and give the same numbers.
-The two halves compile apart, so two processes do it in half the time. Arrays are copied by loops: numba takes seconds
-to compile the check of two arrays' shapes.
+A record's estimation is one compiled call, a flight some: a call costs ten microseconds, but a kernel that others call
+is compiled again in each. Arrays are copied by loops: numba takes seconds to compile the check of two arrays' shapes.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _deviation(x: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _measure(sensors: Sensors, truth: Array, white: Array, shown: Array) -> None:
+def measure(sensors: Sensors, truth: Array, white: Array, shown: Array) -> None:
     """What the sensors show, (ticks, signals), of the truth, (ticks or more, COLUMNS)."""
     n = sensors.ticks
     for k in range(n):
@@ -181,7 +181,6 @@ def _fit_benchmarks(
             results.r2[run, at, equation] = out[0, 3]
 
 
-# As in simulation/motion.py: after editing a kernel that is called from here, touch this file.
 @njit(cache=True, error_model="numpy")
 def estimate(
     e: Estimation, own: physical.Constants | None, shown: Array, true_alpha: Array, results: Results, run: int
@@ -308,29 +307,23 @@ def estimate(
             results.solved[run, kind, equation] = solved[kind, equation]
 
 
-# As in simulation/motion.py: after editing a kernel that is called from here, touch this file.
-@njit(cache=True, error_model="numpy")
 def fly_and_measure(
-    air: Air, sensors: Sensors, state: Array, wind: Array, white: Array, shown: Array, true_alpha: Array, reached: Array
-) -> None:
-    """Some flights of a case, and what their sensors show.
+    air: Air, sensors: Sensors, state: Array, wind: Array, white: Array, shown: Array, true_alpha: Array
+) -> float:
+    """One flight of a case, and what its sensors show; returns how far it got, m.
 
-    state (runs, 5) and wind (runs, points, 5): white noise of unit variance for the field; white (runs, noisy, ticks)
-    for the sensors. Fills shown (runs, ticks, signals), the angle of attack at the CG, true_alpha (runs, ticks), and
-    how far each flight got, reached (runs,), m.
+    state (5,) and wind (points, 5): white noise of unit variance for the field; white (noisy, ticks) for the sensors.
+    Fills shown (ticks, signals) and the angle of attack at the CG, true_alpha (ticks,).
     """
-    reach = sensors.distortion.shape[0] // 2
-    truth = np.empty((sensors.ticks + reach, len(COLUMNS)))
-    field = np.zeros((wind.shape[1], 3))
-    for run in range(wind.shape[0]):
-        if air.field.sigmas[2] > 0.0:
-            fill(air.field, wind[run], state[run].copy(), air.first, field)
-        memory = at_rest(air.constants, air.tables, air.behind, field, air.first)
-        advance(air.constants, air.tables, air.vane, air.site, memory, air.command, field, air.first, EVERY, truth)
-        reached[run] = memory.x[ac.DISTANCE]
-        _measure(sensors, truth, white[run], shown[run])
-        for k in range(sensors.ticks):
-            true_alpha[run, k] = truth[k, _TRUE_ALPHA]
+    truth = np.empty((sensors.ticks + sensors.distortion.shape[0] // 2, len(COLUMNS)))
+    field = np.zeros((wind.shape[0], 3))
+    if air.field.sigmas[2] > 0.0:
+        fill(air.field, wind, state.copy(), air.first, field)
+    memory = at_rest(air.constants, air.tables, air.behind, field, air.first)
+    advance(air.constants, air.tables, air.vane, air.site, memory, air.command, field, air.first, EVERY, truth)
+    measure(sensors, truth, white, shown)
+    true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]
+    return float(memory.x[ac.DISTANCE])
 
 
 def compile_fits(e: Estimation) -> None:

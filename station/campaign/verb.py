@@ -55,14 +55,15 @@ def campaign(
         TimeRemainingColumn(),
     )
     begin = clock.now_ns()
-    with Progress(*columns, console=Console(stderr=True)) as progress:
+    # Drawn when a batch is done, not by a thread: processes are forked from this one.
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
         bar = progress.add_task(plan.campaign.name, total=plan.flights, completed=already, rate="")
 
         def done(flights: int) -> None:
             nonlocal count
             count += flights
             rate = count / ((clock.now_ns() - begin) * 1e-9)
-            progress.update(bar, advance=flights, rate=f"{rate:.0f} flights/s")
+            progress.update(bar, advance=flights, rate=f"{rate:.0f} flights/s", refresh=True)
 
         if scheduler is not None:
             fly_dask(plan, store, scheduler, done)

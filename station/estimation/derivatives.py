@@ -93,12 +93,16 @@ def weights(
 ) -> None:
     """At a mean airspeed (m/s) and each frequency (Hz): V's `scale` of the vane and the `tail` of fit_methods.
 
-    `about`: see `lengths`; `sears`: |S| at reduced frequencies `sears_k`, rising.
+    `about`: see `lengths`; `sears`: |S| at reduced frequencies `sears_k`, which rise evenly from 0. (Not np.interp: it
+    takes longer to compile than all else here.)
     """
     half_chord, tail_arm, upwash = about
+    last = sears_k.shape[0] - 1
     for i in range(frequencies.shape[0]):
         wavenumber = 2.0 * math.pi * frequencies[i] / speed
-        magnitude = np.interp(wavenumber * half_chord, sears_k, sears)
+        at = min(wavenumber * half_chord / sears_k[1], float(last))
+        below = min(int(at), last - 1)
+        magnitude = sears[below] + (at - below) * (sears[below + 1] - sears[below])
         scale[i] = (1.0 + upwash) / (1.0 + upwash * magnitude)
         tail[i] = math.tan(min(wavenumber * tail_arm / 4.0, 1.0))
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,31 @@ def test_a_killed_worker_costs_its_batch_which_is_flown_again(plan: Plan, wanted
     fly_local(plan, store, 2, done)
     assert sum(flown) == 30
     assert rows(store).equals(wanted)
+
+
+def _worker_of_a_command(alive: Connection) -> None:
+    def worker() -> None:
+        engine._end_with_the_parent()
+        alive.send("ready")
+        time.sleep(60.0)
+
+    multiprocessing.get_context("fork").Process(target=worker).start()
+    alive.close()
+    time.sleep(60.0)
+
+
+def test_workers_end_with_a_killed_command() -> None:
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe(duplex=False)
+    command = context.Process(target=_worker_of_a_command, args=(there,))
+    command.start()
+    there.close()
+    assert here.recv() == "ready"
+    command.kill()
+    assert here.poll(10.0), "the worker lives on"
+    with pytest.raises(EOFError):
+        here.recv()
+    command.join()
 
 
 def test_a_part_cut_short_is_flown_again(plan: Plan, tmp_path: Path) -> None:
