@@ -14,7 +14,7 @@ from scipy.io import loadmat
 
 from station.conventions import UNITS
 from station.estimation.coefficients import Airframe, Array, coefficients
-from station.estimation.filter_error import Longitudinal
+from station.estimation.filter_error import Longitudinal, _predict, _steady_gain
 from station.estimation.kalman import Track, Tuning, extended_kalman
 from station.estimation.longitudinal import Body
 from station.estimation.output_error import Convergence, OutputFit
@@ -163,6 +163,18 @@ def test_hfb320_output_error() -> None:
     np.testing.assert_allclose(fit.estimate, expected["est"], rtol=5e-3)
     np.testing.assert_allclose(fit.se_white, expected["std"], rtol=5e-3)
     np.testing.assert_allclose(np.prod(fit.noise), expected["detR"], rtol=5e-3)
+
+
+def test_hfb320_filter_error_is_the_same_model() -> None:
+    """At FVSysID's own estimate the filter leaves FVSysID's own residuals: det R to what its printed digits allow."""
+    expected = reference()["hfb320"]["filter_error"]
+    inputs, measured = hfb320()
+    base, index, u = Longitudinal(BODY, START, {}, FREE, inputs, DT)._vectors()
+    constants, estimate = BODY.constants(), np.array(expected["est"])
+    base[index] = estimate[: len(FREE)]
+    gain = _steady_gain(constants, base, START, u[0], estimate[len(FREE) :], NOISE, DT)
+    residual = measured - _predict(constants, base, gain, START, u, measured, DT)
+    assert np.prod(np.mean(residual**2, axis=0)) == pytest.approx(expected["detR"], rel=1e-4)
 
 
 def test_hfb320_filter_error() -> None:
