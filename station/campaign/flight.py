@@ -227,6 +227,7 @@ def estimate(
         alpha_i = math.nan
         if e.has_split:
             a, v = cond.ATTITUDE, cond.VELOCITY
+            inertial_state[inertial.HOLD] = 1.0 if own is not None and kept.counted[1] > 0.0 else 0.0
             inertial.step(
                 inertial_state, inertial_ring, t, _DT, motion, u[a:v], ages, u[v:], ages, air, e.imu, inertial_out
             )
@@ -235,8 +236,8 @@ def estimate(
         flow, q = u[cond.VANE], motion[1]
         cg.step(e.alpha, vane_state, vane_ring, _DT, flow, motion[0], q, air[0], alpha_i, vane_out)
         if own is not None:
-            gust = vane_out[cg.BOOM_GUST]
-            physical.follow(own, kept, vane_out[cg.READY] > 0.0, gust, alpha_i, air[0], inertial_out[2])
+            gust, ground, theta = vane_out[cg.BOOM_GUST], inertial_out[2], inertial_out[7]
+            physical.follow(own, kept, vane_out[cg.READY] > 0.0, gust, alpha_i, air[0], ground, theta)
         is_split = tick.assemble(u, motion, u[cond.QBAR], u[cond.MASS], vane_out, row)
         has_sample = ee.sides(e.sides, history, thrust, _DT, row, made)
         if has_sample and k + 1 > SETTLE_TICKS:

@@ -45,7 +45,8 @@ class Memory(NamedTuple):
     phase: NDArray[np.complex128]
     counted: Array
     sums: Array
-    """Time of the first sample, s; sum of the inertial speed, m/s; whether the last update was solved."""
+    """Time of the first sample, s; sum of the inertial speed, m/s; whether the last update was solved; standard error
+    of the mean wind when the segment began, m/s."""
     regressors: Array
     past: Array
     row: Array
@@ -67,7 +68,7 @@ def begin(c: Constants, sections: int, lines: int) -> Memory:
         np.zeros((pc.CHANNELS, lines), dtype=np.complex128),
         np.ones(lines, dtype=np.complex128),
         np.zeros(2),
-        np.zeros(3),
+        np.zeros(4),
         c.regressors.copy(),
         np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N)),
         np.zeros(pc.CHANNELS),
@@ -80,10 +81,13 @@ def begin(c: Constants, sections: int, lines: int) -> Memory:
 
 
 @njit(cache=True, error_model="numpy")
-def follow(c: Constants, m: Memory, is_split: bool, gust: float, alpha_i: float, speed: float, ground: float) -> None:
-    """The signals of one tick: gust at the boom and inertial angle of attack, rad, airspeed and inertial speed, m/s."""
+def follow(
+    c: Constants, m: Memory, is_split: bool, gust: float, alpha_i: float, speed: float, ground: float, theta: float
+) -> None:
+    """The signals of one tick: gust at the boom, inertial angle of attack and pitch, rad, airspeed and inertial speed,
+    m/s."""
     if is_split:
-        ps.step(c.signals, c.vane, m.state, m.ring, _DT, gust, alpha_i, speed, ground, m.out)
+        ps.step(c.signals, c.vane, m.state, m.ring, _DT, gust, alpha_i, speed, ground, theta, m.out)
     else:
         m.state[ps.COUNT] = 0.0
         m.out[:] = math.nan
@@ -117,12 +121,14 @@ def add(
     samples = m.counted[1]
     if samples == 0.0:
         return
+    if samples == 1.0:
+        m.sums[3] = ps.wind_sd(m.state, _DT)
     m.sums[1] += ground
     close = samples >= c.segment
     if not close and (samples % UPDATE_TICKS != 0.0 or left >= UPDATE_TICKS):
         return
     speed = m.sums[1] / samples
-    m.regressors[pc.KNOWN_AT + pc.N - 1] = ps.wind_sd(m.state, _DT) / speed
+    m.regressors[pc.KNOWN_AT + pc.N - 1] = m.sums[3] / speed
     solved = physical_fit.fit(
         m.spectrum,
         2.0 * np.pi * frequencies,

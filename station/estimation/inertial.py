@@ -30,8 +30,10 @@ READY_S: Final = 2.0
 
 # State, one float64 each: where a group of three (NED or roll, pitch, yaw) begins.
 _COUNT, _VEL, _ATT, _VEL_FIX, _ATT_FIX, _BIAS, _VEL_AT, _ATT_AT = 0, 1, 4, 7, 10, 13, 16, 19
-_ACC, _ATT_RATE, _WIND, _WIND_COUNT, _RATE, _MEASURED = 22, 25, 28, 31, 32, 35
-STATE: Final = 38
+_ACC, _ATT_RATE, _WIND, _WIND_COUNT, _RATE, _MEASURED, _HELD = 22, 25, 28, 31, 32, 35, 38
+HOLD: Final = 41
+"""Where the state says, not 0, that the mean wind which motion is relative to does not follow the average."""
+STATE: Final = 42
 OUT: Final = 9
 """alpha_i, beta_i, inertial speed relative to the mean horizontal wind, wind NED (3), phi, theta, ready (1 or 0)."""
 
@@ -218,10 +220,12 @@ def step(
 
     # The mean vertical wind stays in: it is nil but for the gusts, and a changing share of them taken out here would be
     # called motion and not carried from boom to tail.
+    if s[HOLD] == 0.0:
+        s[_HELD], s[_HELD + 1] = s[_WIND], s[_WIND + 1]
     u, v, w = _unrotate(
         att,
-        s[_VEL] + s[_VEL_FIX] - s[_WIND],
-        s[_VEL + 1] + s[_VEL_FIX + 1] - s[_WIND + 1],
+        s[_VEL] + s[_VEL_FIX] - s[_HELD],
+        s[_VEL + 1] + s[_VEL_FIX + 1] - s[_HELD + 1],
         s[_VEL + 2] + s[_VEL_FIX + 2],
     )
     total = math.sqrt(u * u + v * v + w * w)
@@ -257,6 +261,10 @@ class Inertial:
     def restart(self) -> None:
         """Begin anew from the next measurements; the mean wind is kept."""
         restart(self._state, self.out)
+
+    def hold(self, is_held: bool) -> None:
+        """Whether motion stays relative to the mean wind as it is now, while that is averaged on."""
+        self._state[HOLD] = float(is_held)
 
     def step(self, t: float, motion: Array, streams: tuple[Any, Any, Any, Any], air: Array) -> None:
         """One tick at `t` s. `streams`: attitude and its ages, velocity and its ages, (3,) each."""

@@ -269,6 +269,8 @@ class Estimator:
     def _advance(self, t_ns: int, u: Array, is_fresh: bool) -> None:
         start_ns = self._start_ns if self._start_ns is not None else t_ns
         t = (t_ns - start_ns) * 1e-9
+        if self._physical:
+            self._inertial.hold(self._physical.is_open)
         done = tick.advance(
             t,
             self._dt,

@@ -165,6 +165,7 @@ class Physical:
         self._row = np.zeros(pc.CHANNELS)
         self._from_s = 0.0
         self._speed_sum = 0.0
+        self._wind_sd = 0.0
         self._closed = 0
         self._input = 0.0
         self.solution: Solution | None = None
@@ -180,6 +181,11 @@ class Physical:
         self._speed_sum = self._input = 0.0
         self._closed = 0
         self.solution = self._judged = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a segment under way, through which an error of the mean wind must stay the same."""
+        return self._transform.samples > 0.0
 
     def add(self, signals: Array, sides: Array, since_start_s: float, speed: float, wind_sd: float) -> None:
         """One sample: `signals` (SIGNALS,) and, of the same tick, `sides`: q c/2V, elevator, CL, Cm.
@@ -197,6 +203,8 @@ class Physical:
         samples = int(self._transform.samples)
         if samples == 0:
             return
+        if samples == 1:
+            self._wind_sd = wind_sd
         self._speed_sum += speed
         close = samples >= self._segment
         if not close and samples % UPDATE_TICKS:
@@ -204,7 +212,7 @@ class Physical:
         spectrum = self._transform.spectrum
         share = samples * self._dt * self._step_hz
         mean_speed = self._speed_sum / samples
-        self.solution = self._equations.solve(spectrum, samples, share, mean_speed, wind_sd, close)
+        self.solution = self._equations.solve(spectrum, samples, share, mean_speed, self._wind_sd, close)
         self._judged = None
         if close:
             self._input = self._keep * (self._input + self._elevator_energy())

@@ -33,6 +33,9 @@ from station.estimation.physical_signals import (
     SIGNALS,
     SPAN_FAST,
     SPAN_SLOW,
+    WIND_TAIL,
+    WIND_WASH,
+    WIND_WING,
     WX,
     X,
 )
@@ -182,14 +185,9 @@ def columns(
         base[9, 2, i] = -s * (dw + dk)
         base[ARM_LENGTH, 1, i] = -s * late * gt
         base[ARM_LENGTH, 2, i] = -s * late * (dw + dk) + 2.0 * lc * qh
-        # A mean wind wrong by a share of the speed is motion by -(theta - x), a gust that meets boom and tail apart,
-        # and a wrong time for both and for the downwash.
-        theta = speed / con[_HALF] * qh / s
-        w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
-        da = w_m * (x - theta) + met * (theta * to_boom - x / lead_in - s * tau * gc)
-        base[WIND, 0, i] = da
-        base[WIND, 1, i] = theta * (to_boom * to_tail - 1.0) - s * (tau + late) * gt - da
-        base[WIND, 2, i] = (washed - 1.0) * da - s * late * (dw + dk)
+        base[WIND, 0, i] = speed * f[WIND_WING, i]
+        base[WIND, 1, i] = speed * (f[WIND_TAIL, i] - f[WIND_WING, i])
+        base[WIND, 2, i] = speed * (f[WIND_WASH, i] - f[WIND_WING, i])
 
 
 @njit(cache=True, error_model="numpy")

@@ -29,10 +29,11 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
-X, WX, KG, GC, GT, DW, DK, DX, KL, KM, DKL, DKM = range(12)
+X, WX, KG, GC, GT, DW, DK, DX, KL, KM, DKL, DKM, WIND_WING, WIND_TAIL, WIND_WASH = range(15)
 """Inertial angle of attack; wing incidence from motion and gust; gust at CG and tail; Wx, Kg and x of l_t/V ago; Kg
-after the span's slow and fast lag, and both of l_t/V ago."""
-SIGNALS: Final = 12
+after the span's slow and fast lag, and both of l_t/V ago. What a mean wind that is wrong by 1 m/s of tailwind adds to
+Wx + Kg, to x + the gust at the tail, and to the downwash there, s/m."""
+SIGNALS: Final = 15
 
 TAPS: Final = 16
 _MIDDLE: Final = 7
@@ -49,13 +50,13 @@ LENGTH_M: Final = 533.4
 """Of the turbulence (MIL-F-8785C above 2000 ft): how long gusts last that the mean wind is averaged over."""
 
 # ring
-_SEEN, _U, _RWX, _RKG, _RX, _RKL, _RKM, _VI, COLUMNS = range(9)
+_SEEN, _U, _RWX, _RKG, _RX, _RKL, _RKM, _VI, _RTHETA, _RWIND, COLUMNS = range(11)
 # params
 _BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK, _WASH = range(8)
 _WA, _WB, _KA, _KB, PARAMS = 8, 12, 16, 20, 24
 # state
-COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WS, _KS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 12
-STATE: Final = 16
+COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WIN, _KIN, _WS, _KS, _WWS, _WKS, _RISE = *range(11), 14, 18, 22, 26
+STATE: Final = 29
 
 
 def vane_inverse(frequency_hz: float, damping: float, dt: float) -> Array:
@@ -116,6 +117,14 @@ def _lag(state: float, before: float, now: float, x: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _rise(s: Array, which: int, since: float) -> float:
+    """Slope per tick now, from the change `since` the tick before and the change before that, which `s` keeps."""
+    before = s[_RISE + which]
+    s[_RISE + which] = since
+    return float(1.5 * since - 0.5 * before)
+
+
+@njit(cache=True, error_model="numpy")
 def step(
     par: Array,
     table: Array,
@@ -126,32 +135,41 @@ def step(
     alpha_i: float,
     speed: float,
     inertial_speed: float,
+    theta: float,
     out: Array,
 ) -> None:
     """One tick -> `out` (2, SIGNALS): the signals of the tick before and of this one.
 
-    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed. Edits `s` (STATE,) and
-    `ring` (RING, COLUMNS).
+    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed; `theta`: pitch. Edits
+    `s` (STATE,) and `ring` (RING, COLUMNS).
     """
     n = ring.shape[0]
     count = int(s[COUNT])
     at = count % n
     n_w, n_k = int(par[_NW]), int(par[_NK])
+    slowness = 1.0 / max(inertial_speed, 1.0)
+    sinking = (alpha_i - theta) * slowness
     if count == 0:
         # As if the present state had lasted, with no gust.
         s[_VF] = speed
         s[_UG] = 0.0
         s[_UU] = 0.0
         s[_XIN] = alpha_i
+        s[_WIN], s[_KIN] = sinking, -sinking
+        for j in range(3):
+            s[_RISE + j] = 0.0
         for j in range(n_w):
             s[_WS + j] = alpha_i
+            s[_WWS + j] = sinking
         for j in range(n_k):
             s[_KS + j] = 0.0
+            s[_WKS + j] = -sinking
         s[_GIN] = s[_SLOW] = s[_FAST] = 0.0
         for i in range(n):
             for c in range(COLUMNS):
                 ring[i, c] = alpha_i if c in (_RWX, _RX) else 0.0
             ring[i, _VI] = inertial_speed
+            ring[i, _RTHETA] = theta
     for i in range(SIGNALS):
         out[0, i] = out[1, i]
     gain = 1.0 - math.exp(-dt / SMOOTH_S)
@@ -165,6 +183,7 @@ def step(
     ring[at, _U] = headwind
     ring[at, _RX] = alpha_i
     ring[at, _VI] = inertial_speed
+    ring[at, _RTHETA] = theta
 
     cg, edge = par[_BOOM] / carried, max(par[_BOOM] - par[_LE], 0.0) / carried
     late = par[_TAIL] / carried
@@ -183,6 +202,7 @@ def step(
     ring[at, _RWX], ring[at, _RKG], ring[at, _RKL], ring[at, _RKM] = wing, met, s[_SLOW], s[_FAST]
 
     out[1, X], out[1, WX], out[1, KG], out[1, GC], out[1, GT] = alpha_i, wing, met, at_cg, at_tail
+    by_wind = late
     late += par[_WASH] / dt
     out[1, DW] = _delayed(ring, at, _RWX, late)
     out[1, DK] = _delayed(ring, at, _RKG, late)
@@ -190,6 +210,22 @@ def step(
     out[1, KL], out[1, KM] = s[_SLOW], s[_FAST]
     out[1, DKL] = _delayed(ring, at, _RKL, late)
     out[1, DKM] = _delayed(ring, at, _RKM, late)
+
+    # A mean wind wrong by u: inertial incidence off by (x - theta) u/V_i, which the gust makes up for where the vane
+    # saw it, and every delay by -u/V_i of itself.
+    edge_wind = (_delayed(ring, at, _RTHETA, edge) - alpha_i) * slowness
+    wing_wind = _remember(s, _WWS, par[_WA : _WA + 4], par[_WB : _WB + 4], n_w, s[_WIN], sinking, chords)
+    wing_wind += _remember(s, _WKS, par[_KA : _KA + 4], par[_KB : _KB + 4], n_k, s[_KIN], edge_wind, chords)
+    s[_WIN], s[_KIN] = sinking, edge_wind
+    tail_wind = (_delayed(ring, at, _RTHETA, cg + by_wind) - theta) * slowness
+    if count > 0:
+        wing_wind -= slowness * edge * _rise(s, 0, out[1, KG] - out[0, KG])
+        tail_wind -= slowness * (cg + by_wind) * _rise(s, 1, out[1, GT] - out[0, GT])
+    ring[at, _RWIND] = wing_wind
+    wash_wind = _delayed(ring, at, _RWIND, late)
+    if count > 0:
+        wash_wind -= slowness * by_wind * _rise(s, 2, out[1, DW] + out[1, DK] - out[0, DW] - out[0, DK])
+    out[1, WIND_WING], out[1, WIND_TAIL], out[1, WIND_WASH] = wing_wind, tail_wind, wash_wind
     s[COUNT] = count + 1
 
 
@@ -254,7 +290,7 @@ class Signals:
         """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
         return float(wind_sd(self._state, self._dt))
 
-    def step(self, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float) -> None:
+    def step(self, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float, theta: float) -> None:
         """One tick; see the kernel."""
         step(
             self._parameters,
@@ -266,5 +302,6 @@ class Signals:
             alpha_i,
             speed,
             inertial_speed,
+            theta,
             self.out,
         )

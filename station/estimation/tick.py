@@ -109,7 +109,7 @@ def advance(
         off = scale * out[cg.RESIDUAL] - unexplained[0]
         unexplained[0] += fade * off
         unexplained[1] += fade * (off * off - unexplained[1])
-        gusts.step(par, table, state, ring, dt, out[cg.BOOM_GUST], alpha_i, air[0], seen[2], gust)
+        gusts.step(par, table, state, ring, dt, out[cg.BOOM_GUST], alpha_i, air[0], seen[2], seen[7], gust)
     else:
         gusts.restart(state, gust)
     density, mass = body
