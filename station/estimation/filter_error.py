@@ -120,55 +120,74 @@ def _filter_error(
 ) -> OutputFit:
     """Gauss-Newton, each step with the gain for the residual variances of the step before.
 
-    When the variances change, the amplitudes p[m:] are scaled so that the gain stays about what it was (Jategaonkar
+    p[m:] are searched as variances: they enter the gain squared, so that the slope on an amplitude that comes to
+    nothing vanishes, and its steps overshoot without end. One that is nothing, and would be less, is left out of a
+    step. A step counts as better by the sum of the logarithms of the residual variances and, weighted with the
+    constraint's own Lagrange multiplier, how far the diagonal of K C exceeds 1.
+
+    When the residual variances change, the amplitudes are scaled so that the gain stays about what it was (Jategaonkar
     2015, section 5.4); `influence` (k, 4) says how much each output sees of each state.
     """
     used = np.ones(z.shape, dtype=bool)
     count = used.sum(axis=0)
     iterations, converged = 0, False
-    floor = 0.01 * np.abs(p[m:])
-    _tame(predict, share, p, noise, m)
+    p[m:] = p[m:] ** 2
+    least = NOTHING**2 * p[m:]
+
+    def amplitudes(values: Array) -> Array:
+        return np.concatenate([values[:m], np.sqrt(np.maximum(values[m:], least))])
+
+    _tame(predict, share, amplitudes, p, noise, m)
     while iterations < convergence.searches and not converged:
         iterations += 1
 
         def simulate(values: Array, held: Array = noise) -> Array:
-            return predict(values, held)
+            return predict(amplitudes(values), held)
 
         def shared(values: Array, held: Array = noise) -> Array:
-            return share(values, held)
+            return share(amplitudes(values), held)
 
         e = z - simulate(p)
-        cost = _log_variances(e)
         sensitivity = sensitivities(simulate, p, 1e-3, used)
         latest = variances(e, count)
-        covariance = invert(information_of(sensitivity, latest))
-        step = covariance @ np.einsum("aij,ij,j->a", sensitivity, e, 1 / latest)
-        step, bound = _within(shared, p, step, covariance)
-        small = bool(np.max((np.abs(step) / np.sqrt(np.diag(covariance)))[:m]) < convergence.step)
+        score = np.einsum("aij,ij,j->a", sensitivity, e, 1 / latest)
+        free = np.concatenate([np.ones(m, dtype=bool), (p[m:] > 1.01 * least) | (score[m:] > 0)])
+        information = information_of(sensitivity[free], latest)
+        covariance = np.zeros((len(p), len(p)))
+        covariance[np.ix_(free, free)] = invert(information)
+        step, price = _within(shared, p, covariance @ score, covariance)
+        price *= 2 / len(z)
+
+        def merit(values: Array, left: Array, price: float = price, shared: Simulate = shared) -> float:
+            return _log_variances(left) + (2 * price * _excess(shared(values)) if price > 0 else 0.0)
+
+        small = bool(np.max((np.abs(step) / np.sqrt(np.maximum(np.diag(covariance), 1e-300)))[:m]) < convergence.step)
+        now = merit(p, e)
         for _halving in range(12):
-            trial = z - simulate(p + step)
-            if np.isfinite(trial).all() and (bound or _log_variances(trial) <= cost + 1e-9):
+            trial = np.concatenate([(p + step)[:m], np.maximum((p + step)[m:], least)])
+            left = z - simulate(trial)
+            if np.isfinite(left).all() and merit(trial, left) <= now + 1e-7:
                 break
             step = step / 2
         else:
-            trial, step = e, 0 * step
-        p = p + step
-        latest = variances(trial, count)
+            trial, left = p, e
+        p = trial
+        latest = variances(left, count)
         weight = influence**2 / noise[:, None]
-        p[m:] = (
-            np.maximum(np.abs(p[m:]), floor)
-            * (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0)
-            / weight.sum(axis=0)
-        )
+        scale = (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
+        p[m:] = np.maximum(p[m:] * scale**2, least)
         converged = small and float(np.max(np.abs(latest / noise - 1))) < convergence.noise
         noise = latest
-        _tame(predict, share, p, noise, m)
-    model = predict(p, noise)
-    se = np.sqrt(np.diag(covariance))
+        _tame(predict, share, amplitudes, p, noise, m)
+    found = amplitudes(p)
+    model = predict(found, noise)
+    # From variances back to amplitudes: d(a^2) = 2 a da.
+    change = np.concatenate([np.ones(m), 0.5 / found[m:]])
+    covariance = covariance * np.outer(change, change)
     return OutputFit(
-        estimate=p,
-        se_white=se,
-        se_coloured=coloured_errors(sensitivity, z - model, noise, covariance, False),
+        estimate=found,
+        se_white=np.sqrt(np.diag(covariance)),
+        se_coloured=coloured_errors(sensitivity / change[:, None, None], z - model, noise, covariance, False),
         covariance=covariance,
         noise=noise,
         model=model,
@@ -178,24 +197,35 @@ def _filter_error(
     )
 
 
-def _tame(predict: Filtered, share: Filtered, p: Array, noise: Array, m: int) -> None:
-    """Reduce the amplitudes p[m:] in place while the filter overcorrects so much that it may diverge."""
+NOTHING: Final = 0.01
+"""An amplitude this share of what it started as is nothing."""
+
+
+def _tame(predict: Filtered, share: Filtered, amplitudes: Simulate, p: Array, noise: Array, m: int) -> None:
+    """Reduce the variances p[m:] in place while the filter overcorrects so much that it may diverge."""
     for _ in range(60):
-        if np.max(share(p, noise)) < STABLE_SHARE and np.isfinite(predict(p, noise)).all():
+        values = amplitudes(p)
+        if np.max(share(values, noise)) < STABLE_SHARE and np.isfinite(predict(values, noise)).all():
             return
-        p[m:] *= 0.7
+        p[m:] *= 0.5
     raise NotIdentifiable("no process noise keeps the filter stable")
+
+
+def _excess(share: Array) -> float:
+    """By how much the diagonal of K C exceeds 1, summed."""
+    return float(np.maximum(share - 1, 0).sum())
 
 
 STABLE_SHARE: Final = 1.5
 """Of K C; a state corrected by twice its error stays as wrong as it was."""
 
 
-def _within(share: Simulate, p: Array, step: Array, covariance: Array) -> tuple[Array, bool]:
-    """The best step that leaves the diagonal of K C at most 1, to first order, and whether it was changed for that."""
+def _within(share: Simulate, p: Array, step: Array, covariance: Array) -> tuple[Array, float]:
+    """The best step that leaves the diagonal of K C at most 1, to first order, and the constraint's largest Lagrange
+    multiplier, 0 if the step is as it was."""
     beyond = np.flatnonzero(share(p + step) > 1)
     if len(beyond) == 0:
-        return step, False
+        return step, 0.0
     slope = np.empty((len(beyond), len(p)))
     for j, value in enumerate(p):
         d = np.zeros(len(p))
@@ -203,8 +233,9 @@ def _within(share: Simulate, p: Array, step: Array, covariance: Array) -> tuple[
         slope[:, j] = (share(p + d) - share(p - d))[beyond] / (2 * d[j])
     excess = slope @ step - (1 - share(p)[beyond])
     across = covariance @ slope.T
-    changed: Array = step - across @ np.linalg.solve(slope @ across, excess)
-    return changed, True
+    multiplier = np.linalg.solve(slope @ across, excess)
+    changed: Array = step - across @ multiplier
+    return changed, float(np.max(np.abs(multiplier)))
 
 
 def _log_variances(e: Array) -> float:

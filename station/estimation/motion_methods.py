@@ -250,8 +250,8 @@ def _all_parameters(free: Sequence[str], values: Array, errors: Array) -> dict[s
     return {n: [float(values[i]), float(errors[i])] for i, n in enumerate(free)}
 
 
-SETTLED: Final = Convergence(step=0.05, noise=0.02, searches=30)
-"""For filter error: its steps swing about the bound on the gain."""
+SETTLED: Final = Convergence(step=0.01, noise=1e-3, searches=30)
+"""For filter error, whose iterations are long."""
 OUTPUT_NAMES: Final = ("airspeed", "alpha", "theta", "q", "qdot", "ax", "az")
 GUST_LENGTH: Final = to_si(1750, "ft")
 
