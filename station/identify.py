@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -98,7 +99,8 @@ def identify(
         elif name == MEASURED and unmeasured:
             results[name] = not_applicable(unmeasured, names(axes))
         elif name in FLOWN and flown is not None:
-            results[name] = flown.result(name, record, axes)
+            result = flown.result(name, record, axes)
+            results[name] = _forced(name, result, level) if force else result
         else:
             results[name] = postflight.run(name, record, axes)
             # In calm air I keeps the errors that others publish for it.
@@ -184,6 +186,17 @@ def _wanted(methods: Sequence[str]) -> tuple[str, ...]:
             hint = f"; did you mean {near[0]}?" if near else ""
             raise UsageError(f"no method named {name}{hint}\nknown: all, {', '.join(METHODS)}")
     return tuple(dict.fromkeys(methods))
+
+
+def _forced(name: str, result: MethodResult, level: str) -> MethodResult:
+    """A method for turbulence that gives estimates without any was forced to: its result says what that means."""
+    if result.status != "ok" or not METHODS[name].turbulence_only or level not in ("calm", "unknown"):
+        return result
+    air = "in calm air" if level == "calm" else "in air not known to be turbulent"
+    why = "all of alpha is delayed as if it were gust"
+    if name == MEASURED:
+        why += ", by a delay and an upwash measured on the motion"
+    return replace(result, why=f"forced {air}: {why}, which biases every derivative")
 
 
 def _number(value: float) -> float | None:

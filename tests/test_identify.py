@@ -231,6 +231,9 @@ def test_method_iv_measures_the_whole_flight_first_and_refuses_a_short_or_a_calm
     assert 0.05 < at[0] < at[1] < 0.11
     assert min(spectra["coherence"]) > 0.5
     assert found["0 ft/s"]["methods"]["IV"]["why"] == "calm air: the delay would do harm"
+    forced = identify(flown, aircraft, ["IV"], 90.0, card=card, imu_position=rig.imu_position, force=True)
+    assert forced["methods"]["IV"]["status"] == "ok"
+    assert forced["methods"]["IV"]["why"].startswith("forced in calm air: all of alpha is delayed as if it were gust")
     short = flown.between(90.0, 120.0)
     refused = identify(short, aircraft, ["IV"], card=card, imu_position=rig.imu_position)
     sound(refused)
