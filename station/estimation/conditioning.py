@@ -8,6 +8,7 @@ held for 0.2 s so that filters run on, then the tick is given up.
 from __future__ import annotations
 
 import math
+import struct
 from operator import itemgetter
 from typing import Any, Final
 
@@ -50,15 +51,14 @@ _LIMIT_S: Final = {
 }
 
 _pick: Final[Any] = itemgetter(*(SIGNAL_INDEX[name] for name in INPUTS))
+_pack: Final = struct.Struct(f"{3 * len(INPUTS)}d").pack_into
 GAS_CONSTANT: Final = 287.05287
 """Dry air, J/(kg K): ISO 2533."""
 
 
 @njit(cache=True)
 def step(
-    raw: Array,
-    age: Array,
-    quality: Array,
+    given: Array,
     limit: Array,
     low: Array,
     high: Array,
@@ -70,9 +70,11 @@ def step(
 ) -> int:
     """Fill `u` with usable values, lost ones held for 0.2 s, others NaN; returns FRESH ... FROZEN + index.
 
+    `given` (3, inputs): values, ages and quality of a frame.
     `watch`: noise, above 0 if a signal that repeats itself for 0.26 s while others move is frozen. Edits `held`, `lost`
     and `same` (ticks so far).
     """
+    raw, age, quality = given[0], given[1], given[2]
     moving = False
     for i in range(ELEVATOR + 1):
         if i != AIRSPEED and math.isfinite(raw[i]):
@@ -138,16 +140,15 @@ class Conditioner:
         self._lost = np.full(n, float(HOLD_TICKS))
         self._same = np.zeros(n)
         self.u = np.full(n, math.nan)
-        self.age = np.full(n, math.nan)
+        self._given = np.full((3, n), math.nan)
+        self.age = self._given[1]
 
     def step(self, frame: Frame) -> int:
         """Take a frame; returns what the kernel `step` says."""
-        raw, self.age, quality = np.array((_pick(frame.values), _pick(frame.age_s), _pick(frame.quality)))
+        _pack(self._given.data, 0, *_pick(frame.values), *_pick(frame.age_s), *_pick(frame.quality))
         return int(
             step(
-                raw,
-                self.age,
-                quality,
+                self._given,
                 self._limit,
                 self._low,
                 self._high,

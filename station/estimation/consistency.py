@@ -72,11 +72,14 @@ STATE: Final = CHANNELS + 12
 
 
 @njit(cache=True)
-def step(par: Array, s: Array, ring: Array, u: Array, dt: float) -> bool:
+def step(par: Array, s: Array, ring: Array, u: Array, age: Array, dt: float) -> bool:
     """One tick of `u` (signals and the vane's three, NaN where missing); edits `s` and `ring`.
 
-    Returns whether a mean was completed.
+    `age`: of the signals that count only at the frame's own time, s. Returns whether a mean was completed.
     """
+    for i in range(_OF_ITS_TIME):
+        if not age[i] <= FRESH_AGE_S:
+            u[i] = math.nan
     q, theta, v, de = u[_Q], u[_THETA], u[_V], u[_DE]
     phi = u[_PHI] if math.isfinite(u[_PHI]) else 0.0
     r = u[_R] if math.isfinite(u[_R]) else 0.0
@@ -341,7 +344,9 @@ class Window:
         self._state = np.zeros(STATE)
         self._state[[_DE_0, _Q_WAS, _VN_WAS, _VE_WAS]] = math.nan
         self._ring = np.full((KEEP, CHANNELS), math.nan)
-        self._pick: Any = itemgetter(*(SIGNAL_INDEX[name] for name in SIGNALS_USED))
+        columns = [SIGNAL_INDEX[name] for name in SIGNALS_USED]
+        self._pick: Any = itemgetter(*columns)
+        self._pick_ages: Any = itemgetter(*columns[:_OF_ITS_TIME])
         self._out = np.zeros(4)
         self._delays: dict[int, float] = {}
         self._nothing = (math.nan,) * 3
@@ -350,9 +355,8 @@ class Window:
         """One tick's frame and what was made of its vane."""
         rest = (a.vane + a.zero + a.upwash + a.lag, a.alpha_inertial - a.rate, a.alpha) if a.valid else self._nothing
         u = np.array(self._pick(frame.values) + rest)
-        age = np.array(self._pick(frame.age_s)[:_OF_ITS_TIME])
-        u[:_OF_ITS_TIME][~(age <= FRESH_AGE_S)] = math.nan
-        step(self._par, self._state, self._ring, u, self._dt)
+        age = np.array(self._pick_ages(frame.age_s))
+        step(self._par, self._state, self._ring, u, age, self._dt)
 
     @property
     def slopes(self) -> tuple[float, float]:

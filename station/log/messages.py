@@ -133,6 +133,9 @@ class RowWriter:
         self._signals = {s.name: s.signals for s in streams}
         self._announced = {name: _Announced(name, signals) for name, signals in self._signals.items()}
         self._topics: dict[tuple[type, str], Topic] = {}
+        self._newest: dict[str, tuple[MethodEstimate, bytes]] = {}
+        """Of each method, and what became of it."""
+        self._raw_topics: dict[str, Topic] = {}
         self._kinds: dict[type, Callable[[Any], tuple[Topic, bytes]]] = {
             Sample: self._sample,
             RawBlock: self._raw,
@@ -183,10 +186,10 @@ class RowWriter:
         return topic, _ENCODE(_spelled(body))
 
     def _raw(self, row: RawBlock) -> tuple[Topic, bytes]:
-        topic = self._topics.get((RawBlock, row.device))
+        topic = self._raw_topics.get(row.device)
         if topic is None:
             topic = Topic(f"/raw/{row.device}", "x-octets", "", b"", {"row": "RawBlock", "key": row.device})
-            self._topics[RawBlock, row.device] = topic
+            self._raw_topics[row.device] = topic
         return topic, row.data
 
     def _frame(self, row: Frame) -> tuple[Topic, bytes]:
@@ -200,6 +203,15 @@ class RowWriter:
         return topic, _ENCODE(_FrameBody(*row.values, row.k, row.age_s, row.quality))
 
     def _method(self, row: MethodEstimate) -> tuple[Topic, bytes]:
+        was, data = self._newest.get(row.method, (None, b""))
+        # A method that is not renewed at every tick hands on the same parameters.
+        if (
+            was is not None
+            and was.parameters is row.parameters
+            and (was.applicable, was.why) == (row.applicable, row.why)
+            and 0 <= was.t_ns <= row.t_ns
+        ):
+            return self._topics[MethodEstimate, row.method], data
         body: dict[str, Any] = {p.name: p for p in row.parameters}
         body["applicable"] = row.applicable
         body["why"] = row.why
@@ -216,6 +228,7 @@ class RowWriter:
         data = _ENCODE(body)
         if b"null" in data and any(p.value in _INFINITE or p.sd in _INFINITE for p in row.parameters):
             data = _json(body)
+        self._newest[row.method] = row, data
         return self._topic(row, row.method, f"/method/{row.method}", properties), data
 
     def _event(self, row: Event) -> tuple[Topic, bytes]:

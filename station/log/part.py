@@ -11,7 +11,7 @@ import contextlib
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -39,6 +39,7 @@ MAGIC: Final = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _OPCODE: Final = int(Opcode.MESSAGE)
+_NEVER: Final = 2**64 - 1
 CHUNK = struct.Struct("<QQQI")
 CHUNK_MARK = struct.pack("<I", 4) + b"zstd"
 _INDEX = struct.Struct("<BQHI")
@@ -119,26 +120,34 @@ class PartWriter:
             )
         self._write(_taken(out))
 
-    def message(self, topic: Topic, sequence: int, time_ns: int, data: bytes) -> None:
-        """Add to the chunk in memory; nothing reaches the file before `close_chunk`."""
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._register(topic)
-        if not self._open:
-            self._first = self._last = time_ns
-        elif time_ns < self._first:
-            self._first = time_ns
-        elif time_ns > self._last:
-            self._last = time_ns
-        if not channel.index:
-            self._open.append(channel)
-        channel.index += (time_ns, self.chunk_size)
-        length = len(data)
-        number = channel.number
-        self._body += (_MESSAGE.pack(_OPCODE, 22 + length, number, sequence & 0xFFFFFFFF, time_ns, time_ns), data)
-        self.chunk_size += _MESSAGE.size + length
+    def add(self, messages: Iterable[tuple[Topic, int, int, bytes]]) -> None:
+        """Add topic, sequence number, time (ns) and data of each to the chunk in memory.
 
-    def _register(self, topic: Topic) -> _Channel:
+        Nothing reaches the file before `close_chunk`.
+        """
+        channels, body, at = self._channels, self._body, self.chunk_size
+        first, last = (self._first, self._last) if self._open else (_NEVER, 0)
+        for topic, sequence, time_ns, data in messages:
+            channel = channels.get(topic)
+            if channel is None:
+                channel, again = self._register(topic)
+                body.append(again)
+                at += len(again)
+            if time_ns < first:
+                first = time_ns
+            if time_ns > last:
+                last = time_ns
+            if not channel.index:
+                self._open.append(channel)
+            channel.index += (time_ns, at)
+            length = len(data)
+            head = _MESSAGE.pack(_OPCODE, 22 + length, channel.number, sequence & 0xFFFFFFFF, time_ns, time_ns)
+            body += (head, data)
+            at += _MESSAGE.size + length
+        self._first, self._last, self.chunk_size = first, last, at
+
+    def _register(self, topic: Topic) -> tuple[_Channel, bytes]:
+        """A new channel, and its record as the chunk must hold it."""
         number = len(self._channels) + 1
         self._channels[topic] = _Channel(number)
         schema = number if topic.schema_name else 0
@@ -151,9 +160,7 @@ class PartWriter:
         again = RecordBuilder()
         for out in (self._head, again):
             channel.write(out)
-        self._body.append(_taken(again))
-        self.chunk_size += len(self._body[-1])
-        return self._channels[topic]
+        return self._channels[topic], _taken(again)
 
     def close_chunk(self) -> None:
         """Hand what is in memory to the operating system."""

@@ -104,25 +104,30 @@ class LogWriter:
         return self._finished_bytes + (self._part.size if self._part is not None else 0)
 
     def append(self, rows: Iterable[Rows]) -> None:
-        for row in rows:
-            if len(self._held) == _HELD_ROWS:
-                self._lost += 1
-            self._held.append(row)
-            part = self._part
-            if part is not None:
-                self._write(part, row)
-                if part.chunk_size >= CHUNK_BYTES:
-                    self._close_chunk(part)
+        rows = list(rows)
+        held, before = self._held, len(self._held)
+        held.extend(rows)
+        self._lost += before + len(rows) - len(held)
+        part = self._part
+        if part is not None:
+            self._write(part, rows)
+            if part.chunk_size >= CHUNK_BYTES:
+                self._close_chunk(part)
 
-    def _write(self, part: PartWriter, row: Rows) -> None:
-        try:
-            topic, data = self._rows.message(row)
-        except Exception as error:  # whatever a row holds, the flight goes on without it
-            self._unwritable += 1
-            if self._unwritable == 1:
-                self._report(f"a {type(row).__name__} cannot be recorded: {error}")
-            return
-        part.message(topic, (row.seq or 0) if type(row) is Sample else 0, max(row.t_ns, 0), data)
+    def _write(self, part: PartWriter, rows: Iterable[Rows]) -> None:
+        encode = self._rows.message
+        messages = []
+        for row in rows:
+            try:
+                topic, data = encode(row)
+            except Exception as error:  # whatever a row holds, the flight goes on without it
+                self._unwritable += 1
+                if self._unwritable == 1:
+                    self._report(f"a {type(row).__name__} cannot be recorded: {error}")
+                continue
+            t_ns = row.t_ns
+            messages.append((topic, (row.seq or 0) if type(row) is Sample else 0, t_ns if t_ns > 0 else 0, data))
+        part.add(messages)
 
     def flush(self) -> None:
         """Once a tick: what is old enough goes to the operating system, and the file is looked after."""
@@ -194,8 +199,7 @@ class LogWriter:
         except OSError as error:
             self.failed = f"{self._folder}: {error.strerror}"
             return
-        for row in self._held:
-            self._write(part, row)
+        self._write(part, self._held)
         try:
             part.close_chunk()
         except OSError as error:
@@ -236,7 +240,7 @@ def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 
     try:
         for row in rows:
             topic, data = writer.message(row)
-            part.message(topic, (row.seq or 0) if type(row) is Sample else 0, max(row.t_ns, 0), data)
+            part.add([(topic, (row.seq or 0) if type(row) is Sample else 0, max(row.t_ns, 0), data)])
             count += 1
             if part.chunk_size >= CHUNK_BYTES:
                 part.close_chunk()
