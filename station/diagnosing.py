@@ -86,7 +86,7 @@ def diagnose(
     result = _finite(to_json(found))
     if report is not None:
         say("  drawing the report")
-        from station.discrepancy.report import series_in_time as in_time
+        from station.discrepancy.pictures import series_in_time as in_time
         from station.discrepancy.report import write_report  # and with it matplotlib
 
         with _rrd_beside(result, in_time(found, found.before, found.after)[1], report):

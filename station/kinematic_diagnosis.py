@@ -7,7 +7,6 @@ standard deviations from what changes nothing. Gusts that hide the vane are said
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from station.conventions import G0
 from station.discrepancy.checks import Seen, examine
 from station.discrepancy.effects import BY_ID, extended
 from station.discrepancy.record import Record, held_samples
-from station.discrepancy.report import FILE_NAME, effects_table, image, write_page
+from station.discrepancy.report import FILE_NAME, effects_table
 from station.estimation.compatibility import Compatibility
 from station.estimation.kinematics import Kinematics, kinematics
 from station.estimation.record import FlightRecord
@@ -30,6 +29,7 @@ from station.estimation.vane_calibration import VaneCalibration
 from station.identify import flight_record
 from station.instruments import instruments_json
 from station.log import Table
+from station.page import text, write_page
 from station.profile import Aircraft, Rig
 from station.report_instruments import instrument_pages
 from station.rows import ParamEstimate, Status, UsageError
@@ -299,9 +299,9 @@ def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], 
         "effect_found": "Instruments disagree with each other.",
         "confounded": "Instruments disagree with each other; this record does not tell which of two causes it is.",
     }
-    lines = "".join(f"<li>{html.escape(w)}: {html.escape(y)}</li>" for w, y in result["not_judged"].items())
+    lines = "".join(f"<li>{text(w)}: {text(y)}</li>" for w, y in result["not_judged"].items())
     body = [
-        f"<h1>{html.escape(result['aircraft'])}: what the instruments say of each other</h1>",
+        f"<h1>{text(result['aircraft'])}: what the instruments say of each other</h1>",
         f'<p class="verdict">{said[result["verdict"]]}</p>',
         "<p>Kinematic part only: without aerodynamic data nothing is simulated.</p>",
         effects_table(result),
@@ -310,6 +310,6 @@ def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], 
     for j in fitted:
         sections = {k: v for k, v in j.found.items() if k != "gust_delay"}
         sections["gust_delay"] = {"status": "not_applicable", "why": "it needs the aircraft's lift"}
-        body.append(f"<h1>{html.escape(j.name)}</h1>")
-        body += instrument_pages(sections, j.made, j.record, image)
+        body.append(f"<h1>{text(j.name)}</h1>")
+        body += instrument_pages(sections, j.made, j.record)
     return write_page(f"Diagnosis: {result['aircraft']}", body, folder / FILE_NAME)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import html
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -25,24 +21,15 @@ from station.estimation.results import Axes, equations
 from station.flown import fly
 from station.identify import flight_record
 from station.log import Table
+from station.page import BLUE, FAINT, INK, ORANGE, image, text, write_page
 from station.profile import Card
 from station.report_instruments import instrument_pages
-from station.rows import LogError
 
 Array = NDArray[np.float64]
 
 FILE_NAME: Final = "identification.html"
 WITH_LATERAL: Final = ("II", "I", "sidpac")
 """Methods that give lateral derivatives."""
-_INK, _FAINT, _MODEL, _BAND = "#1f2430", "#a9b0bd", "#d55e00", "#0072b2"
-_STYLE: Final = """
-body{font:15px/1.5 system-ui,sans-serif;color:#1f2430;max-width:60rem;margin:2rem auto;padding:0 1rem}
-h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}
-table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.9rem}
-th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #e3e6eb;white-space:nowrap}
-th:first-child,td:first-child{text-align:left}
-.faint{color:#8a92a0}.chosen td{font-weight:600}img{max-width:100%}p.note{color:#5a6270;font-size:.9rem}
-"""
 
 
 def write_report(
@@ -67,7 +54,7 @@ def write_report(
         flown = fly(table, record, (shown,), start, result["axes"], card, imu_position, noise, False)
         alpha = flown.alpha(shown, record)
     body = [
-        f"<h1>{_text(result['aircraft'])}: stability and control derivatives</h1>",
+        f"<h1>{text(result['aircraft'])}: stability and control derivatives</h1>",
         _summary(result),
         "<h2>Estimates</h2>",
         *(part for names in _groups(result) for part in (_estimates(result, names), _table(result, names))),
@@ -82,39 +69,25 @@ def write_report(
     body.append(_consistency(result))
     body += _spectra(result)
     if "vane_calibration" in result:
-        body += instrument_pages(result, kinematics(record), record, _image)
+        body += instrument_pages(result, kinematics(record), record)
     body.append(_settings(result))
-    page = (
-        '<!doctype html><html lang="en"><meta charset="utf-8">'
-        f"<title>Identification: {_text(result['aircraft'])}</title><style>{_STYLE}</style>{''.join(body)}</html>\n"
-    )
-    path = folder / FILE_NAME
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written: {error.strerror}") from error
-    return path
-
-
-def _text(value: object) -> str:
-    return html.escape(str(value))
+    return write_page(f"Identification: {result['aircraft']}", body, folder / FILE_NAME)
 
 
 def _summary(result: Mapping[str, Any]) -> str:
     start, end = result["interval_s"]
     air = result["turbulence"]
     std = air["w_std_2_7hz_mps"]
-    level = _text(air["level"]) + ("" if std is None else f" ({std:.3f} m/s vertical gust, 2 to 7 Hz)")
-    advice = "nothing could be estimated" if result["recommended"] is None else _text(result["recommended"])
+    level = text(air["level"]) + ("" if std is None else f" ({std:.3f} m/s vertical gust, 2 to 7 Hz)")
+    advice = "nothing could be estimated" if result["recommended"] is None else text(result["recommended"])
     rows = {
-        "Recording": _text(result["log"] or "–"),
+        "Recording": text(result["log"] or "–"),
         "Interval": f"{start:.2f} to {end:.2f} s",
         "Air": level,
         "Recommended": advice,
     }
     lines = "".join(f"<tr><td>{k}</td><td style='text-align:left'>{v}</td></tr>" for k, v in rows.items())
-    remarks = "".join(f'<p class="note">{_text(r)}</p>' for r in result.get("remarks", ()))
+    remarks = "".join(f'<p class="note">{text(r)}</p>' for r in result.get("remarks", ()))
     return f"<table>{lines}</table>{remarks}"
 
 
@@ -137,7 +110,7 @@ def _estimates(result: Mapping[str, Any], names: Sequence[str]) -> str:
     methods = _methods(result, names)
     columns = 3
     rows = math.ceil(len(names) / columns)
-    figure = Figure(figsize=(10, 0.6 + rows * (0.5 + 0.21 * len(methods))), layout="constrained")
+    figure = Figure(figsize=(10, 0.6 + rows * (0.5 + 0.21 * len(methods))), layout="constrained", dpi=120)
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
     for i, axes in enumerate(grid.flat):
         if i >= len(names):
@@ -150,7 +123,7 @@ def _estimates(result: Mapping[str, Any], names: Sequence[str]) -> str:
             if p is None or p["estimate"] is None:
                 continue
             good = p["status"] == "estimated" and result["methods"][method]["status"] == "ok"
-            colour = _BAND if method == result["recommended"] else _INK if good else _FAINT
+            colour = BLUE if method == result["recommended"] else INK if good else FAINT
             error = None if p["std_error"] is None else 2 * p["std_error"]
             axes.errorbar(p["estimate"], y, xerr=error, fmt="o" if good else "x", color=colour, ms=4, lw=1.2)
             if good:
@@ -160,7 +133,7 @@ def _estimates(result: Mapping[str, Any], names: Sequence[str]) -> str:
             low, high = min(v - e for v, e in solid), max(v + e for v, e in solid)
             margin = 0.15 * (high - low) + 1e-9
             axes.set_xlim(low - margin, high + margin)
-        axes.set_title(name, fontsize=10, loc="left", color=_INK)
+        axes.set_title(name, fontsize=10, loc="left", color=INK)
         axes.set_yticks(range(len(methods)), methods, fontsize=8)
         axes.set_ylim(len(methods) - 0.5, -0.5)
         axes.xaxis.set_major_locator(MaxNLocator(4))
@@ -168,7 +141,7 @@ def _estimates(result: Mapping[str, Any], names: Sequence[str]) -> str:
         axes.grid(axis="x", color="#eceef2")
         for side in ("top", "right", "left"):
             axes.spines[side].set_visible(False)
-    return _image(figure, "Derivatives by method with two standard errors")
+    return image(figure, "Derivatives by method with two standard errors")
 
 
 def _fits(
@@ -194,7 +167,7 @@ def _fits(
             shown.append((equation.name, equation.measured, x @ np.array(values)))
     if not shown:
         return []
-    figure = Figure(figsize=(10, 2.6 * len(shown)), layout="constrained")
+    figure = Figure(figsize=(10, 2.6 * len(shown)), layout="constrained", dpi=120)
     grid = figure.subplots(len(shown), 3, squeeze=False, gridspec_kw={"width_ratios": [3, 3, 1.5]})
     step = max(1, len(record.t_s) // 1500)
     for (name, measured, model), (left, middle, right) in zip(shown, grid, strict=True):
@@ -203,16 +176,16 @@ def _fits(
         constant = float(np.mean(residual[good])) if good.any() else 0.0
         residual = residual - constant
         t = record.t_s[::step]
-        left.plot(t, measured[::step], color=_INK, lw=1.0, label="measured")
-        left.plot(t, (model + constant)[::step], color=_MODEL, lw=1.0, label="model")
+        left.plot(t, measured[::step], color=INK, lw=1.0, label="measured")
+        left.plot(t, (model + constant)[::step], color=ORANGE, lw=1.0, label="model")
         left.set_title(name, fontsize=10, loc="left")
         left.legend(fontsize=8, frameon=False, loc="upper right")
-        middle.plot(t, residual[::step], color=_INK, lw=0.8)
+        middle.plot(t, residual[::step], color=INK, lw=0.8)
         middle.set_title("residual", fontsize=10, loc="left")
         r = autocorrelation(residual[good])[: round(2 / record.dt)]
         lags = np.arange(len(r)) * record.dt
         right.fill_between([0, lags[-1]], -2 / math.sqrt(good.sum()), 2 / math.sqrt(good.sum()), color="#e8eef6")
-        right.vlines(lags, 0, r / r[0], color=_BAND, lw=1.0)
+        right.vlines(lags, 0, r / r[0], color=BLUE, lw=1.0)
         right.set_title("autocorrelation", fontsize=10, loc="left")
         for axes in (left, middle, right):
             axes.tick_params(labelsize=8, length=2)
@@ -220,8 +193,8 @@ def _fits(
             for side in ("top", "right"):
                 axes.spines[side].set_visible(False)
     return [
-        f"<h2>Fit of {_text(method)}</h2>",
-        _image(figure, "Measured and modelled coefficients, residuals and their autocorrelation"),
+        f"<h2>Fit of {text(method)}</h2>",
+        image(figure, "Measured and modelled coefficients, residuals and their autocorrelation"),
         '<p class="note">Each model has a free constant. Bars in the last column are the residuals\' '
         "autocorrelation; inside the band they are white.</p>",
     ]
@@ -233,7 +206,7 @@ def _spectra(result: Mapping[str, Any]) -> list[str]:
     if not made:
         return []
     f = np.array(made["frequency_hz"])
-    figure = Figure(figsize=(10, 2.6), layout="constrained")
+    figure = Figure(figsize=(10, 2.6), layout="constrained", dpi=120)
     panels = {
         "delay, s": (made["delay_s"], 2 * np.array(made["delay_sd_s"])),
         "coherence": (made["coherence"], None),
@@ -241,7 +214,7 @@ def _spectra(result: Mapping[str, Any]) -> list[str]:
         "1/(1 + k_u)": (1 / (1 + np.array(made["upwash"])), None),
     }
     for axes, (title, (values, error)) in zip(figure.subplots(1, 4), panels.items(), strict=True):
-        axes.errorbar(f, values, yerr=error, fmt="o", color=_BAND, ms=3, lw=1.0)
+        axes.errorbar(f, values, yerr=error, fmt="o", color=BLUE, ms=3, lw=1.0)
         axes.set_xscale("log")
         axes.set_title(title, fontsize=10, loc="left")
         axes.set_xlabel("Hz", fontsize=8, loc="right")
@@ -251,21 +224,14 @@ def _spectra(result: Mapping[str, Any]) -> list[str]:
             axes.spines[side].set_visible(False)
     return [
         "<h2>Delay and upwash by frequency</h2>",
-        _image(figure, "Delay, coherence, response of the lift and correction of the upwash over frequency"),
+        image(figure, "Delay, coherence, response of the lift and correction of the upwash over frequency"),
         '<p class="note">Of the lift against the vane, over the whole recording: what method IV goes by. A positive '
         "delay: the vane is early. Pitch rate and elevator lift too, so it depends on how the aircraft was flown.</p>",
     ]
 
 
-def _image(figure: Figure, says: str) -> str:
-    FigureCanvasAgg(figure)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=120)
-    return f'<img alt="{_text(says)}" src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">'
-
-
 def _table(result: Mapping[str, Any], names: Sequence[str]) -> str:
-    head = "".join(f"<th>{_text(n)}</th>" for n in names)
+    head = "".join(f"<th>{text(n)}</th>" for n in names)
     rows = []
     for method in _methods(result, names):
         found = result["methods"][method]
@@ -273,18 +239,18 @@ def _table(result: Mapping[str, Any], names: Sequence[str]) -> str:
         for name in names:
             p = found["parameters"].get(name)
             if p is None or p["estimate"] is None:
-                cells.append(f'<td class="faint" title="{_text(p["why"] if p else "")}">–</td>')
+                cells.append(f'<td class="faint" title="{text(p["why"] if p else "")}">–</td>')
                 continue
             usable = p["status"] == "estimated" and found["status"] == "ok"
-            style = "" if usable else f' class="faint" title="{_text(p["why"])}"'
+            style = "" if usable else f' class="faint" title="{text(p["why"])}"'
             cells.append(f"<td{style}>{_rounded(p['estimate'], p['std_error'])}</td>")
         chosen = ' class="chosen"' if method == result["recommended"] else ""
-        rows.append(f"<tr{chosen}><td>{_text(method)}</td>{''.join(cells)}</tr>")
+        rows.append(f"<tr{chosen}><td>{text(method)}</td>{''.join(cells)}</tr>")
     return f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
 
 
 def _refusals(result: Mapping[str, Any]) -> str:
-    refused = [f"<li>{_text(m)}: {_text(f['why'])}</li>" for m, f in result["methods"].items() if f["why"]]
+    refused = [f"<li>{text(m)}: {text(f['why'])}</li>" for m, f in result["methods"].items() if f["why"]]
     why = f"<p>Not applicable:</p><ul>{''.join(refused)}</ul>" if refused else ""
     return (
         '<p class="note">Estimate ± standard error, per radian, rates normalised with q c/2V, p b/2V, r b/2V. Grey: '
@@ -309,10 +275,10 @@ def _consistency(result: Mapping[str, Any]) -> str:
     for pair in pairs:
         cells = "".join(f"<td>{pair[of][t]:.3f}</td>" for of in (force, "Cm") for t in ("t_alpha", "t_q", "t_de"))
         verdict = "yes" if pair["agree"] else "no: not the angle of attack alone"
-        rows.append(f"<tr><td>{_text(pair['to'])}</td>{cells}<td>{verdict}</td></tr>")
+        rows.append(f"<tr><td>{text(pair['to'])}</td>{cells}<td>{verdict}</td></tr>")
     head = "".join(f"<th>{t} ({of})</th>" for of in (force, "Cm") for t in ("t_α", "t_q", "t_δe"))
     return (
-        f"<h2>Is it the angle of attack?</h2><p>Against {_text(pairs[0]['from'])}. A wrong angle of attack changes "
+        f"<h2>Is it the angle of attack?</h2><p>Against {text(pairs[0]['from'])}. A wrong angle of attack changes "
         "lift and moment derivatives by the same three numbers; where they differ, something else does.</p>"
         f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}<th>agree</th></tr>{"".join(rows)}</table></div>'
     )
@@ -324,7 +290,7 @@ def _settings(result: Mapping[str, Any]) -> str:
         plain = {k: v for k, v in found["settings"].items() if k not in ("all_parameters", "spectra")}
         words = "; ".join(f"{k.replace('_', ' ')}: {_value(v)}" for k, v in plain.items())
         rows.append(
-            f"<tr><td>{_text(method)}</td><td style='text-align:left;white-space:normal'>{_text(words)}</td></tr>"
+            f"<tr><td>{text(method)}</td><td style='text-align:left;white-space:normal'>{text(words)}</td></tr>"
         )
     return f"<h2>Settings</h2><table>{''.join(rows)}</table>"
 

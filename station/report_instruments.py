@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from station.estimation.kinematics import Kinematics
 from station.estimation.record import FlightRecord
+from station.page import image, text
 
 Array = NDArray[np.float64]
 
@@ -22,31 +22,27 @@ _SHOWN: Final = {"rad": (180 / math.pi, "deg"), "s": (1e3, "ms"), "rad/s": (180 
 _UNITS: Final = {"p": "rad/s", "q": "rad/s", "r": "rad/s", "ax": "m/s2", "ay": "m/s2", "az": "m/s2"}
 
 
-def instrument_pages(
-    result: Mapping[str, Any], made: Kinematics, record: FlightRecord, image: Callable[[Figure, str], str]
-) -> list[str]:
-    """HTML of the sections that `result` has; `made` gives the series, `image` turns a figure into an element."""
+def instrument_pages(result: Mapping[str, Any], made: Kinematics, record: FlightRecord) -> list[str]:
+    """HTML of the sections that `result` has; `made` gives the series."""
     return [
-        *_vane(result, made, record, image),
-        *_reconstruction(result, made, record, image),
+        *_vane(result, made, record),
+        *_reconstruction(result, made, record),
         *_delay(result),
         *_structure(result),
         *_advice(result),
     ]
 
 
-def _vane(
-    result: Mapping[str, Any], made: Kinematics, record: FlightRecord, image: Callable[[Figure, str], str]
-) -> list[str]:
+def _vane(result: Mapping[str, Any], made: Kinematics, record: FlightRecord) -> list[str]:
     section = result["vane_calibration"]
     head = "<h2>Vane against the inertial angle of attack</h2>"
     part = made.vane
     if section["status"] != "ok" or isinstance(part, str):
-        return [head, f"<p>Not applicable: {html.escape(section['why'])}.</p>"]
+        return [head, f"<p>Not applicable: {text(section['why'])}.</p>"]
     rows = made.rows
     reading = record.motion["alpha_vane"][rows]
     t, step = record.t_s[rows], max(1, (rows.stop - rows.start) // _POINTS)
-    figure = Figure(figsize=(10, 3.2), layout="constrained")
+    figure = Figure(figsize=(10, 3.2), layout="constrained", dpi=120)
     panels = figure.subplots(1, 3, gridspec_kw={"width_ratios": [3, 3, 2]})
     for axes, series, title in ((panels[0], reading, "before"), (panels[1], part.corrected, "after")):
         axes.plot(t[::step], np.degrees(series[::step]), color=_AFTER, lw=0.9, label="vane")
@@ -75,22 +71,20 @@ def _vane(
         image(figure, "Vane reading and the flow angle of the motion, before and after calibration"),
         f"<table><tr><th>vane</th><th>estimate</th><th>profile</th></tr>{''.join(lines)}"
         f"<tr><td>rms difference</td><td>{before:.2f} deg before, {after:.2f} deg after</td><td></td></tr></table>",
-        f'<p class="note">{html.escape("; ".join(notes))}.</p>',
+        f'<p class="note">{text("; ".join(notes))}.</p>',
     ]
 
 
-def _reconstruction(
-    result: Mapping[str, Any], made: Kinematics, record: FlightRecord, image: Callable[[Figure, str], str]
-) -> list[str]:
+def _reconstruction(result: Mapping[str, Any], made: Kinematics, record: FlightRecord) -> list[str]:
     section = result["compatibility"]
     head = "<h2>Data compatibility</h2>"
     part = made.compatibility
     if section["status"] != "ok" or isinstance(part, str):
-        return [head, f"<p>Not applicable: {html.escape(section['why'])}.</p>"]
+        return [head, f"<p>Not applicable: {text(section['why'])}.</p>"]
     shown = [n for n in ("alpha", "beta", "airspeed", "theta") if n in part.reconstructed]
     t = record.t_s[made.closed]
     step = max(1, len(t) // _POINTS)
-    figure = Figure(figsize=(10, 1.0 + 1.5 * len(shown)), layout="constrained")
+    figure = Figure(figsize=(10, 1.0 + 1.5 * len(shown)), layout="constrained", dpi=120)
     panels = figure.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     for axes, name in zip(panels, shown, strict=True):
         factor, unit = (1.0, "m/s") if name == "airspeed" else (180 / math.pi, "deg")
@@ -103,7 +97,7 @@ def _reconstruction(
     for name, p in section["parameters"].items():
         of, _, kind = name.rpartition("_")
         unit = "1" if kind == "scale" else "m/s" if of == "wind" else _UNITS.get(of, "rad")
-        lines.append(_line(name, p, unit, html.escape(p["why"])))
+        lines.append(_line(name, p, unit, text(p["why"])))
     return [
         head,
         image(figure, "Measured and reconstructed air data and pitch"),
@@ -116,14 +110,14 @@ def _delay(result: Mapping[str, Any]) -> list[str]:
     section = result["gust_delay"]
     head = "<h2>Arrival of gusts</h2>"
     if section["status"] != "ok":
-        return [head, f"<p>Not applicable: {html.escape(section['why'])}.</p>"]
+        return [head, f"<p>Not applicable: {text(section['why'])}.</p>"]
     rows = [("both", section["parameters"]), *section["by_equation"].items()]
     lines = []
     for name, lead in rows:
         cells = "".join(
             f"<td>{_pair(lead[what], unit)}</td>" for what, unit in (("delay", "s"), ("distance", "m"), ("upwash", "1"))
         )
-        lines.append(f"<tr><td>{html.escape(name)}</td>{cells}</tr>")
+        lines.append(f"<tr><td>{text(name)}</td>{cells}</tr>")
     profile = section.get("profile")
     if profile:
         distance = profile["delay"] * section["speed_mps"]
@@ -135,7 +129,7 @@ def _delay(result: Mapping[str, Any]) -> list[str]:
     return [
         head,
         "<table><tr><th>equation</th><th>vane before CG</th><th>distance</th><th>upwash k_u0</th></tr>"
-        f"{''.join(lines)}</table><p>{html.escape(verdict)}</p>",
+        f"{''.join(lines)}</table><p>{text(verdict)}</p>",
     ]
 
 
@@ -145,7 +139,7 @@ def _structure(result: Mapping[str, Any]) -> list[str]:
         return []
     head = "<h2>Motion and gust: one angle of attack or two?</h2>"
     if section["status"] != "ok":
-        return [head, f"<p>Not applicable: {html.escape(section['why'])}.</p>"]
+        return [head, f"<p>Not applicable: {text(section['why'])}.</p>"]
     lines = []
     for equation, found in section["equations"].items():
         for name, made in found["structures"].items():
@@ -153,8 +147,8 @@ def _structure(result: Mapping[str, Any]) -> list[str]:
             chosen = ' class="chosen"' if name == found["preferred"] else ""
             regressors = ", ".join(made["parameters"])
             lines.append(
-                f"<tr{chosen}><td>{html.escape(equation)}: {html.escape(name)}</td><td>{html.escape(regressors)}</td>"
-                f"<td>{made['residual']:.3f}</td><td>{made['held_out']:.3f}</td><td>{html.escape(tests)}</td></tr>"
+                f"<tr{chosen}><td>{text(equation)}: {text(name)}</td><td>{text(regressors)}</td>"
+                f"<td>{made['residual']:.3f}</td><td>{made['held_out']:.3f}</td><td>{text(tests)}</td></tr>"
             )
     return [
         head,
@@ -172,16 +166,16 @@ def _advice(result: Mapping[str, Any]) -> list[str]:
         for name, found in sifted["methods"].items():
             values = ", ".join(f"{n} {_pair(p, '1')}" for n, p in found["parameters"].items())
             verdict = "the lines between agree" if found["agree"] else "the lines between tell otherwise"
-            lines.append(f"<li>{html.escape(f'{name}: {values}; {verdict}')}</li>")
+            lines.append(f"<li>{text(f'{name}: {values}; {verdict}')}</li>")
         parts += ["<h2>Lines of the multisine alone</h2>", f"<ul>{''.join(lines)}</ul>"]
     advice = result.get("next_input", {})
     if advice.get("status") == "ok":
         rows = "".join(
-            f"<tr><td>{html.escape(one['input'])}</td><td>{one['predicted_relative_2sd']:.0%}</td></tr>"
+            f"<tr><td>{text(one['input'])}</td><td>{one['predicted_relative_2sd']:.0%}</td></tr>"
             for one in advice["ranking"]
         )
         parts += [
-            f"<h2>What to fly next</h2><p>Known worst: {html.escape(advice['poorest'])}. Elevator inputs of 2 deg "
+            f"<h2>What to fly next</h2><p>Known worst: {text(advice['poorest'])}. Elevator inputs of 2 deg "
             "and 20 s, the best for it first, with the two standard errors they should leave of it.</p>",
             f"<table><tr><th>input</th><th>2 σ of it</th></tr>{rows}</table>",
         ]
@@ -208,6 +202,6 @@ def _pair(p: Mapping[str, Any], unit: str) -> str:
 
 
 def _line(name: str, p: Mapping[str, Any], unit: str, last: str) -> str:
-    faint = "" if p["status"] == "estimated" else f' class="faint" title="{html.escape(p["why"])}"'
-    words = html.escape(name.replace("_", " "))
+    faint = "" if p["status"] == "estimated" else f' class="faint" title="{text(p["why"])}"'
+    words = text(name.replace("_", " "))
     return f"<tr><td>{words}</td><td{faint}>{_pair(p, unit)}</td><td>{last}</td></tr>"

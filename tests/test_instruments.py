@@ -41,7 +41,7 @@ def test_turbulent_flight_tells_delay_and_upwash() -> None:
     for lead in (delay["parameters"], *delay["by_equation"].values()):
         assert lead["delay"]["estimate"] == pytest.approx(5.3 / 56.6, abs=0.005)
     found["next_input"] = next_input_json(record, None)
-    page = "".join(instrument_pages(found, made, record, lambda _, says: says))
+    page = "".join(instrument_pages(found, made, record))
     for words in (
         "What to fly next",
         "Known worst: Cm_q",
