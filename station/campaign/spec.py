@@ -25,6 +25,7 @@ from station.estimation.derivatives import KINDS
 from station.profile import (
     Frozen,
     Hertz,
+    Instrument,
     Manoeuvre,
     Metres,
     MetresPerSecond,
@@ -277,6 +278,13 @@ def load_plan(name: str) -> Plan:
             raise wrong("distortion", f'missing, with alpha = "{scenario.alpha}"')
         if scenario.alpha == "boom" and aircraft.boom is None:
             raise wrong("flight.alpha", f'aircraft {aircraft.name} has no boom: write alpha = "perfect" or "vane"')
+        faulty = sorted(name for name, errors in aircraft.instruments.items() if errors != Instrument())
+        if faulty:
+            raise wrong(
+                "flight.aircraft",
+                f"{scenario.aircraft} has instruments with errors ({', '.join(faulty)}), which no campaign flies\n"
+                "name a profile without [instruments], or fly this one with `station simulate`",
+            )
     return Plan(campaign, tuple(cases), path.read_text(encoding="utf-8"), path)
 
 

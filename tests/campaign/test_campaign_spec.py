@@ -87,3 +87,12 @@ def test_wrong_specifications_say_why(tmp_path: Path, old: str, new: str, said: 
 def test_an_unknown_campaign_names_the_known_ones() -> None:
     with pytest.raises(ProfileError, match="did you mean a_short_one"):
         load_plan("a_shrt_one")
+
+
+def test_an_aircraft_whose_instruments_err_is_refused(tmp_path: Path) -> None:
+    aircraft = (profiles_dir() / "aircraft" / "twin_otter.toml").read_text(encoding="utf-8")
+    (tmp_path / "bent.toml").write_text(aircraft + '\n[instruments.q]\nlatency = "20 ms"\n', encoding="utf-8")
+    spec = written(tmp_path, GOOD.replace("[flight]", '[flight]\naircraft = "bent.toml"'))
+    with pytest.raises(ProfileError, match=r"flight.aircraft: bent.toml has instruments with errors \(q\)") as caught:
+        load_plan(spec)
+    assert len(str(caught.value).splitlines()) <= 3
