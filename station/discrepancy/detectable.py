@@ -55,7 +55,8 @@ def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable
     alike = information / scale[:, None] / scale
     limits = least_judged(problem, terms)
     least = np.array([limits.get(t.id, 0.0) for t in terms])
-    found = np.maximum((math.sqrt(FIRST) + NINE_IN_TEN) / scale, least + NINE_IN_TEN / scale)
+    asked = np.sqrt([FIRST + t.price for t in terms])
+    found = np.maximum((asked + NINE_IN_TEN) / scale, least + NINE_IN_TEN / scale)
     apart = math.sqrt(RIVAL) + NINE_IN_TEN
     out = []
     for i, term in enumerate(terms):

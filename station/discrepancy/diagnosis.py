@@ -9,18 +9,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, TypeVar
 
-from scipy import stats
-
 from station.discrepancy import judge
 from station.discrepancy.checks import Seen, examine
 from station.discrepancy.detectable import detectable_sizes
+from station.discrepancy.doubt import Doubted, in_doubt
 from station.discrepancy.effects import BY_ID, Term, extended, judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
 from station.discrepancy.search import FIRST, FURTHER, FURTHER_SHARE, RIVAL, Found, search
-from station.discrepancy.structure import Doubted, gusts, in_doubt, incomplete, mended
+from station.discrepancy.structure import gusts, incomplete, mended
 from station.profile import Aircraft
 from station.rows import UsageError
 
@@ -28,6 +27,9 @@ SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
 NOTABLE_GUST: Final = 0.3
+UNWITNESSED: Final = {"accelerometer.scale": ("dynamic_pressure.scale", "mass.scale", "aero.CL_alpha")}
+"""What the same lift, and the same vane against the integrated acceleration over the airspeed, would come from where no
+vertical velocity is measured and the model is in doubt."""
 T = TypeVar("T")
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
 
@@ -130,7 +132,7 @@ def diagnosis_of(
         if incomplete(aircraft):
             leftover = judge.left_over(problem, found)
         effects = _effects_in_doubt(doubted, aircraft)
-        before, better = base.complete(base.null()), mended(doubted, aircraft)
+        before, better = base.complete(base.null()), mended(problem, found.accepted, aircraft)
     after = problem.complete(found.accepted)
     measured = judge.gain(before, after, held_out) if effects else None
     verdict: Verdict = "no_effect"
@@ -215,6 +217,8 @@ def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:
 def _effects_in_doubt(d: Doubted, aircraft: Aircraft) -> tuple[Effect, ...]:
     """The effects that stand with the model in doubt, and what of the model is wrong."""
     found = [replace(e, rivals=(*e.rivals, *_as_likely(d, e))) for e in _effects(d.found, aircraft)]
+    if any(r.setting.rebuilt for r in d.problem.references):
+        found = [replace(e, rivals=(*e.rivals, *UNWITNESSED.get(e.term.id, ()))) for e in found]
     wrong = list(d.parts)
     if incomplete(aircraft) and (gust := gusts(d.problem, d.found.accepted)) is not None:
         wrong.append(gust)
@@ -346,7 +350,7 @@ def _effect_json(e: Effect, suspect: bool) -> dict[str, Any]:
         "unit": e.term.unit,
         "shown": e.term.shown,
         "ci95": list(e.ci95),
-        "evidence": {"p_value": float(stats.chi2.sf(max(e.drop, 0.0), 1)), "signature": target, "drop": e.drop},
+        "evidence": {"p_value": math.erfc(math.sqrt(0.5 * max(e.drop, 0.0))), "signature": target, "drop": e.drop},
         "confounded_with": list(e.rivals),
         "separate_by": e.term.separate_by if e.rivals else "",
         "suspect": suspect,

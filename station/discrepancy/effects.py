@@ -53,6 +53,8 @@ class Term:
     """Shows in turbulence only."""
     relinear: bool = False
     """It changes what the derivatives multiply: their columns are made anew at each step."""
+    price: float = 0.0
+    """What -2 log likelihood must fall by more than for others: it is that much rarer."""
 
     def words(self, value: float) -> str:
         """The sentence with the value in it."""
@@ -216,6 +218,9 @@ def _thrust_arm(a: Aircraft, x: float) -> Aircraft:
 _DEG = math.radians(1)
 _BEND_AT = 10 * _DEG
 """Deflection at which a bent characteristic is told."""
+_RARE: Final = 4.0
+"""An attitude that is integrated and levelled has no scale to be wrong: one case in eight of gyro and attitude apart,
+where turbulence leaves the two alike."""
 
 EFFECTS: Final[tuple[Term, ...]] = (
     Term("alpha_vane.delay", "alpha_vane", 0, "s", "ms", -0.3, 0.5, 2e-3, "The alpha vane is {value} late.",
@@ -261,6 +266,8 @@ EFFECTS: Final[tuple[Term, ...]] = (
          "turbulence: a gust reaches the vane and the imu but not the elevator", delay(*IMU)),
     Term("theta.bias", "theta", 0, "rad", "deg", -0.1, 0.1, 3e-3, "The pitch attitude's zero is off by {value}.",
          "levelling on the ground", bias("theta")),
+    Term("theta.scale", "theta", 0, "1", "%", -0.3, 0.3, 0.006, "The pitch attitude's scale is off by {value}.",
+         "a tilt table on the ground", gain("theta"), price=_RARE),
     Term("elevator.lag", "elevator", 0, "s", "ms", -0.3, 0.5, 1e-3, "The elevator is measured with a lag of {value}.",
          "turbulence: a gust reaches the vane and the imu but not the elevator", sensor_lag("elevator"), relinear=True),
     Term("elevator.scale", "elevator", 0, "1", "%", -0.6, 1.5, 0.1, "The elevator's scale is off by {value}.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -63,17 +63,36 @@ def trust(reference: Reference) -> Array:
 
 
 def gust_variance(y: Array, share: Array, counts: Array, start: float) -> float:
-    """The most likely variance of the gust, (m/s)2, by Fisher scoring."""
-    u = start
+    """The most likely variance of the gust, (m/s)2, by Fisher scoring downhill from a start."""
+    power = y * y
+
+    def cost(u: float) -> float:
+        scale = 1 + u * share
+        return float((counts * (np.log(scale) + power / scale)).sum())
+
+    u, here = start, cost(start)
     for _ in range(12):
         scale = 1 + u * share
-        slope = float((counts * (share / scale - y * y * share / scale**2)).sum())
+        slope = float((counts * (share / scale - power * share / scale**2)).sum())
         curve = float((counts * (share / scale) ** 2).sum())
-        new = max(u - slope / curve, 0.0)
-        if abs(new - u) < 1e-3 * u + 1e-9:
-            return new
-        u = new
+        step = max(u - slope / curve, 0.0) - u
+        there = cost(u + step)
+        for _ in range(_HALVINGS):
+            if there <= here:
+                break
+            step *= 0.5
+            there = cost(u + step)
+        if there > here:
+            return u
+        u, here = u + step, there
+        if abs(step) < 1e-3 * u + 1e-9:
+            break
     return u
+
+
+def price(ids: Iterable[str]) -> float:
+    """Of naming effects, besides what their values are worth."""
+    return sum(BY_ID[i].price for i in ids)
 
 
 class Problem:
@@ -195,7 +214,7 @@ class Problem:
         here = self.at(values) if values else self._base
         none = [np.zeros((0, len(y))) for y in here]
         x, _, found, cost = self.solve(here, none, self.allowed_columns(values, here), gust, 5)
-        return Fit(dict(values), {}, x, found, cost)
+        return Fit(dict(values), {}, x, found, cost + price(values))
 
     def complete(self, fit: Fit) -> Aircraft:
         """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
@@ -209,16 +228,17 @@ class Problem:
         terms = [BY_ID[i] for i in ids]
         values = {t.id: min(max(float(start.get(t.id, 0.0)), t.low), t.high) for t in terms}
         here = self.at(values)
+        allowed = self.allowed_columns(values, here)
         best: Fit | None = None
+        asked = price(values)
         for _ in range(STEPS):
             effects = [self.effect_columns(t, values, here) for t in terms]
             stacked = [np.stack([c[k] for c in effects]) for k in range(len(self.references))]
-            allowed = self.allowed_columns(values, here)
             x, inverse, gust, _ = self.solve(here, stacked, allowed, gust)
             none = [np.zeros((0, len(y))) for y in here]
             if best is None:
                 moved, _, g, cost = self.solve(here, none, allowed, gust)
-                best = Fit(dict(values), {}, moved, g, cost)
+                best = Fit(dict(values), {}, moved, g, cost + asked)
             sds = {t.id: math.sqrt(max(inverse[j, j], 0.0)) for j, t in enumerate(terms)}
             best = Fit(best.values, sds, best.moved, best.gust, best.cost)
             step = 1.0
@@ -226,11 +246,12 @@ class Problem:
             for _ in range(_HALVINGS):
                 trial = {t.id: min(max(values[t.id] + step * float(x[j]), t.low), t.high) for j, t in enumerate(terms)}
                 there = self.at(trial)
-                moved, _, g, cost = self.solve(there, none, allowed, gust, 2)
-                if cost < best.cost:
-                    gained = best.cost - cost
-                    best = Fit(trial, sds, moved, g, cost)
-                    values, here, gust = trial, there, g
+                beside = self.allowed_columns(trial, there)
+                moved, _, g, cost = self.solve(there, none, beside, gust, 2)
+                if cost + asked < best.cost:
+                    gained = best.cost - cost - asked
+                    best = Fit(trial, sds, moved, g, cost + asked)
+                    values, here, allowed, gust = trial, there, beside, g
                     break
                 step *= 0.5
             if gained < _DONE:

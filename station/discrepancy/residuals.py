@@ -87,8 +87,8 @@ def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
     return aircraft.instruments.get(PRESENT.get(name, name))
 
 
-def _corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
-    """A signal with its instrument's errors taken out."""
+def _corrected(x: Array, found: Instrument | None, s: Setting, moved: Array | None = None) -> Array:
+    """A signal with its instrument's errors taken out; `moved` is its true relative change where that is known."""
     if found is None:
         return x
     if found.bias:
@@ -96,7 +96,11 @@ def _corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
     if found.latency or found.lag:
         w = s.omega
         inverse = np.exp(1j * w * found.latency)
-        if found.lag:
+        if found.lag and moved is not None:
+            # Its own noise, undone from a long lag, would drown the rest.
+            lost = 1j * w * found.lag / (1 + 1j * w * found.lag)
+            x = x * (1 + back(transform(moved, s) * lost, s))
+        elif found.lag:
             inverse = inverse * (1 + 1j * w * found.lag) * passed(w, CORRECTION_STOP_HZ)
         x = back(transform(x, s) * inverse, s)
     if found.gain != 1:
@@ -189,7 +193,9 @@ def _stages(
     """Corrected signals, motion and flow, and what they were made from."""
     found = {name: instrument_of(aircraft, name) for name in signals}
     x = {
-        name: memo.get("signal", (name, found[name]), partial(_corrected, values, found[name], s))
+        name: memo.get(
+            "signal", (name, found[name]), partial(_corrected, values, found[name], s, _moved(name, signals, s))
+        )
         for name, values in signals.items()
     }
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
@@ -197,6 +203,15 @@ def _stages(
     of_drift = drift if isinstance(drift, float) else id(drift)
     key = (first, found.get("alpha_vane"), aircraft.boom, aircraft.unsteady, aircraft.geometry.chord, of_drift)
     return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s, drift)), key
+
+
+def _moved(name: str, signals: Signals, s: Setting) -> Array | None:
+    """The relative change of an air datum in calm air, where the aircraft's own speed makes it."""
+    power = {"airspeed": 1, "dynamic_pressure": 2}.get(name)
+    if power is None or s.gusty or "v_along" not in signals or "v_along" in s.held:
+        return None
+    along, speed = signals["v_along"], signals["airspeed"].mean(-1, keepdims=True)
+    return np.asarray(power * (along - along.mean(-1, keepdims=True)) / speed)
 
 
 def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:

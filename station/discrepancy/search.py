@@ -137,6 +137,7 @@ def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit
     """One effect's linear estimate from nothing, the gust re-estimated."""
     columns = [c[None] for c in problem.effect_columns(term, {}, base)]
     x, inverse, gust, cost = problem.solve(base, columns, problem.allowed_columns({}, base), null.gust, 3)
+    cost += term.price
     value = min(max(float(x[0]), term.low), term.high)
     if value != float(x[0]) and term.low == 0:
         cost = max(cost, null.cost)  # an effect of one sign only, and the data want the other

@@ -55,7 +55,7 @@ DETECTABLE = {
     "thrust.moment": (1.05 * FT, 0.83 * FT, 0.62 * FT), "velocity.delay": (6.6e-3, 6.4e-3, 5.7e-3),
     "gust.tail_penetration": (math.inf, 0.035, 0.027),
     "boom.mode": (0.10 * DEG / G0, 0.13 * DEG / G0, 0.11 * DEG / G0), "gust.lead": (math.inf, 0.076, 0.052),
-    "elevator.nonlinearity": (0.084, 0.104, 0.103),
+    "elevator.nonlinearity": (0.084, 0.104, 0.103), "theta.scale": (0.0098, 0.0098, 0.0092),
 }  # fmt: skip
 """Size found nine times in ten with two manoeuvres (mean over the three pairs of kinds), by SIGMAS: what
 `detectable_sizes` gives. Where the blind cases start."""
@@ -177,6 +177,7 @@ def _sense(case: Case, truth, biases, kind: str, k: int) -> Record:
     gains = dict.fromkeys(("ax", "az"), 1 + e.get("accelerometer.scale", 0.0))
     gains["alpha_vane"] = 1 + e.get("alpha_vane.scale", 0.0)
     gains["q"] = 1 + e.get("q.scale", 0.0)
+    gains["theta"] = 1 + e.get("theta.scale", 0.0)
     gains["elevator"] = 1 + e.get("elevator.scale", 0.0)
     pressure = 1 + e.get("dynamic_pressure.scale", 0.0)
     gains["airspeed"] = math.sqrt(pressure)

@@ -34,6 +34,7 @@ def test_a_clean_flight_shows_nothing(sigma):
         (902, SIGMAS[1], "accelerometer.position", -1),
         (903, SIGMAS[2], "q.scale", 1),
         (905, SIGMAS[1], "elevator.backlash", 1),
+        (906, SIGMAS[0], "dynamic_pressure.lag", 1),
     ],
 )
 def test_a_single_effect_is_named_and_its_interval_holds_it(seed, sigma, name, sign):
