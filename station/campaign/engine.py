@@ -22,7 +22,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 from urllib.parse import urlsplit
 
 import pyarrow as pa
@@ -43,6 +43,8 @@ CONNECT_S: Final = 10.0
 RESULT: Final = "flights.parquet"
 _PARTS: Final = "parts"
 _MANIFEST: Final = "campaign.json"
+
+T = TypeVar("T")
 
 Done = Callable[[int], None]
 """Called with the number of flights of every batch that is kept."""
@@ -127,7 +129,7 @@ class Store:
             pq.write_table(marked, partial, compression="zstd")
             os.replace(partial, path)
 
-        self._writing(write, partial)
+        self.writing(write, partial)
 
     def finish(self) -> Path:
         """All batches in one file, a row group each. Raises LogError."""
@@ -143,16 +145,17 @@ class Store:
                     writer.write_table(pq.ParquetFile(self._part(i)).read().replace_schema_metadata(self._metadata))
             os.replace(partial, self.result)
 
-        self._writing(write, partial)
+        self.writing(write, partial)
         for i in range(len(self._batches)):
             self._part(i).unlink(missing_ok=True)
         with suppress(OSError):
             self._parts.rmdir()
         return self.result
 
-    def _writing(self, write: Callable[[], None], partial: Path | None = None) -> None:
+    def writing(self, write: Callable[[], T], partial: Path | None = None) -> T:
+        """What `write` gives. Raises LogError where the disk does not let it; `partial` is then removed."""
         try:
-            write()
+            return write()
         except OSError as error:
             if partial is not None:
                 with suppress(OSError):

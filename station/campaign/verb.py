@@ -71,7 +71,7 @@ def campaign(
             fly_local(plan, store, workers or len(os.sched_getaffinity(0)), done)
     seconds = (clock.now_ns() - begin) * 1e-9
     result = store.finish()
-    for line in draw(plan, result, out):
+    for line in store.writing(lambda: draw(plan, result, out)):
         sys.stdout.write(line + "\n")
     kept = f" ({already} kept from before)" if already else ""
     sys.stdout.write(f"{result}\n{count} flights in {seconds:.1f} s: {count / seconds:.0f} flights/s{kept}\n")

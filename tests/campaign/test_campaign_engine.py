@@ -184,6 +184,14 @@ def test_a_full_disk_ends_it_and_keeps_the_finished_rows(
     assert not list((tmp_path / "out" / "parts").glob("*.partial"))
 
 
+def test_a_disk_that_is_full_of_rows_is_told_when_figures_are_drawn(plan: Plan, tmp_path: Path) -> None:
+    def draw() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(LogError, match=r"the disk is full.*\n.*--resume"):
+        Store(tmp_path / "out", plan, resume=False).writing(draw)
+
+
 def test_a_scheduler_that_is_not_there(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "CONNECT_S", 1.0)
     store = Store(tmp_path / "out", plan, resume=False)
