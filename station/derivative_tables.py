@@ -21,6 +21,8 @@ _VALUE: Final = 8
 _BOUND: Final = 10
 _STATUS: Final = 11
 _CELL: Final = 15
+_FIRST_TO_GO: Final = ("V", "III")
+"""Of the columns, where the terminal is narrow."""
 _EQUATIONS: Final = ("CY", "Cl", "Cn")
 
 
@@ -29,9 +31,13 @@ def styled(text: str, style: str) -> Text:
     return Text().append(text, style)
 
 
-def derivative_lines(board: Board) -> Iterator[Text]:
-    """One line a longitudinal derivative: the recommended method's estimate, the other methods' beside, and why not."""
+def derivative_lines(board: Board, width: int) -> Iterator[Text]:
+    """One line a longitudinal derivative: the recommended method's estimate, the other methods' beside as far as they
+    fit whole into `width`, and why not."""
     others = [m for m in list(board.methods) if m != board.recommended]
+    for m in (*_FIRST_TO_GO, *reversed(list(board.methods))):
+        if _NAME + _VALUE + _BOUND + _STATUS + sum(map(_column, others)) > width and m in others:
+            others.remove(m)
     title = styled(f"{' DERIVATIVES':<{_NAME}}", TITLE)
     title.append(f" {board.recommended + ' ± 2σ':<{_VALUE + _BOUND - 1}}", "bold").append(
         f"{'[1/rad]':<{_STATUS}}", "dim"

@@ -146,7 +146,8 @@ class _Screen:
 def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None) -> list[Text]:
     """The screen's lines, no more than `height` of them and none wider than `width`."""
     top = [*_header(board, now_ns), *_banner(board, width)]
-    numbers = [*_alpha_lines(board), Text(), *derivative_lines(board), *lateral_lines(board)]
+    wide = LEFT if width >= TWO_COLUMNS else width
+    numbers = [*_alpha_lines(board), Text(), *derivative_lines(board, wide), *lateral_lines(board)]
     links = list(_link_lines(board, now_ns))
     room = height - len(top) - 1
     if width >= TWO_COLUMNS:

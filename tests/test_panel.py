@@ -120,6 +120,13 @@ def test_derivatives_carry_status_and_the_other_methods_stand_beside() -> None:
     assert "estimated" in line_with(screen(board), "CL_alpha")
 
 
+@pytest.mark.parametrize(("width", "shown"), [(110, 5), (84, 4), (80, 4), (64, 2), (40, 0)])
+def test_a_narrow_terminal_drops_columns_whole(width: int, shown: int) -> None:
+    board = board_with(*(estimate(m, 4.917) for m in ("II", "III", "V", "split+gust", "physical", "split")))
+    row = next(line.plain for line in panel._lines(board, seconds(12), width, 30, None) if "CL_alpha" in line.plain)
+    assert row.split() == ["CL_alpha", "4.92", "±", "0.12", "estimated", *["4.92"] * shown]
+
+
 def test_the_column_in_front_is_the_method_to_believe_first() -> None:
     health = Health(START_NS, ())
     both = estimate("split"), estimate("physical")
