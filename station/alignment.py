@@ -10,18 +10,22 @@ the rig. Pure: the same samples and ticks give the same frames and events.
 from __future__ import annotations
 
 import math
+import struct
 from collections import deque
 from collections.abc import Iterable, Mapping
-from operator import mul
 from typing import Final
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream, wrap_angle
-from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
+import numpy as np
+
+from station import interpolation as rings
+from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream
+from station.rows import Code, Event, Frame, Health, Rows, Sample, StreamHealth, TimeSync
 from station.timebase import ClockMap
 
-KEEP_NS: Final = 3_000_000_000
+KEEP_S: Final = 3.0
+PENDING: Final = 128
+"""Samples that wait for a frame before they are sorted in by themselves."""
 LATE_NS: Final = 50_000_000
-HALF_TICK_NS: Final = TICK_NS // 2
 SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
 STUCK_AFTER_S: Final = 0.25
 NOISE_JUMP: Final = 8.0
@@ -35,10 +39,10 @@ NAN: Final = math.nan
 class _Buffer:
     """Recent samples of one stream and what is wrong with it now."""
 
-    def __init__(self, stream: Stream, noise: Mapping[str, float], phase_ns: int) -> None:
+    def __init__(self, index: int, stream: Stream, noise: Mapping[str, float], phase_ns: int) -> None:
+        self.index = index
         self.stream = stream
-        self.columns = tuple(SIGNAL_INDEX[name] for name in stream.signals)
-        self.wraps = tuple(name in ANGLES_THAT_WRAP for name in stream.signals)
+        self.pack = struct.Struct(f"qq{len(stream.signals)}d").pack_into
         known = [SIGNALS[name] for name in stream.signals]
         self.limits = (
             tuple(signal.low for signal in known),
@@ -55,7 +59,6 @@ class _Buffer:
         self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
         """Longest gap between samples that may be interpolated over."""
         self.clock = ClockMap(self.period_ns, phase_ns)
-        self.samples: deque[tuple[int, tuple[float, ...]]] = deque()
         self.arrivals: deque[int] = deque()
         can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
         self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
@@ -81,7 +84,25 @@ class Aligner:
 
     def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
         """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
-        self._buffers = {s.name: _Buffer(s, noise, i * 3 * TICK_NS) for i, s in enumerate(streams)}
+        self._buffers = {s.name: _Buffer(i, s, noise, i * 3 * TICK_NS) for i, s in enumerate(streams)}
+        known = list(self._buffers.values())
+        width = max((len(b.stream.signals) for b in known), default=1)
+        keep = max((math.ceil(KEEP_S * b.stream.rate_hz) for b in known), default=1)
+        self._rings = rings.make_rings(len(known), keep + 64, width)
+        # Samples accepted since the last frame: stream and time as whole numbers, then values.
+        self._pending = np.zeros((PENDING, 2 + width))
+        self._row_bytes = self._pending.strides[0]
+        self._waiting = 0
+        self._layout = rings.Layout(
+            np.array([(b.bridge_ns, b.stale_ns, len(b.stream.signals)) for b in known], dtype=np.int64).reshape(-1, 3),
+            _table([[SIGNAL_INDEX[name] for name in b.stream.signals] for b in known], width),
+            _table([[name in ANGLES_THAT_WRAP for name in b.stream.signals] for b in known], width),
+        )
+        self._is_stuck = np.zeros(len(known), dtype=np.bool_)
+        self._out = np.empty((3, len(SIGNALS)))
+        # Compiled now: no tick of a flight has to.
+        self._sort_in()
+        rings.interpolate(self._rings, self._layout, self._is_stuck, 0, self._out)
         self._by_device: dict[str, list[_Buffer]] = {}
         for buffer in self._buffers.values():
             self._by_device.setdefault(buffer.stream.device, []).append(buffer)
@@ -116,16 +137,15 @@ class Aligner:
         """The frame at `t_ns` as of tick `k` at `tick_ns`; what changed since the last tick; health once a second."""
         if self._start_ns is None:
             self._start_ns = tick_ns
-        values = [NAN] * len(SIGNALS)
-        ages = [NAN] * len(SIGNALS)
-        quality = [int(Quality.MISSING)] * len(SIGNALS)
         for buffer in self._buffers.values():
             self._watch(buffer, tick_ns)
-            self._interpolate(buffer, t_ns, values, ages, quality)
+        self._sort_in()
+        rings.interpolate(self._rings, self._layout, self._is_stuck, t_ns, self._out)
+        values, ages, quality = self._out.tolist()
         self._tell_counted(tick_ns)
         events, self._events = self._events, []
         health = self._health(tick_ns) if k % TICK_HZ == 0 else None
-        return Frame(t_ns, k, tuple(values), tuple(ages), tuple(quality)), events, health
+        return Frame(t_ns, k, tuple(values), tuple(ages), tuple(map(int, quality))), events, health
 
     # --- samples in
 
@@ -139,7 +159,8 @@ class Aligner:
             t_ns = mapped.t_ns
             if mapped.stepped:
                 self._count(row.t_ns, name, Code.CLOCK_STEP, 1, "device clock jumped; synchronising again")
-                buffer.samples.clear()
+                self._sort_in()
+                self._rings.first[buffer.index] = self._rings.kept[buffer.index]
                 buffer.last_values = None
             if mapped.late_ns > LATE_NS:
                 buffer.late_until = row.t_ns + REPEAT_NS
@@ -153,20 +174,14 @@ class Aligner:
         buffer.arrivals.append(row.t_ns)
         self._check_sequence(buffer, row)
         values = self._check_values(buffer, row, t_ns)
-        samples = buffer.samples
-        if samples and t_ns <= samples[-1][0]:
-            if t_ns == samples[-1][0]:
-                return
-            late = [samples.pop()]
-            while samples and samples[-1][0] > t_ns:
-                late.append(samples.pop())
-            if not samples or samples[-1][0] < t_ns:
-                samples.append((t_ns, values))
-            samples.extend(reversed(late))
-        else:
-            samples.append((t_ns, values))
-        while samples[-1][0] - samples[0][0] > KEEP_NS:
-            samples.popleft()
+        if self._waiting == PENDING:
+            self._sort_in()
+        buffer.pack(self._pending.data, self._waiting * self._row_bytes, buffer.index, t_ns, *values)
+        self._waiting += 1
+
+    def _sort_in(self) -> None:
+        rings.take(self._rings, self._pending, self._pending.view(np.int64), self._waiting)
+        self._waiting = 0
 
     def _check_sequence(self, buffer: _Buffer, row: Sample) -> None:
         if row.seq is None:
@@ -207,69 +222,6 @@ class Aligner:
         buffer.last_t_ns = t_ns
         return values if masked is None else tuple(masked)
 
-    # --- frames out
-
-    def _interpolate(
-        self, buffer: _Buffer, t_ns: int, values: list[float], ages: list[float], quality: list[int]
-    ) -> None:
-        samples = buffer.samples
-        j = len(samples) - 1
-        while j >= 0 and samples[j][0] > t_ns:
-            j -= 1
-        if j < 0:
-            return
-        t0, before = samples[j]
-        if Code.STUCK in buffer.active:
-            for column in buffer.columns:
-                quality[column] = Quality.SUSPECT
-            return
-        after = samples[j + 1] if j + 1 < len(samples) else None
-        if t0 == t_ns or (after is not None and after[0] - t0 <= buffer.bridge_ns):
-            weights, used = self._line(samples, j, t_ns)
-            for column, wraps, seen in zip(buffer.columns, buffer.wraps, zip(*used, strict=True), strict=True):
-                if wraps:
-                    origin = seen[0]
-                    value = wrap_angle(origin + sum(map(mul, weights, [wrap_angle(x - origin) for x in seen])))
-                else:
-                    value = sum(map(mul, weights, seen))
-                self._put(column, value, 0.0, Quality.FRESH, values, ages, quality)
-            return
-        age_ns = t_ns - t0
-        if age_ns <= buffer.stale_ns:
-            for column, value in zip(buffer.columns, before, strict=True):
-                self._put(column, value, age_ns * 1e-9, Quality.HELD, values, ages, quality)
-
-    @staticmethod
-    def _line(
-        samples: deque[tuple[int, tuple[float, ...]]], j: int, t_ns: int
-    ) -> tuple[list[float], list[tuple[float, ...]]]:
-        """Samples, and the weights whose sum over them is the value at `t_ns`; `j` is the last at or before it."""
-        first = j
-        while first > 0 and t_ns - samples[first - 1][0] <= HALF_TICK_NS:
-            first -= 1
-        last = j if samples[j][0] == t_ns else j + 1
-        while last + 1 < len(samples) and samples[last + 1][0] - t_ns <= HALF_TICK_NS:
-            last += 1
-        chosen = [samples[i] for i in range(first, last + 1)]
-        if len(chosen) == 1:
-            return [1.0], [chosen[0][1]]
-        x = [(t - t_ns) * 1e-9 for t, _ in chosen]
-        n = len(x)
-        mean = sum(x) / n
-        slope = mean / (sum(map(mul, x, x)) - n * mean * mean)
-        return [1.0 / n - slope * (xi - mean) for xi in x], [v for _, v in chosen]
-
-    @staticmethod
-    def _put(
-        column: int, value: float, age: float, good: Quality, values: list[float], ages: list[float], quality: list[int]
-    ) -> None:
-        if math.isnan(value):
-            quality[column] = Quality.SUSPECT
-        else:
-            values[column] = value
-            ages[column] = age
-            quality[column] = good
-
     # --- health
 
     def _watch(self, buffer: _Buffer, now_ns: int) -> None:
@@ -281,6 +233,7 @@ class Aligner:
             self._turn(now_ns, buffer, Code.STALE, f"nothing for {silent_ns * 1e-9:.2f} s")
         stuck = 0 < buffer.stuck_count_at <= buffer.same and not stale
         if stuck is not (Code.STUCK in active):
+            self._is_stuck[buffer.index] = stuck
             self._turn(now_ns, buffer, Code.STUCK, "the same values again and again")
         if (now_ns < buffer.late_until) is not (Code.LATE in active):
             self._turn(now_ns, buffer, Code.LATE, "messages arrive late by their own clock")
@@ -341,3 +294,8 @@ class Aligner:
                 )
             )
         return Health(now_ns, tuple(rows), self._dropped, self._overruns)
+
+
+def _table(rows: list[list[int]] | list[list[bool]], width: int) -> rings.Whole:
+    """Of each stream's signals; 0 where a stream has fewer."""
+    return np.array([[*row, *[0] * (width - len(row))] for row in rows], dtype=np.int64).reshape(-1, width)

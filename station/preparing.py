@@ -13,6 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from station.alignment import Aligner
 from station.estimation.disagreement import Disagreement
 from station.estimation.methods import Estimator
 from station.profile import Profiles, load_card
@@ -39,5 +40,11 @@ def compile_apart(card: str) -> None:
             done.touch()
 
 
+def main(card: str) -> None:
+    profiles = load_card(card)
+    estimators(profiles)
+    Aligner(profiles.rig.streams(), profiles.rig.noise_si())
+
+
 if __name__ == "__main__":
-    estimators(load_card(sys.argv[1]))
+    main(sys.argv[1])

@@ -60,6 +60,21 @@ def test_interpolated_frame_is_the_signal_at_the_frames_time():
     assert not events
 
 
+def test_samples_that_waited_for_a_frame_are_as_good_as_those_of_each_tick():
+    """The loop was away for 2 s: 400 samples at once, some of them out of order."""
+    samples = sampled("boom.vanes", 200, 3, device=lambda t: t)
+    each, at_once = Aligner([stream()], {}), Aligner([stream()], {})
+    frames, _ = fly(each, samples, 3)
+    for i in range(100, 500, 10):
+        samples[i : i + 10] = samples[i : i + 10][::-1]
+    for sample in samples:
+        at_once.accept(sample)
+    for frame in frames[60:140]:
+        assert at_once.frame(frame.k, 3 * S, frame.t_ns)[0].values == pytest.approx(
+            frame.values, abs=1e-15, nan_ok=True
+        )
+
+
 @pytest.mark.parametrize("drift_ppm", [100.0, -100.0])
 def test_streams_with_clocks_hours_apart_are_aligned_to_2_ms_rms(drift_ppm):
     """5 ms of arrival jitter, device clocks off by hours and drifting apart by 200 ppm."""
