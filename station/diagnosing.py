@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from station.conventions import from_si
 from station.discrepancy.record import Record, manoeuvres
 from station.log import Table, metadata, points, summarise, table
 from station.postflight import DEGRADED, DONE, say
@@ -62,7 +63,10 @@ def diagnose(
     say(f"  reading {len(logs) + len(hold_out or [])} recordings")
     subject = subject or metadata(logs[0]).about.aircraft
     flown = {path: table(path) for path in (*logs, *(hold_out or []))}
-    complete = all(summarise(path).verdict == "complete" for path in flown)
+    # Judged beside the simulation, which leaves the interpreter idle for half of the time.
+    reader = ThreadPoolExecutor(1)
+    complete = reader.submit(lambda: all(summarise(path).verdict == "complete" for path in flown))
+    reader.shutdown(wait=False)
     if subject.kinematics_only or not all("elevator" in x.columns for x in flown.values()):
         say("no aerodynamic data or no elevator: the kinematic part only")
         from station.kinematic_diagnosis import series_in_time, write_kinematic_report
@@ -73,7 +77,7 @@ def diagnose(
             with _rrd_beside(result, series_in_time(judged), report):
                 say(str(write_kinematic_report(result, judged, report)))
         told = [e["sentence"] for e in result["effects"]]
-        return _finish(result, extended, told, logs, complete, as_json, write_profile)
+        return _finish(result, extended, told, logs, complete.result(), as_json, write_profile)
     fitted: list[Record] = []
     kept: list[Record] = []
     for group, paths in ((fitted, logs), (kept, hold_out or [])):
@@ -89,10 +93,10 @@ def diagnose(
         from station.discrepancy.pictures import series_in_time as in_time
         from station.discrepancy.report import write_report  # and with it matplotlib
 
-        with _rrd_beside(result, in_time(found, found.before, found.after)[1], report):
+        with _rrd_beside(result, in_time(found, found.before, found.after, _PLOTS)[1], report):
             say(str(write_report(found, result, report)))
     told = [e.term.words(e.value) for e in found.effects]
-    return _finish(result, found.extended, told, logs, complete, as_json, write_profile)
+    return _finish(result, found.extended, told, logs, complete.result(), as_json, write_profile)
 
 
 def _kinematics(
@@ -113,6 +117,8 @@ def _kinematics(
     return result, extended, fitted
 
 
+_PLOTS = 4
+"""Series in the Rerun recording, those that change most."""
 _WRITER = (
     "import pickle, sys; from station.view import write_report_rrd; write_report_rrd(*pickle.load(sys.stdin.buffer))"
 )
@@ -215,7 +221,9 @@ def summary(result: Mapping[str, Any]) -> list[str]:
         lines.append(f"  the model of the aircraft does not suffice: freed, it still misses {missed}")
     for e in result["effects"]:
         low, high = e["ci95"]
-        lines.append(f"  {e['id']}: {e['sentence']} (95 %: {low:.4g} to {high:.4g} {e['unit']})")
+        shown = e.get("shown", e["unit"])
+        span = f"{from_si(low, shown):.3g} to {from_si(high, shown):.3g}{'' if shown == '1' else f' {shown}'}"
+        lines.append(f"  {e['id']}: {e['sentence']} (95 %: {span})")
         if e["confounded_with"]:
             lines.append(f"    could also be {', '.join(e['confounded_with'])}; to separate: {e['separate_by']}")
     left = result["unexplained"]

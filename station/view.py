@@ -247,6 +247,10 @@ def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None 
     recording.disconnect()
 
 
+_OF_REPORT: Final = {"before": (0, 114, 178), "after": (213, 94, 0), "measured": (128, 134, 148)}
+"""Colours of lines, as on the report's page."""
+
+
 def write_report_rrd(
     page: str, series: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]], path: Path | str, title: str
 ) -> None:
@@ -264,7 +268,7 @@ def write_report_rrd(
             rrb.TextDocumentView(origin="words", name=title), rrb.Grid(*plots_shown, grid_columns=1),
             column_shares=[2, 3],
         ),
-        rrb.TimePanel(timeline=TIMELINE),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         collapse_panels=True,
     )  # fmt: skip
     try:
@@ -276,7 +280,8 @@ def write_report_rrd(
     for plot, lines in series.items():
         for name, (t_s, values) in lines.items():
             where = _path(("plots", plot, name))
-            recording.log(where, rr.SeriesLines(names=name), static=True)
+            colour = _OF_REPORT.get(name)
+            recording.log(where, rr.SeriesLines(names=name, colors=None if colour is None else [colour]), static=True)
             times = rr.TimeColumn(TIMELINE, duration=(np.asarray(t_s) * 1e9).astype("timedelta64[ns]"))
             recording.send_columns(where, indexes=[times], columns=rr.Scalars.columns(scalars=values))
     recording.flush()

@@ -95,8 +95,9 @@ def diagnose(
 
 
 def _side_by_side(make: Callable[[int, T], Reference], of: Sequence[T]) -> list[Reference]:
-    """One thread each: the flights take most of the time and let go of the interpreter."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    """One thread each, also where cores are fewer: three at once on two cores end together, two and one do not. The
+    flights take most of the time and let go of the interpreter."""
+    with ThreadPoolExecutor(min(len(of), 2 * (os.cpu_count() or 1))) as pool:
         return list(pool.map(make, range(len(of)), of))
 
 
