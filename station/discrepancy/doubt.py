@@ -23,7 +23,7 @@ from station.profile import Aircraft
 
 KINEMATIC: Final = (THETA, DOWN, NORTH, VANE)
 """Series in which instruments are compared with each other."""
-SUPPORT: Final = 4.0
+SUPPORT: Final = 9.0
 """chi2 of an effect, of the instruments among themselves, without which an instrument is no candidate."""
 APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.discrepancy.effects import BY_ID, Term
-from station.discrepancy.fit import Fit, Problem
+from station.discrepancy.fit import Fit, Problem, price
 
 Array = NDArray[np.float64]
 
@@ -122,8 +122,12 @@ def search(
             accepted = more[0]
     rivals: tuple[Fit, ...] = ()
     if accepted.values:
+        # How rare an effect is decides what is named first, not what is told apart.
+        best_bare = accepted.cost - price(accepted.ids)
         rivals = tuple(
-            f for f in _of_size(refitted, len(accepted.values)) if f is not accepted and f.cost - accepted.cost < RIVAL
+            f
+            for f in _of_size(refitted, len(accepted.values))
+            if f is not accepted and f.cost - price(f.ids) - best_bare < RIVAL
         )
     return Found(null, accepted, rivals, tuple(singles), refitted, null.cost)
 
