@@ -128,7 +128,7 @@ def add(
     if not close and (samples % UPDATE_TICKS != 0.0 or left >= UPDATE_TICKS):
         return
     speed = m.sums[1] / samples
-    m.regressors[pc.KNOWN_AT + pc.N - 1] = m.sums[3] / speed
+    pc.set_wind(m.regressors, m.sums[3] / speed)
     solved = physical_fit.fit(
         m.spectrum,
         2.0 * np.pi * frequencies,

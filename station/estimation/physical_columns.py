@@ -281,7 +281,8 @@ def design(
 
 LEARNT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 0.67, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """How much of each nuisance's prior standard deviation turbulence is let move: there the rest, which stands for errors
-of another shape than the nuisance's own, is only considered. In calm air everything is learnt."""
+of another shape than the nuisance's own, is only considered. In calm air everything is learnt. The mean wind's share is
+`set_wind`'s."""
 NOISE: Final = {
     "alpha_vane": to_si(0.05, "deg"),
     "theta": to_si(0.03, "deg"),
@@ -335,9 +336,16 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
     return con
 
 
+@njit(cache=True, error_model="numpy")
 def set_wind(con: Array, share: float) -> None:
-    """Let the mean wind be known to this share of the speed (standard deviation)."""
-    con[KNOWN_AT + N - 1] = share
+    """Let the mean wind be known to this share of the speed (standard deviation).
+
+    It stretches the time to the tail, as a wrong tail arm does, which is only considered: what the data show of the
+    stretch is the wind's in the ratio of the two prior variances, all of it if the arm is known exactly.
+    """
+    arm = con[KNOWN_AT + ARM_LENGTH]
+    con[KNOWN_AT + WIND] = share
+    con[LEARNT_AT + WIND] = share / math.sqrt(share * share + arm * arm + 1e-18)
 
 
 def why_not(aircraft: Aircraft) -> str:
