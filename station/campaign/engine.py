@@ -16,6 +16,7 @@ import importlib.metadata
 import json
 import multiprocessing
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -187,8 +188,8 @@ def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
     # A process is a core's worth of work: threads of the linear algebra would only stand in each other's way.
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     while missing:
-        # A fork has at once what this process has imported, which a new one takes seconds to.
-        context = multiprocessing.get_context("fork")
+        # A fork has at once what this process has imported, which a new one takes seconds to; safe on Linux only.
+        context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
         with ProcessPoolExecutor(
             min(workers, len(missing)), mp_context=context, initializer=_end_with_the_parent
         ) as pool:

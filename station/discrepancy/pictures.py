@@ -16,7 +16,7 @@ from station.discrepancy.processing import HIGH_HZ, back, transform, without_lin
 from station.discrepancy.reference import Reference, loaded
 from station.discrepancy.residuals import SERIES, series
 from station.discrepancy.search import FIRST
-from station.discrepancy.structure import _still as still
+from station.discrepancy.structure import still
 from station.page import BLUE, FAINT, INK, ORANGE
 from station.profile import Aircraft
 

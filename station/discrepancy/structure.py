@@ -131,7 +131,7 @@ def _derivative_term(name: str, aircraft: Aircraft) -> Term:
                 "a multisine in calm air", derivative(name, relative=True), aerodynamic=True)  # fmt: skip
 
 
-def _still(aircraft: Aircraft) -> Aircraft:
+def still(aircraft: Aircraft) -> Aircraft:
     """An aircraft whose forces do not change: what is left against it is all of what was measured."""
     gone = {n: d.model_copy(update={"value": 0.0}) for n, d in aircraft.derivatives.items() if not n.endswith("_0")}
     drag = aircraft.drag and aircraft.drag.model_copy(update={"induced": 0.0})
@@ -176,7 +176,7 @@ def doubtful(
     `gust` as the instruments alone have it: a model in doubt would take its own errors for gusts. `values` are effects
     thought to be there."""
     subject = extended(aircraft, values)
-    whole = [r.differences(_still(subject)) for r in references]
+    whole = [r.differences(still(subject)) for r in references]
     left = [r.differences(subject) for r in references]
     strength = tuple(gust)
     for _ in range(ROUNDS):
