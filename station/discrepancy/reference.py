@@ -22,8 +22,8 @@ from station.discrepancy.residuals import SERIES, VANE, Memo, Spectra, series, s
 from station.profile import Actuator, Aircraft, Flight
 from station.rows import ProfileError, UsageError
 from station.simulation.aircraft import constants
+from station.simulation.longitudinal import Simulation
 from station.simulation.motion import DT
-from station.simulation.simulate import Simulation
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
