@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.conventions import from_si
-from station.discrepancy.record import Record, manoeuvres
 from station.log import Table, metadata, points, summarise, table
 from station.postflight import DEGRADED, DONE, say
 from station.profile import Aircraft, load_aircraft
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from station.discrepancy.record import Record
     from station.kinematic_diagnosis import Judged
 
 app = typer.Typer()
@@ -185,6 +185,8 @@ def _finish(
 
 def _read(path: Path, flown: Table, subject: Aircraft) -> list[Record]:
     """The manoeuvres of a recording."""
+    from station.discrepancy.record import manoeuvres
+
     about = metadata(path).about
     found = manoeuvres(
         path.name,
