@@ -34,7 +34,10 @@ def main() -> None:
         while station.poll() is None:
             time.sleep(min(10.0, 6 * chosen.minutes))
             try:
-                sizes.append((time.monotonic() - began, process.memory_info().rss / MIB))
+                size = process.memory_info().rss
+                if not size:  # ended, and not yet waited for
+                    break
+                sizes.append((time.monotonic() - began, size / MIB))
                 busy = process.cpu_times()
             except psutil.NoSuchProcess:
                 break
