@@ -19,3 +19,7 @@ def _compiled_code_of_these_sources() -> str:
 
 
 _os.environ.setdefault("NUMBA_CACHE_DIR", _compiled_code_of_these_sources())
+# The matrices are small: threads of the linear algebra only spin beside the loop and the workers, and their number would
+# be part of the last bit. Must be set before numpy is first imported.
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    _os.environ.setdefault(_threads, "1")
