@@ -1,7 +1,7 @@
 """Flights per second of a campaign, what a flight costs from few flights to many, memory; and the same 20 s flight by
 the plain path and in JSBSim.
 
-uv run python tests/benchmarks/bench_campaign.py [FLIGHTS...]        by default 100 1000 10000
+OPENBLAS_NUM_THREADS=1 uv run python tests/benchmarks/bench_campaign.py [FLIGHTS...]        by default 100 1000 10000
 """
 
 from __future__ import annotations
