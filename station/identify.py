@@ -19,6 +19,7 @@ from station.advice import SIFTED, next_input_json, sifted_json, sifted_results
 from station.conventions import LATERAL
 from station.estimation import cross_spectra, postflight
 from station.estimation.cross_spectra import VaneSpectra
+from station.estimation.inputs import short_period
 from station.estimation.kinematics import kinematics
 from station.estimation.methods import LIVE, MEASURED, METHODS, recommended
 from station.estimation.record import FlightRecord
@@ -37,6 +38,8 @@ FLOWN: Final = (*LIVE, MEASURED)
 """Run by the estimator that flies."""
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Where `methods.recommended` names none, the first of these that applies is recommended."""
+PAST_THE_PEAK: Final = 1.3
+"""How far beyond the short period the band should reach, for damping and stiffness to be told apart."""
 BY_VANE: Final = ("I", "VI", "oe", "fe")
 """Methods whose angle of attack is the vane's, with its lead on gusts."""
 
@@ -122,7 +125,7 @@ def identify(
         "interval_s": [float(cut.t_s[0]), float(cut.t_s[-1])],
         "axes": axes,
         "turbulence": {"level": level, "w_std_2_7hz_mps": _number(std)},
-        "remarks": list(record.remarks),
+        "remarks": [*record.remarks, *_about_the_band(record, card)],
         "methods": {name: _as_json(r) for name, r in results.items()},
         "recommended": recommended,
         "consistency": _consistency(results, axes),
@@ -148,6 +151,23 @@ def _measured(
         return cross_spectra.measure(whole, band), ""
     except NotIdentifiable as why:
         return None, str(why)
+
+
+def _about_the_band(record: FlightRecord, card: Card | None) -> list[str]:
+    """Where the card's band ends before the aircraft's short period does."""
+    band = card if card is not None else DEFAULT_CARD
+    speed = float(np.nanmean(record.motion["airspeed"]))
+    density = float(np.nanmean(2 * record.motion["dynamic_pressure"] / record.motion["airspeed"] ** 2))
+    try:
+        hz = short_period(record.aircraft, speed, density)[0] / (2 * math.pi)
+    except NotIdentifiable:
+        return []
+    if hz * PAST_THE_PEAK <= band.high:
+        return []
+    return [
+        f"the profile's short period is at {hz:.2g} Hz, the band of the estimates ends at {band.high:g} Hz: "
+        f'on the card, high = "{PAST_THE_PEAK * hz:.2g} Hz" or more, and inputs that reach there'
+    ]
 
 
 def flight_record(

@@ -248,6 +248,8 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
     for name, made in methods.items():
         if made["why"]:
             console.print(f"{name}: {made['why']}", highlight=False)
+    for remark in result["remarks"]:
+        console.print(remark, highlight=False)
 
 
 def _cell(method: Mapping[str, Any], name: str) -> str:

@@ -25,6 +25,7 @@ import msgspec
 
 from station import plots
 from station.clock import Clock, SystemClock
+from station.conventions import TICK_HZ
 from station.plots import Batch, Setup
 from station.rows import Code, Event, Row, Rows
 
@@ -289,9 +290,10 @@ def setup_for(
     """What the page shows beside the rows, from the flight's profiles."""
     from station.estimation.lateral import METHODS  # these bring numba: not for the child
     from station.estimation.physical_columns import why_not
-    from station.estimation.turbulence import Thresholds
+    from station.estimation.turbulence import NOMINAL_SPEED, Thresholds
 
-    classes = Thresholds()
+    speed = profiles.card.flight.speed if profiles else NOMINAL_SPEED
+    noise = profiles.rig.frame_noise_si().get("alpha_vane", 0.0) if profiles else 0.0
     aircraft = profiles.aircraft.derivatives if profiles else {}
     return Setup(
         title,
@@ -302,6 +304,6 @@ def setup_for(
         lateral_methods=METHODS if profiles and profiles.card.asks_lateral else (),
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
-        class_limits=(classes.calm, classes.light, classes.moderate),
+        class_limits=Thresholds().at(speed, noise, 1.0 / TICK_HZ),
         open_page=open_page,
     )

@@ -112,6 +112,14 @@ def step(
 
 
 @njit(cache=True)
+def standard_density(height: float) -> float:
+    """kg/m3 at a height (m) in the standard atmosphere below 20 km. ISO 2533."""
+    if height > 11_000.0:
+        return 0.363918 * math.exp((11_000.0 - height) / 6341.62)
+    return float(1.225 * (1.0 - 2.25577e-5 * height) ** 4.25588)
+
+
+@njit(cache=True)
 def dynamic_pressure(u: Array, density: float) -> float:
     """Pa: measured if there is one, else rho V^2/2 with `density` (NaN: not known) or that of static air data or
     altitude."""
@@ -122,8 +130,7 @@ def dynamic_pressure(u: Array, density: float) -> float:
             density = u[STATIC] / (GAS_CONSTANT * u[TEMPERATURE])
         else:
             height = u[ALTITUDE] if math.isfinite(u[ALTITUDE]) else 0.0
-            # ISO 2533 standard atmosphere below 11 km.
-            density = 1.225 * max(1.0 - 2.25577e-5 * height, 0.1) ** 4.25588
+            density = standard_density(height)
     return float(0.5 * density * u[AIRSPEED] ** 2)
 
 

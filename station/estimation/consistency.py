@@ -46,6 +46,8 @@ WEAK: Final = 0.1
 """Correlation with the instrument below which nothing can be told."""
 LEAST_GAIN: Final = 0.2
 """Below it there is no delay."""
+FARTHEST: Final = 1.0
+"""What the elevator alone can do to the angle of attack, rad."""
 _ROUNDS: Final = 8
 
 SIGNALS_USED: Final = (
@@ -116,11 +118,19 @@ def step(par: Array, s: Array, ring: Array, u: Array, age: Array, dt: float) -> 
             s[_DE_0] = de
         pressure = qbar if qbar > 0.0 else 0.6 * v * v
         moved = de - s[_DE_0]
-        force = pressure * par[_S]
-        rate = s[_Q_E] - force / (mass * v) * (par[_CLA] * s[_ALPHA_E] + par[_CLD] * moved)
-        bent = par[_CMA] * s[_ALPHA_E] + par[_CMQ] * s[_Q_E] * par[_C] / (2.0 * v) + par[_CMD] * moved
-        s[_Q_E] += dt * force * par[_C] / par[_IYY] * bent
-        s[_ALPHA_E] += dt * rate
+        # By trapezes, which bear any short period; one that diverges begins anew.
+        lift, pitch = 0.5 * dt * pressure * par[_S] / (mass * v), 0.5 * dt * pressure * par[_S] * par[_C] / par[_IYY]
+        damping = par[_CMQ] * par[_C] / (2.0 * v)
+        a, b = s[_ALPHA_E], s[_Q_E]
+        right = a + 0.5 * dt * b - lift * (par[_CLA] * a + 2.0 * par[_CLD] * moved)
+        turned = b + pitch * (par[_CMA] * a + damping * b + 2.0 * par[_CMD] * moved)
+        free = 1.0 + lift * par[_CLA], 1.0 - pitch * damping
+        size = free[0] * free[1] - 0.5 * dt * pitch * par[_CMA]
+        s[_ALPHA_E] = (right * free[1] + 0.5 * dt * turned) / size
+        s[_Q_E] = (turned * free[0] + pitch * par[_CMA] * right) / size
+        if not abs(s[_ALPHA_E]) < FARTHEST:
+            s[_ALPHA_E] = s[_Q_E] = 0.0
+        bent = par[_CMA] * s[_ALPHA_E] + damping * s[_Q_E] + par[_CMD] * moved
         made_lift = par[_CLA] * s[_ALPHA_E] + par[_CLD] * moved + par[_CLQ] * s[_Q_E] * par[_C] / (2.0 * v)
     else:
         bent, made_lift = math.nan, math.nan

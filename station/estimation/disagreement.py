@@ -14,17 +14,15 @@ from typing import Final, NamedTuple
 from station.conventions import G0, TICK_HZ, from_si, to_si
 from station.estimation import consistency as c
 from station.estimation.consistency import Window
-from station.estimation.turbulence import HIGH_HZ, LOW_HZ
+from station.estimation.turbulence import BOUND, gust_sigma
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Code, Event, Frame
 
 SURE: Final = 4.0
 """Standard deviations beyond the tolerance."""
 TWICE: Final = 2
-GUST_OVER_BAND: Final = 16.0
-"""Standard deviation of Dryden gusts over that in 2-7 Hz, as in methods.py."""
-GUST_S: Final = 10.0
-"""Twice the integral time of vertical gusts, L/V: the mean over T s of gusts has GUST_S/T of their variance."""
+GUST_LENGTH: Final = to_si(1750, "ft")
+"""L of MIL-F-8785C: the mean over T s of vertical gusts has L/VT of their variance, their integral time being L/2V."""
 CHANGED: Final = 0.25
 """Share by which a value must move to be told again."""
 
@@ -219,7 +217,8 @@ class Disagreement:
             for count in (c.RECENT, c.KEEP):
                 mean, sd = self._window.level(y, x, moving, count)
                 if name == "alpha_vane.bias":
-                    sd = math.hypot(sd, gust * math.sqrt(GUST_S / (count * c.STEP_S)))
+                    metres = max(self._window.speed, 1.0) * count * c.STEP_S
+                    sd = math.hypot(sd, gust * math.sqrt(GUST_LENGTH / metres))
                 value = Value(mean, sd) if math.isfinite(mean + sd) else None
                 if value is not None and (best is None or self._beyond(name, value) > self._beyond(name, best)):
                     best = value
@@ -236,8 +235,7 @@ class Disagreement:
         speed = self._window.speed
         if not (math.isfinite(speed) and math.isfinite(alpha.turbulence_level)):
             return math.inf
-        noise = self._noise * speed * math.sqrt(2.0 / TICK_HZ * (HIGH_HZ - LOW_HZ))
-        return GUST_OVER_BAND * math.sqrt(max(alpha.turbulence_level**2 - noise**2, 0.0)) / max(speed, 1.0)
+        return BOUND * gust_sigma(alpha.turbulence_level, speed, self._noise, 1.0 / TICK_HZ) / max(speed, 1.0)
 
     def _name_theta(self, made: dict[str, Value | None]) -> None:
         """A vane and an ax that are off as a wrong attitude makes them both: name the attitude."""

@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 DT: Final = 0.02
 SPAN_S: Final = 20.0
 PEAK: Final = math.radians(2.0)
-ACTUATOR_S: Final = 0.08
 RESIDUAL: Final = {"CL": 0.01, "Cm": 0.005}
 """Of a good installation in light turbulence, where the record has not told its own."""
 INDEPENDENT_S: Final = 0.25
@@ -79,7 +78,7 @@ def rank_inputs(
     known = {**RESIDUAL, **(residual or {})}
     made = []
     for name, shape in _candidates(2 * math.pi / frequency):
-        elevator = PEAK * _through_actuator(shape)
+        elevator = PEAK * _through_actuator(shape, aircraft.elevator.time_constant)
         states = _respond(discrete, elevator)
         x = np.column_stack([states[:, 0], states[:, 1] * aircraft.geometry.chord / (2 * speed), elevator])
         x = x - x.mean(axis=0)
@@ -123,8 +122,8 @@ def _respond(system: StateSpace, elevator: Array) -> Array:
     return out
 
 
-def _through_actuator(shape: Array) -> Array:
-    keep = math.exp(-DT / ACTUATOR_S)
+def _through_actuator(shape: Array, time_constant: float) -> Array:
+    keep = math.exp(-DT / time_constant)
     return np.asarray(lfilter([1 - keep], [1.0, -keep], shape))
 
 
@@ -156,7 +155,7 @@ def _candidates(period: float) -> Iterator[tuple[str, Array]]:
         edges = np.searchsorted(np.array([3.0, 5.0, 6.0, 7.0]) * unit, since, side="right")
         shape = np.where(t >= 1.0, np.array([1.0, -1.0, 1.0, -1.0, 0.0])[edges], 0.0)
         yield f"two 3-2-1-1 of {unit:g} s units", shape
-    harmonics = np.arange(2, 41)
+    harmonics = np.arange(2, max(40, math.ceil(1.5 * SPAN_S / period)) + 1)
     phases = -math.pi * np.arange(len(harmonics)) * np.arange(1, len(harmonics) + 1) / len(harmonics)
     sum_of_sines = np.sin(2 * math.pi * np.outer(t, harmonics) / SPAN_S + phases).sum(axis=1)
-    yield "multisine, 20 s, 0.1 to 2 Hz", sum_of_sines / np.abs(sum_of_sines).max()
+    yield f"multisine, 20 s, 0.1 to {harmonics[-1] / SPAN_S:g} Hz", sum_of_sines / np.abs(sum_of_sines).max()

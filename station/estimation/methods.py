@@ -22,7 +22,7 @@ from station.estimation.inertial import Inertial
 from station.estimation.lateral import Lateral
 from station.estimation.physical import Physical
 from station.estimation.physical_signals import Signals
-from station.estimation.turbulence import HIGH_HZ, LOW_HZ, Turbulence
+from station.estimation.turbulence import BOUND, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
 
@@ -87,9 +87,7 @@ NOISE: Final = {
 GAP_TICKS: Final = 5
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
 UNEXPLAINED: Final = to_si(0.15, "deg")
-"""In calm air the vane must show what the motion predicts, to this rms over tick.UNEXPLAINED_S."""
-DRYDEN_OVER_BAND: Final = 16.0
-"""Standard deviation of Dryden gusts over that in 2-7 Hz: 13 for L = 1750 ft at 110 kt, and some margin."""
+"""In calm air the vane must show what the motion predicts, to this rms beyond its noise over tick.UNEXPLAINED_S."""
 HELD_TICKS: Final = 3
 """An angle of attack from a vane or pitch rate held longer is not valid."""
 WAIT_TICKS: Final = 150
@@ -153,7 +151,7 @@ class Estimator:
             if card.asks_lateral and set(lateral.METHODS) & set(methods)
             else None
         )
-        self._signals = Signals(aircraft, dt)
+        self._signals = Signals(aircraft, dt, card.high)
         boom = aircraft.boom
         self._zero = boom.zero if boom else 0.0
         self._scale = boom.steady_calibration if boom else 1.0
@@ -324,9 +322,9 @@ class Estimator:
     def _calm_limit(self) -> float:
         """Mean square that the vane may differ by from what the motion makes of it in calm air, rad2."""
         speed = self._mean_speed()
-        noise = self._noise["alpha_vane"] * speed * math.sqrt(2.0 * self._dt * (HIGH_HZ - LOW_HZ))
-        gust = math.sqrt(max(self._turbulence.level**2 - noise**2, 0.0)) / max(speed, 1.0)
-        return UNEXPLAINED**2 + (DRYDEN_OVER_BAND * gust) ** 2
+        noise = self._noise["alpha_vane"]
+        gust = BOUND * gust_sigma(self._turbulence.level, speed, noise, self._dt) / max(speed, 1.0)
+        return UNEXPLAINED**2 + noise**2 + gust**2
 
     def _alpha(self, t_ns: int, u: Array, usable: bool, why: str) -> AlphaEstimate:
         out, wind = self._seen, self._wind

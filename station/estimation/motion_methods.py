@@ -31,6 +31,7 @@ from station.estimation.results import (
     result_of,
 )
 from station.estimation.short_period import ShortPeriod
+from station.estimation.turbulence import in_band
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -227,9 +228,9 @@ def _longitudinal(record: FlightRecord, axes: Axes, kind: Literal["oe", "fe"]) -
     if kind == "oe":
         fit = model.output_error(setup.measured, initial, CONVERGED)
     else:
-        level = max(record.turbulence()[1], 0.05) / 0.0759 if record.dt < 1 / 15 else to_si(5, "ft/s")
-        rate = math.sqrt(2 * setup.body.reference_speed / GUST_LENGTH)
         speed = setup.body.reference_speed
+        level = max(record.turbulence()[1], 0.05) / in_band(speed) if record.dt < 1 / 15 else to_si(5, "ft/s")
+        rate = math.sqrt(2 * speed / GUST_LENGTH)
         amplitudes = (level * rate, level / speed * rate, 0.1 * level / speed * rate, 0.1 * level / speed * rate)
         fit = model.filter_error(setup.measured, initial, amplitudes, SETTLED)
     m = len(setup.free)
@@ -262,8 +263,8 @@ def method_vi(record: FlightRecord, axes: Axes) -> MethodResult:
     _require_length(record)
     setup = _setup(record)
     level = record.turbulence()[1]
-    sigma = max(level, 0.01) / 0.0759 if math.isfinite(level) else to_si(5, "ft/s")
     speed = setup.body.reference_speed
+    sigma = max(level, 0.01) / in_band(speed) if math.isfinite(level) else to_si(5, "ft/s")
     share = min(2 * record.dt * speed / GUST_LENGTH, 1.0)
     m = len(setup.free)
     process = np.zeros(NX + m)

@@ -53,7 +53,7 @@ class Solution:
     total: Array
     """(PARAMETERS,) standard errors with the constants' own uncertainty."""
     r2: tuple[float, float]
-    """Of CL and Cm over the lines of the newest segment."""
+    """Of CL and Cm over the lines of all segments."""
     gust: float
     """0 calm, 1 turbulent: how far the gust's spectrum stands out of the vane's noise."""
     preference: float
@@ -71,16 +71,20 @@ class Equations:
         body = aircraft.boom.upwash_body if aircraft.boom else 0.0
         self._noise = (noise["alpha_vane"] / (1.0 + body)) ** 2
         self._past = np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N))
+        self._energies = np.zeros(4)
+        """Of the closed segments: what is left of CL and Cm, and both."""
         self._preference = 0.0
 
     def clear(self) -> None:
         """Forget the closed segments."""
         self._past[:] = 0.0
+        self._energies[:] = 0.0
         self._preference = 0.0
 
     def fade(self, keep: float) -> None:
         """Keep this share of the closed segments."""
         self._past *= keep
+        self._energies *= keep
         self._preference *= keep
 
     def solve(
@@ -112,12 +116,14 @@ class Equations:
         )
         if not solved:
             return None
-        left, signal = quality[:2].tolist(), quality[2:4].tolist()
+        energies = self._energies + quality[:4]
+        left, signal = energies[:2].tolist(), energies[2:].tolist()
         r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(left, signal, strict=True))
         better = float(quality[6] - quality[5])
         preference = self._preference + (better if math.isfinite(better) else 0.0)
         if close:
             self._preference = preference
+            self._energies = energies
         return Solution(theta, stat, total, (r2[0], r2[1]), float(quality[4]), preference)
 
 

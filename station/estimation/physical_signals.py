@@ -59,13 +59,15 @@ COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _FAST, _WIN, _KIN, _WS, _KS, _WWS, _WKS
 STATE: Final = 29
 
 
-def vane_inverse(frequency_hz: float, damping: float, dt: float) -> Array:
+def vane_inverse(frequency_hz: float, damping: float, dt: float, high_hz: float = 2.0) -> Array:
     """Impulse responses (rows, TAPS) of e^{-s d}/H_v for d = 0, 1/_ROWS ... _MIDDLE + 1 ticks, by least squares.
 
-    H_v = wn^2/(s^2 + 2 zeta wn s + wn^2). Exact to 0.1 % up to 2 Hz for delays above 3 ticks; above 5 Hz held small.
+    H_v = wn^2/(s^2 + 2 zeta wn s + wn^2). Exact to 0.1 % up to `high_hz` for delays above 3 ticks; from 2.5 times that
+    on held small.
     """
-    band = np.linspace(0.0, 3.0, 61)
-    above = np.linspace(5.0, 0.5 / dt, 41)
+    nyquist = 0.5 / dt
+    band = np.linspace(0.0, min(1.5 * high_hz, 0.8 * nyquist), 61)
+    above = np.linspace(min(2.5 * high_hz, 0.95 * nyquist), nyquist, 41)
     omega = 2.0 * math.pi * frequency_hz
     s = 2j * np.pi * band
     inverse = (s * s + 2.0 * damping * omega * s) / omega**2 + 1.0
@@ -270,11 +272,12 @@ def restart(s: Array, out: Array) -> None:
 class Signals:
     """The state of `step`; `out[0]`: the tick before, `out[1]`: the newest."""
 
-    def __init__(self, aircraft: Aircraft, dt: float) -> None:
+    def __init__(self, aircraft: Aircraft, dt: float, high_hz: float = 2.0) -> None:
+        """`high_hz`: up to where the signals are analysed."""
         self._parameters = parameters(aircraft)
         boom = aircraft.boom
         frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (0.4 / dt, 0.7)
-        self._table = vane_inverse(frequency, damping, dt)
+        self._table = vane_inverse(frequency, damping, dt, high_hz)
         self._dt = dt
         self._state = np.zeros(STATE)
         self._ring = np.zeros((RING, COLUMNS))

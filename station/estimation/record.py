@@ -16,9 +16,9 @@ from scipy.signal import butter, detrend, sosfiltfilt
 
 from station.conventions import SIGNALS, to_si
 from station.estimation.coefficients import Airframe, Coefficients, at_centre_of_gravity, coefficients
-from station.estimation.conditioning import GAS_CONSTANT
+from station.estimation.conditioning import GAS_CONSTANT, standard_density
 from station.estimation.regression import NotIdentifiable
-from station.estimation.turbulence import CLASSES, Thresholds
+from station.estimation.turbulence import HIGH_HZ, LOW_HZ, classified
 from station.profile import Aircraft
 from station.rows import Quality
 
@@ -132,17 +132,11 @@ class FlightRecord:
         if good.sum() * self.dt < 2.0 or good.mean() < 0.5:
             return "unknown", float("nan")
         w = np.interp(self.t_s, self.t_s[good], w[good])
-        sos = butter(4, [2.0, 7.0], "bandpass", fs=1 / self.dt, output="sos")
+        sos = butter(4, [LOW_HZ, HIGH_HZ], "bandpass", fs=1 / self.dt, output="sos")
         band = sosfiltfilt(sos, detrend(w))
         level = float(np.std(band[good]))
-        # The vane's noise in the band counts to the level, but not beyond what the classes allow for.
-        share = 2 * self.dt * 5.0
         speed = float(np.nanmean(self.motion["airspeed"]))
-        excess = share * speed**2 * max(self.noise["alpha_vane"] ** 2 - NOISE["alpha_vane"] ** 2, 0.0)
-        clean = np.sqrt(max(level**2 - excess, 0.0))
-        limits = Thresholds()
-        index = int(clean >= limits.calm) + int(clean >= limits.light) + int(clean >= limits.moderate)
-        return CLASSES[index], level
+        return classified(level, speed, self.noise["alpha_vane"], self.dt), level
 
 
 def _believed(name: str, column: Array, quality: NDArray[np.uint8] | None) -> Array:
@@ -202,8 +196,7 @@ def _dynamic_pressure(motion: Mapping[str, Array], aircraft: Aircraft) -> Array:
     elif "static_pressure" in motion and "air_temperature" in motion:
         density = motion["static_pressure"] / (GAS_CONSTANT * motion["air_temperature"])
     elif "altitude" in motion:
-        # ISO 2533 standard atmosphere below 11 km.
-        density = 1.225 * np.maximum(1 - 2.25577e-5 * motion["altitude"], 0.1) ** 4.25588
+        density = np.array([standard_density(height) for height in motion["altitude"].tolist()])
     filled: Array = np.where(measured > 0, measured, 0.5 * density * v * v)
     if not np.isfinite(filled).any():
         raise NotIdentifiable("the record has neither dynamic pressure nor what air density follows from")

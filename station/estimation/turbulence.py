@@ -1,8 +1,9 @@
 """Turbulence level: standard deviation of the vertical gust at the vane between 2 and 7 Hz, and its class.
 
 The gust is what the vane shows beyond the motion (alpha.py), times the airspeed, so an elevator input does not read as
-turbulence. Classes for MIL-F-8785C Dryden gusts of L = 1750 ft seen through a 9 Hz vane with 0.05 deg
-of noise: calm below 0.15 ft/s, light below 0.75, moderate below 1.5, severe above.
+turbulence. Classes for MIL-F-8785C Dryden gusts of L = 1750 ft seen through a 9 Hz vane with 0.05 deg of noise, at 110
+kt: calm below 0.15 ft/s, light below 0.75, moderate below 1.5, severe above. The same gusts are met faster at a higher
+speed, so that the band has more of them, and noise of an angle is more of a speed: the limits go with both.
 """
 
 from __future__ import annotations
@@ -25,6 +26,13 @@ SETTLED_S: Final = 4.0
 LOW_HZ: Final = 2.0
 HIGH_HZ: Final = 7.0
 NOMINAL_NOISE: Final = to_si(0.05, "deg")
+NOMINAL_SPEED: Final = to_si(110, "kt")
+NOISE_SHARE: Final = 2.0 * (HIGH_HZ - LOW_HZ)
+"""Of white noise sampled every dt seconds, the share of the variance that is in the band, over dt."""
+IN_BAND: Final = 0.0759
+"""Standard deviation of Dryden gusts (L = 1750 ft) in the band over that of all, at NOMINAL_SPEED."""
+BOUND: Final = 1.2
+"""What a gust is taken to be where it must not be taken for too little, over what `gust_sigma` gives."""
 CLASSES: Final = ("calm", "light", "moderate", "severe")
 
 
@@ -38,6 +46,34 @@ class Thresholds:
     calm: float = to_si(0.15, "ft/s")
     light: float = to_si(0.75, "ft/s")
     moderate: float = to_si(1.5, "ft/s")
+
+    def at(self, speed: float, noise: float, dt: float) -> tuple[float, float, float]:
+        """The three at a true airspeed (m/s), with a vane's noise (rad): a quieter one than the nominal is taken for
+        it."""
+        nominal = NOISE_SHARE * dt * (NOMINAL_SPEED * NOMINAL_NOISE) ** 2
+        own = NOISE_SHARE * dt * (speed * max(noise, NOMINAL_NOISE)) ** 2
+        met = speed / NOMINAL_SPEED
+        calm, light, moderate = (
+            math.sqrt(max(limit**2 - nominal, 0.0) * met + own) for limit in (self.calm, self.light, self.moderate)
+        )
+        return calm, light, moderate
+
+
+def classified(level: float, speed: float, noise: float, dt: float, thresholds: Thresholds | None = None) -> str:
+    """One of CLASSES for a level, m/s, at a true airspeed, with a vane's noise, rad."""
+    return CLASSES[sum(level >= limit for limit in (thresholds or Thresholds()).at(speed, noise, dt))]
+
+
+def in_band(speed: float) -> float:
+    """Standard deviation of Dryden gusts in the band over that of all, at a true airspeed, m/s: their spectrum above
+    V/L goes with V."""
+    return IN_BAND * math.sqrt(max(speed, 1.0) / NOMINAL_SPEED)
+
+
+def gust_sigma(level: float, speed: float, noise: float, dt: float) -> float:
+    """Standard deviation of all of the vertical gust, m/s, from its level in the band with a vane's noise (rad) in
+    it."""
+    return math.sqrt(max(level**2 - NOISE_SHARE * dt * (noise * speed) ** 2, 0.0)) / in_band(speed)
 
 
 @njit(cache=True)
@@ -60,7 +96,7 @@ def step(sos: Array, z: Array, ring: Array, state: Array, gust: float) -> float:
 
 
 class Turbulence:
-    """Running level and class. `noise`: the vane's, rad; what it adds beyond 0.05 deg is not called turbulence."""
+    """Running level and class. `noise`: the vane's, rad; what it adds is not called turbulence."""
 
     def __init__(self, dt: float, noise: float, thresholds: Thresholds | None = None) -> None:
         self._sos = butter(4, [LOW_HZ, HIGH_HZ], "bandpass", fs=1.0 / dt, output="sos")
@@ -69,9 +105,7 @@ class Turbulence:
         self._state = np.zeros(2)
         self._settled = round(SETTLED_S / dt)
         self._thresholds = thresholds or Thresholds()
-        # White noise leaves the share of the band in the Nyquist range; what is beyond the nominal widens calm.
-        share = 2.0 * dt * (HIGH_HZ - LOW_HZ)
-        self._excess = share * max(noise**2 - NOMINAL_NOISE**2, 0.0)
+        self._noise, self._dt = noise, dt
         self._is_gust, self._start = True, 0.0
         self.level = math.nan
         self.name = "unknown"
@@ -96,7 +130,4 @@ class Turbulence:
         if self._state[0] < self._settled:
             return
         self.level = level
-        clean = math.sqrt(max(level**2 - self._excess * speed**2, 0.0))
-        limits = self._thresholds
-        index = (clean >= limits.calm) + (clean >= limits.light) + (clean >= limits.moderate)
-        self.name = CLASSES[index]
+        self.name = classified(level, speed, self._noise, self._dt, self._thresholds)

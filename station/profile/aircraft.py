@@ -136,9 +136,9 @@ class Drag(Frozen):
 
 
 class Actuator(Frozen):
-    time_constant: Seconds = 0.08
-    rate_limit: RadiansPerSecond = math.radians(60)
-    position_limit: Radians = math.radians(20)
+    time_constant: Annotated[Seconds, Positive] = 0.08
+    rate_limit: Annotated[RadiansPerSecond, Positive] = math.radians(60)
+    position_limit: Annotated[Radians, Positive] = math.radians(20)
 
 
 class Instrument(Frozen):
@@ -208,6 +208,13 @@ class Aircraft(Frozen):
                     "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
                 )
         for name in self.derivatives:
+            if name.lower().endswith(("dot", "alphadot", "alpha_dot")):
+                raise PydanticCustomError(
+                    "derivative",
+                    "{name}: there are no such terms: where [unsteady] describes the tail, it makes them; else add "
+                    "{name} to {rate}",
+                    {"name": name, "rate": f"{name[:2]}_q"},
+                )
             if name not in DERIVATIVE_NAMES:
                 raise PydanticCustomError(
                     "derivative",

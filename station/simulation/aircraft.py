@@ -119,13 +119,18 @@ class Trim:
 HOLD_SPEED: Final = 0.20
 HOLD_HEIGHT: Final = 0.004
 HOLD_LAG: Final = 3.0
+TROPOPAUSE: Final = 11_000.0
+SCALE_HEIGHT: Final = 287.05287 * 216.65 / G0
+"""Over which pressure and density fall by e above the tropopause, m."""
 
 
 @njit(cache=True, error_model="numpy")
 def atmosphere(height: float) -> tuple[float, float, float]:
-    """Pressure (Pa), temperature (K) and density (kg/m3) of the standard atmosphere below 11 km. ISO 2533."""
-    temperature = 288.15 - 0.0065 * height
+    """Pressure (Pa), temperature (K) and density (kg/m3) of the standard atmosphere below 20 km. ISO 2533."""
+    temperature = 288.15 - 0.0065 * min(height, TROPOPAUSE)
     pressure = 101325.0 * (temperature / 288.15) ** 5.255876
+    if height > TROPOPAUSE:
+        pressure *= math.exp((TROPOPAUSE - height) / SCALE_HEIGHT)
     return pressure, temperature, pressure / (287.05287 * temperature)
 
 
@@ -179,7 +184,7 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
         x = x - np.linalg.solve(jacobian, f)
     alpha, de, thrust = float(x[0]), float(x[1]), float(x[2]) * weight
     sound = np.abs(imbalance(x)).max() < 1e-9 and abs(alpha) < 0.4 and abs(de) < aircraft.elevator.position_limit
-    if not sound or thrust < 0:
+    if not sound or thrust < -1e-9 * weight:
         raise ProfileError(
             f"aircraft {aircraft.name}: no trim at {speed:.1f} m/s, {height:.0f} m "
             f"(alpha {math.degrees(alpha):.1f} deg, elevator {math.degrees(de):.1f} deg, thrust {thrust:.0f} N)"
@@ -296,8 +301,10 @@ def air_at(c: Constants, height: float) -> tuple[float, float, float]:
     """Height (m), density there (kg/m3) and its slope (kg/m4): enough for the few centimetres of one step."""
     if c.fixed_density > 0.0:
         return height, c.fixed_density, 0.0
-    temperature = 288.15 - 0.0065 * height
     density = atmosphere(height)[2]
+    if height > TROPOPAUSE:
+        return height, density, -density / SCALE_HEIGHT
+    temperature = 288.15 - 0.0065 * height
     return height, density, -4.255876 * 0.0065 / temperature * density
 
 

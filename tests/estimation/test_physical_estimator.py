@@ -175,6 +175,16 @@ def test_segments_add_up() -> None:
         assert p.value == pytest.approx(aircraft.value(p.name), abs=3 * p.sd)
 
 
+def test_quiet_air_after_the_inputs_takes_nothing_back() -> None:
+    """A doublet, then half a minute in which nothing moves, in calm air: what was found stands."""
+    aircraft, c = load_aircraft("twin_otter"), card(0.0, warm_up=5.0)
+    given = flown(aircraft, c, 80.0)
+    found = last(Estimator(aircraft, c, methods=("physical",)), given)
+    assert [p.status for p in found.parameters] == [Status.ESTIMATED] * 6
+    for p in found.parameters:
+        assert p.value == pytest.approx(aircraft.value(p.name), abs=3 * p.sd)
+
+
 @pytest.mark.parametrize(
     ("change", "why"),
     [

@@ -62,6 +62,24 @@ def test_standard_atmosphere() -> None:
     assert ac.atmosphere(5000.0)[0] == pytest.approx(54019.9, rel=1e-4)
     assert temperature == pytest.approx(283.197, abs=1e-3)
     assert pressure / 101325 == pytest.approx(0.9129, rel=2e-4)
+    # ISO 2533, 15,000 m: 120.446 hPa, 216.65 K, 0.193674 kg/m3.
+    np.testing.assert_allclose(ac.atmosphere(15_000.0), (12_044.6, 216.65, 0.193674), rtol=1e-5)
+
+
+@pytest.mark.parametrize("height", [762.0, 12_192.0])
+def test_the_density_s_slope_is_that_of_the_atmosphere(height: float) -> None:
+    c = ac.constants(load_aircraft("twin_otter").model_copy(update={"air_density": None}), 110.0, 762.0)
+    _, density, slope = ac.air_at(c, height)
+    there = [ac.atmosphere(height + dz)[2] for dz in (-1.0, 1.0)]
+    assert density == pytest.approx(0.5 * sum(there), rel=1e-6)
+    assert slope == pytest.approx(0.5 * (there[1] - there[0]), rel=1e-4)
+
+
+def test_an_aircraft_without_drag_is_trimmed_without_thrust() -> None:
+    bare = load_aircraft("twin_otter").model_copy(update={"drag": None})
+    trim = ac.find_trim(bare, 56.6, 762.0)
+    assert trim.thrust == pytest.approx(0.0, abs=1e-3)
+    assert trim.lift_coefficient == pytest.approx(0.684, abs=1e-3)
 
 
 @pytest.mark.parametrize(
