@@ -25,13 +25,13 @@ from station.estimation.physical import SEGMENT
 from station.estimation.physical_columns import constants, why_not
 from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
 from station.simulation import aircraft as ac
-from station.simulation.boom import NO_BOOM, vane_constants
+from station.simulation.boom import NO_BOOM, second_order, vane_constants
 from station.simulation.distortion import REACH, distortion_filter
 from station.simulation.gusts import STEP, dryden, field_constants, field_start
+from station.simulation.longitudinal import indicial_tables, reach, site
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import STANDARD, Sensor
-from station.simulation.simulate import indicial_tables, reach, site
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
         is_perfect=scenario.alpha == "perfect",
         distortion=distortion_filter(d.frequency, d.correction, d.lead, _TICK_S) if d and is_distorted else np.empty(0),
         distorts_gust=scenario.alpha == "distorted gust",
-        vane=vane_constants(boom, _TICK_S),
+        vane=second_order(boom.vane_frequency, boom.vane_damping, _TICK_S),
         noisy=np.array([SIGNAL_INDEX[name] for name in channels], dtype=np.int64),
         noise=np.array([s.noise for s in channels.values()]),
         signal_to_noise=scenario.signal_to_noise or 0.0,
@@ -181,7 +181,7 @@ def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
     body = known.boom.upwash_body if known.boom else 0.0
     return physical.Constants(
         signals=physical_signals.parameters(known),
-        vane=physical_signals.vane_inverse(boom.vane_frequency, boom.vane_damping, _TICK_S),
+        vane=physical_signals.vane_inverse(boom.vane_frequency, boom.vane_damping, _TICK_S, campaign.high),
         regressors=constants(known),
         noise=(NOISE["alpha_vane"] / (1.0 + body)) ** 2,
         segment=round(SEGMENT / campaign.step / _TICK_S) if campaign.segments else math.inf,

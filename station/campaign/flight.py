@@ -24,10 +24,10 @@ from station.estimation import inertial, spectra, tick
 from station.estimation.derivatives import KINDS, SLACK_S, weights
 from station.estimation.methods import SETTLE_TICKS
 from station.simulation import aircraft as ac
-from station.simulation.boom import VaneConstants
+from station.simulation.boom import SecondOrder, VaneConstants
 from station.simulation.distortion import distort
 from station.simulation.gusts import FieldConstants, fill
-from station.simulation.motion import COLUMNS, EVERY, Site, Tables, advance, at_rest
+from station.simulation.motion import COLUMNS, EVERY, Site, Tables, advance, at_rest, places
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -35,8 +35,7 @@ Indices = NDArray[np.int64]
 _DT: Final = 1.0 / TICK_HZ
 _SIGNALS: Final = len(SIGNAL_INDEX)
 _VANE: Final = SIGNAL_INDEX["alpha_vane"]
-_TRUE_ALPHA: Final = COLUMNS.index("alpha")
-_TRUE_GUST: Final = COLUMNS.index("alpha_gust")
+_TRUE_ALPHA, _TRUE_GUST = places("alpha", "alpha_gust")
 _INPUTS: Final = tuple(SIGNAL_INDEX[name] for name in cond.INPUTS)
 _KINDS: Final = len(KINDS)
 PHYSICAL: Final = _KINDS + 2
@@ -72,7 +71,7 @@ class Sensors(NamedTuple):
     """distortion_filter's weights; empty: none."""
     distorts_gust: bool
     """Only the gust's part."""
-    vane: VaneConstants
+    vane: SecondOrder
     """Its dynamics at 50 Hz, for the distortion."""
     noisy: Indices
     """Signals with noise."""
@@ -94,18 +93,28 @@ class Estimation(NamedTuple):
     boom: tuple[float, float, float]
     """Zero, steady calibration, length: see tick.prepare."""
     imu: Array
+    """Its place from the CG, m."""
     sides: Array
+    """equation_error.Sides.constant."""
     sos: Array
     rest: Array
+    """The high-pass and its state at rest: spectra.high_pass."""
     frequencies: Array
+    """Of the transform's lines, Hz."""
     turn: NDArray[np.complex128]
+    """What each line's phase is multiplied by from one sample to the next."""
     derivative: Array
+    """What a central difference loses of each line: spectra.central_difference_factor."""
     lengths: tuple[float, float, float]
     sears_k: Array
     sears: Array
+    """derivatives.lengths and Sears' function over reduced frequency: what weights gain and delay."""
     vane_noise: float
+    """Standard deviation, rad."""
     warm_up: float
+    """Seconds before the transforms open."""
     step: float
+    """Between the lines, Hz."""
     segment: float
     """Seconds after which the transforms begin anew."""
 

@@ -62,14 +62,7 @@ class VaneConstants(NamedTuple):
     mode: SecondOrder
     mode_length: float
     """How far the vane rises per rad of bending, m."""
-    a11: float
-    a12: float
-    a21: float
-    a22: float
-    old1: float
-    old2: float
-    new1: float
-    new2: float
+    dynamics: SecondOrder
 
 
 def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
@@ -99,7 +92,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         frequency is not None,
         second_order(frequency or 1.0, boom.mode_damping, dt),
         boom.mode_length,
-        *second_order(boom.vane_frequency, boom.vane_damping, dt),
+        second_order(boom.vane_frequency, boom.vane_damping, dt),
     )
 
 
@@ -126,14 +119,14 @@ def upwash_step(table: NDArray[np.float64], state: NDArray[np.float64], old: flo
 
 
 @njit(cache=True, error_model="numpy")
-def vane_step(v: VaneConstants | SecondOrder, state: NDArray[np.float64], new: float) -> float:
-    """Advance the vane's dynamics by one interval with the flow angle going straight from the last one to `new`.
+def second_order_step(c: SecondOrder, state: NDArray[np.float64], new: float) -> float:
+    """Advance a system, the vane's or the boom's, by one interval with its input going straight from the last to `new`.
 
-    state (3): angle, its rate, last flow angle; changed in place. Returns the angle, rad.
+    state (3): output, its rate, last input; changed in place. Returns the output.
     """
     angle, rate, old = state[0], state[1], state[2]
-    state[0] = v.a11 * angle + v.a12 * rate + v.old1 * old + v.new1 * new
-    state[1] = v.a21 * angle + v.a22 * rate + v.old2 * old + v.new2 * new
+    state[0] = c.a11 * angle + c.a12 * rate + c.old1 * old + c.new1 * new
+    state[1] = c.a21 * angle + c.a22 * rate + c.old2 * old + c.new2 * new
     state[2] = new
     return float(state[0])
 
@@ -163,6 +156,6 @@ def bending(
     load = v.flexure * (az - qdot * v.x) + v.tip_load * pressure * flow
     if begins:
         state[0], state[1], state[2] = load, 0.0, load
-    bend = vane_step(v.mode, state, load)
+    bend = second_order_step(v.mode, state, load)
     out: float = bend - v.mode_length * state[1] / speed
     return out

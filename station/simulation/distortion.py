@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.simulation.boom import VaneConstants, vane_step
+from station.simulation.boom import SecondOrder, second_order_step
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def distortion_filter(
 
 
 @njit(cache=True, error_model="numpy")
-def distort(weights: Array, vane: VaneConstants, part: Array, out: Array) -> None:
+def distort(weights: Array, vane: SecondOrder, part: Array, out: Array) -> None:
     """Add to `out` (n,) what the distortion of `part` (n + REACH,) does to what a vane shows of it, rad.
 
     Before its begin `part` is taken as level. `vane`: its dynamics at the samples' interval.
@@ -53,4 +53,4 @@ def distort(weights: Array, vane: VaneConstants, part: Array, out: Array) -> Non
             added += weights[j] * (part[max(k + reach - j, 0)] - part[0])
         if k == 0:
             state[0], state[2] = added, added
-        out[k] += vane_step(vane, state, added)
+        out[k] += second_order_step(vane, state, added)

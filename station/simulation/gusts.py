@@ -19,22 +19,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from station.conventions import to_si
 from station.profile import Flight
 
-_FT: Final = 0.3048
+_FT: Final = to_si(1.0, "ft")
 STEP: Final = 0.25
 """Spacing of the field's points, m. Linear interpolation between them loses 0.1 % of the variance at 10 Hz."""
 _BLOCK: Final = 2048
 _RAMP: Final = 1.0
 """Turbulence that begins in flight grows to its full strength over this many seconds of flight."""
 
-
-_KNOT: Final = 1852 / 3600
 LEVELS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
-        "light": (0.1 * 15 * _KNOT, 5 * _FT),
-        "moderate": (0.1 * 30 * _KNOT, 10 * _FT),
-        "severe": (0.1 * 45 * _KNOT, 20 * _FT),
+        "light": (to_si(0.1 * 15, "kt"), to_si(5, "ft/s")),
+        "moderate": (to_si(0.1 * 30, "kt"), to_si(10, "ft/s")),
+        "severe": (to_si(0.1 * 45, "kt"), to_si(20, "ft/s")),
     }
 )
 """Standard deviation of the vertical gust below 1,000 ft and above 2,000 ft, m/s."""

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import SIGNALS
+from station.conventions import SIGNALS, to_si
 from station.profile import Actuator, Aircraft, Flight, Manoeuvre
 from station.rows import ProfileError
 from station.simulation import aircraft as ac
@@ -28,10 +28,7 @@ from station.simulation.sensors import lagged
 MODEL: Final = "DHC6"
 FINER: Final = 4
 """JSBSim's steps in one of ours: it integrates with the accelerations of the step before."""
-_FT: Final = 0.3048
-_KNOT: Final = 1852 / 3600
-_POUND: Final = 4.4482216152605
-_SLUG: Final = _POUND / _FT
+_FT, _KNOT, _POUND, _SLUG, _PSF = (to_si(1.0, unit) for unit in ("ft", "kt", "lbf", "slug", "psf"))
 _BLOCK: Final = 400
 SETTLING_S: Final = 60.0
 _TRAVEL: Final = {"elevator": (0.454, 0.244), "aileron": (0.33, 0.28), "rudder": (0.28, 0.28)}
@@ -48,8 +45,8 @@ _READ: Final[Mapping[str, tuple[str, float]]] = {
     "phi": ("attitude/phi-rad", 1.0), "theta": ("attitude/theta-rad", 1.0), "psi": ("attitude/psi-rad", 1.0),
     "v_north": ("velocities/v-north-fps", _FT), "v_east": ("velocities/v-east-fps", _FT),
     "v_down": ("velocities/v-down-fps", _FT), "altitude": ("position/h-sl-ft", _FT),
-    "airspeed": ("velocities/vt-fps", _FT), "dynamic_pressure": ("aero/qbar-psf", _POUND / _FT**2),
-    "static_pressure": ("atmosphere/P-psf", _POUND / _FT**2), "air_temperature": ("atmosphere/T-R", 5 / 9),
+    "airspeed": ("velocities/vt-fps", _FT), "dynamic_pressure": ("aero/qbar-psf", _PSF),
+    "static_pressure": ("atmosphere/P-psf", _PSF), "air_temperature": ("atmosphere/T-R", 5 / 9),
     "alpha": ("aero/alpha-rad", 1.0), "mass": ("inertia/mass-slugs", _SLUG),
     "fx": ("forces/fbx-total-lbs", _POUND), "fy": ("forces/fby-total-lbs", _POUND),
     "fz": ("forces/fbz-total-lbs", _POUND),

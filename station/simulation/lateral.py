@@ -16,16 +16,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import G0, SIGNAL_INDEX
+from station.conventions import G0
 from station.profile import Actuator, Aircraft, Flight, Manoeuvre
 from station.rows import ProfileError
 from station.simulation import aircraft as ac
 from station.simulation.angles import sine_cosine
 from station.simulation.boom import NO_BOOM, VaneConstants, vane_constants
 from station.simulation.gusts import GustField, dryden_of, field_constants, gust_at
-from station.simulation.longitudinal import elevator_play, indicial_tables, reach, site
+from station.simulation.longitudinal import BLOCK, SPEED_MARGIN, elevator_play, indicial_tables, reach, site
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import COLUMNS, DT, Memory, Site, Tables, at_rest, record, stage_rates, vanes_now
+from station.simulation.motion import COLUMNS, DT, Memory, Site, Tables, at_rest, places, record, stage_rates, vanes_now
 
 SIDE, ROLL, YAW, BANK, TURN, NORTH, EAST, AILERON, RUDDER, HELD, SIZE = range(11)
 """State beside the longitudinal one: v (m/s), p, r (rad/s), bank, heading turned since the start (rad), way through the
@@ -41,18 +41,12 @@ SURFACES: Final = ("elevator", "aileron", "rudder")
 # A bank of 10 deg is met with 2 deg of aileron, 2 s late: slower than any lateral mode that a test excites.
 HOLD_BANK: Final = 0.2
 HOLD_HEADING: Final = 0.15
-"""rad of bank that a heading error of 1 rad asks for, times HOLD_BANK's."""
+"""Bank by which a heading error is met, rad per rad."""
 HOLD_LAG: Final = 2.0
-_BLOCK: Final = 400
-_SPEED_MARGIN: Final = 2.0
 
-_P, _AY, _BETA_VANE = SIGNAL_INDEX["p"], SIGNAL_INDEX["ay"], SIGNAL_INDEX["beta_vane"]
-_AX, _AZ, _R = SIGNAL_INDEX["ax"], SIGNAL_INDEX["az"], SIGNAL_INDEX["r"]
-_PHI, _PSI = SIGNAL_INDEX["phi"], SIGNAL_INDEX["psi"]
-_V_NORTH, _V_EAST = SIGNAL_INDEX["v_north"], SIGNAL_INDEX["v_east"]
-_LATITUDE, _LONGITUDE = SIGNAL_INDEX["latitude"], SIGNAL_INDEX["longitude"]
-_AILERON, _RUDDER = SIGNAL_INDEX["aileron"], SIGNAL_INDEX["rudder"]
-_PDOT, _RDOT = SIGNAL_INDEX["pdot"], SIGNAL_INDEX["rdot"]
+_P, _R, _AX, _AY, _AZ, _PHI, _PSI = places("p", "r", "ax", "ay", "az", "phi", "psi")
+_V_NORTH, _V_EAST, _LATITUDE, _LONGITUDE = places("v_north", "v_east", "latitude", "longitude")
+_AILERON, _RUDDER, _PDOT, _RDOT = places("aileron", "rudder", "pdot", "rdot")
 _TRUE = len(COLUMNS)
 
 
@@ -303,8 +297,7 @@ class LateralSimulation:
         self._vane = vane_constants(aircraft.boom or NO_BOOM, DT)
         self._site = site(flight, imu_position)
         self._manoeuvres = tuple(manoeuvres)
-        behind, self._ahead = reach(aircraft)
-        self._behind = behind + aircraft.unsteady.tail_arm * max(0.0, aircraft.unsteady.tail_penetration - 1.0)
+        self._behind, self._ahead = reach(aircraft)
         self._field = GustField(
             field_constants(dryden_of(flight), flight.speed, flight.gust_start),
             self._behind,
@@ -322,8 +315,8 @@ class LateralSimulation:
         out = np.empty((n, len(LATERAL_COLUMNS)))
         done = 0
         while done < n:
-            number, offset = divmod(begin + done, _BLOCK)
-            m = min(n - done, _BLOCK - offset)
+            number, offset = divmod(begin + done, BLOCK)
+            m = min(n - done, BLOCK - offset)
             self._prepare(number)
             advance_lateral(
                 self.constants,
@@ -345,10 +338,10 @@ class LateralSimulation:
     def _prepare(self, number: int) -> None:
         """Commands and gusts for a block of steps."""
         if number != self._block:
-            half_steps = (np.arange(2 * _BLOCK + 1, dtype=np.float64) + 2 * number * _BLOCK) * (0.5 * DT)
+            half_steps = (np.arange(2 * BLOCK + 1, dtype=np.float64) + 2 * number * BLOCK) * (0.5 * DT)
             self._commands = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
             self._commands[0] += self.constants.trim_elevator
             self._block = number
         s = float(self._memory.x[ac.DISTANCE])
-        far = _SPEED_MARGIN * self.constants.trim_speed * _BLOCK * DT
+        far = SPEED_MARGIN * self.constants.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)

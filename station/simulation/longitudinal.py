@@ -23,9 +23,9 @@ ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
 _EQUATOR: Final = 6378137.0
 _ECCENTRICITY2: Final = 6.69437999014e-3
-_BLOCK: Final = 400
+BLOCK: Final = 400
 """Steps whose elevator commands are made together."""
-_SPEED_MARGIN: Final = 2.0
+SPEED_MARGIN: Final = 2.0
 """The gust field is made this many trim speeds times the block's time ahead."""
 
 
@@ -50,15 +50,12 @@ class Simulation:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
         one, commanded from trim at every half step (rad), is flown in place of the manoeuvres. Raises ProfileError."""
         self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft))
-        boom = aircraft.boom or NO_BOOM
-        unsteady = aircraft.unsteady
         self._tables = indicial_tables(aircraft)
-        self._vane = vane_constants(boom, DT)
+        self._vane = vane_constants(aircraft.boom or NO_BOOM, DT)
         self._site = site(flight, imu_position)
         self._manoeuvres = tuple(manoeuvres)
         self._deflection = deflection
-        self._behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration) + 1.0
-        self._ahead = max(boom.gust_x, aircraft.geometry.chord) + 1.0
+        self._behind, self._ahead = reach(aircraft)
         self._field = GustField(
             field_constants(dryden_of(flight), flight.speed, flight.gust_start),
             self._behind,
@@ -82,8 +79,8 @@ class Simulation:
         done = 0
         while done < n:
             self._prepare(begin + done)
-            offset = (begin + done) % _BLOCK
-            m = min(n - done, _BLOCK - offset)
+            offset = (begin + done) % BLOCK
+            m = min(n - done, BLOCK - offset)
             command = self._commands[2 * offset : 2 * (offset + m) + 1]
             advance(
                 self.constants,
@@ -103,9 +100,9 @@ class Simulation:
 
     def _prepare(self, step: int) -> None:
         """Elevator commands and gusts for the block that the step is in."""
-        number = step // _BLOCK
+        number = step // BLOCK
         if self._block != number + 1:
-            half_steps = np.arange(2 * _BLOCK + 1) + 2 * number * _BLOCK
+            half_steps = np.arange(2 * BLOCK + 1) + 2 * number * BLOCK
             if self._deflection is None:
                 added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
             else:
@@ -113,7 +110,7 @@ class Simulation:
             self._commands = self.constants.trim_elevator + added
             self._block = number + 1
         s = float(self._memory.x[ac.DISTANCE])
-        far = _SPEED_MARGIN * self.constants.trim_speed * _BLOCK * DT
+        far = SPEED_MARGIN * self.constants.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)
 
 
@@ -134,8 +131,9 @@ def indicial_tables(aircraft: Aircraft) -> Tables:
 
 def reach(aircraft: Aircraft) -> tuple[float, float]:
     """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare."""
-    boom = aircraft.boom or NO_BOOM
-    return aircraft.unsteady.tail_arm + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
+    boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
+    behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
+    return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
 
 
 def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:

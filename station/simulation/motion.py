@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ
 from station.simulation import aircraft as ac
-from station.simulation.boom import VaneConstants, bending, flow_angle, upwash_step, vane_step
+from station.simulation.boom import VaneConstants, bending, flow_angle, second_order_step, upwash_step
 from station.simulation.gusts import gust_at
 
 RATE_HZ: Final = 200
@@ -23,6 +23,25 @@ TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL
 updraught and headwind positive), the aerodynamic coefficients about the CG, and the angle (rad) that drives the
 elevator's surface through its play: where the sensor is."""
 COLUMNS: Final = (*SIGNALS, *TRUTH)
+
+
+def places(*names: str) -> tuple[int, ...]:
+    """Where columns are in a row."""
+    return tuple(COLUMNS.index(name) for name in names)
+
+
+_ALPHA_VANE, _BETA_VANE = places("alpha_vane", "beta_vane")
+_AIRSPEED, _DYNAMIC_PRESSURE, _STATIC_PRESSURE = places("airspeed", "dynamic_pressure", "static_pressure")
+(_AIR_TEMPERATURE,) = places("air_temperature")
+_P, _Q, _R = places("p", "q", "r")
+_AX, _AY, _AZ = places("ax", "ay", "az")
+_PHI, _THETA, _PSI = places("phi", "theta", "psi")
+_NORTH, _EAST, _DOWN = places("v_north", "v_east", "v_down")
+_LATITUDE, _LONGITUDE, _ALTITUDE = places("latitude", "longitude", "altitude")
+_ELEVATOR, _AILERON, _RUDDER = places("elevator", "aileron", "rudder")
+_THRUST, _MASS = places("thrust", "mass")
+_PDOT, _QDOT, _RDOT = places("pdot", "qdot", "rdot")
+_ALPHA, _INERTIAL, _GUST, _W_GUST, _U_GUST, _CL, _CM, _DRIVE = places(*TRUTH)
 
 
 class Site(NamedTuple):
@@ -41,7 +60,7 @@ class Site(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a flight carries from one step to the next, changed in place by `_advance`."""
+    """What a flight carries from one step to the next, changed in place by `advance`."""
 
     x: NDArray[np.float64]
     """State of the equations of motion."""
@@ -159,26 +178,27 @@ def record(
     north = x[ac.DISTANCE] * math.cos(site.heading) + site.wind_north * time
     east = x[ac.DISTANCE] * math.sin(site.heading) + site.wind_east * time
     latitude = site.latitude + north / site.radius_north
-    row[0], row[1] = vanes
-    row[2], row[3], row[4], row[5] = aux[ac.AIRSPEED], aux[ac.PRESSURE], pressure, temperature
-    row[6], row[7], row[8] = 0.0, q, 0.0
-    row[9] = aux[ac.FORCE_X] + dx[ac.Q] * site.imu_z - q * q * site.imu_x
-    row[10] = 0.0
-    row[11] = aux[ac.FORCE_Z] - dx[ac.Q] * site.imu_x - q * q * site.imu_z
-    row[12], row[13], row[14] = 0.0, theta, site.heading
-    row[15] = dx[ac.DISTANCE] * math.cos(site.heading) + site.wind_north
-    row[16] = dx[ac.DISTANCE] * math.sin(site.heading) + site.wind_east
-    row[17] = -dx[ac.HEIGHT]
-    row[18] = latitude
-    row[19] = site.longitude + east / (site.radius_east * math.cos(0.5 * (latitude + site.latitude)))
-    row[20] = height
-    row[21], row[22], row[23] = aux[ac.SURFACE], 0.0, 0.0
-    row[24], row[25] = x[ac.THRUST], c.mass
-    row[26], row[27], row[28] = 0.0, dx[ac.Q], 0.0
-    row[29], row[30] = aux[ac.ALPHA], aux[ac.ALPHA_INERTIAL]
-    row[31] = aux[ac.ALPHA] - aux[ac.ALPHA_INERTIAL]
-    row[32], row[33], row[34], row[35] = gust[1], gust[0], aux[ac.CL], aux[ac.CM]
-    row[36] = x[ac.ELEVATOR]
+    row[_ALPHA_VANE], row[_BETA_VANE] = vanes
+    row[_AIRSPEED], row[_DYNAMIC_PRESSURE] = aux[ac.AIRSPEED], aux[ac.PRESSURE]
+    row[_STATIC_PRESSURE], row[_AIR_TEMPERATURE] = pressure, temperature
+    row[_P], row[_Q], row[_R] = 0.0, q, 0.0
+    row[_AX] = aux[ac.FORCE_X] + dx[ac.Q] * site.imu_z - q * q * site.imu_x
+    row[_AY] = 0.0
+    row[_AZ] = aux[ac.FORCE_Z] - dx[ac.Q] * site.imu_x - q * q * site.imu_z
+    row[_PHI], row[_THETA], row[_PSI] = 0.0, theta, site.heading
+    row[_NORTH] = dx[ac.DISTANCE] * math.cos(site.heading) + site.wind_north
+    row[_EAST] = dx[ac.DISTANCE] * math.sin(site.heading) + site.wind_east
+    row[_DOWN] = -dx[ac.HEIGHT]
+    row[_LATITUDE] = latitude
+    row[_LONGITUDE] = site.longitude + east / (site.radius_east * math.cos(0.5 * (latitude + site.latitude)))
+    row[_ALTITUDE] = height
+    row[_ELEVATOR], row[_AILERON], row[_RUDDER] = aux[ac.SURFACE], 0.0, 0.0
+    row[_THRUST], row[_MASS] = x[ac.THRUST], c.mass
+    row[_PDOT], row[_QDOT], row[_RDOT] = 0.0, dx[ac.Q], 0.0
+    row[_ALPHA], row[_INERTIAL] = aux[ac.ALPHA], aux[ac.ALPHA_INERTIAL]
+    row[_GUST] = aux[ac.ALPHA] - aux[ac.ALPHA_INERTIAL]
+    row[_W_GUST], row[_U_GUST], row[_CL], row[_CM] = gust[1], gust[0], aux[ac.CL], aux[ac.CM]
+    row[_DRIVE] = x[ac.ELEVATOR]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -257,8 +277,8 @@ def vanes_now(
 ) -> tuple[float, float]:
     """The angles that both vanes show now, rad, from the flow at the last step and at this one.
 
-    `chord`: what the upwash's memory is counted in, m. `moving`: pitch
-    acceleration (rad/s2), and how much faster than pitching alone makes it the vane moves sideways and down, m/s.
+    `chord`: what the upwash's memory is counted in, m. `moving`: pitch acceleration (rad/s2), and how much faster than
+    pitching alone makes it the vane moves sideways and down, m/s.
     """
     x = memory.x
     s, alpha_i, gust_le = x[ac.DISTANCE], aux[ac.ALPHA_INERTIAL], aux[ac.GUST_LE]
@@ -280,4 +300,5 @@ def vanes_now(
     if begins:
         memory.vane[0, 0], memory.vane[0, 2] = flow, flow
         memory.vane[1, 0], memory.vane[1, 2] = side, side
-    return vane_step(vane, memory.vane[0], flow) + vane.zero, vane_step(vane, memory.vane[1], side)
+    shown = second_order_step(vane.dynamics, memory.vane[0], flow) + vane.zero
+    return shown, second_order_step(vane.dynamics, memory.vane[1], side)

@@ -13,11 +13,9 @@ from station.profile import Aircraft, Card, Rig
 from station.simulation.instruments import Installed, Source
 from station.simulation.jsbsim_flight import JsbsimFlight
 from station.simulation.lateral import LateralSimulation
-from station.simulation.longitudinal import Simulation, indicial_tables, reach, site
+from station.simulation.longitudinal import Simulation
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import Channel, Sensor, sensors_of
-
-__all__ = ["DT", "Simulation", "fly", "indicial_tables", "installed", "reach", "site", "source_of"]
 
 Position = tuple[float, float, float]
 

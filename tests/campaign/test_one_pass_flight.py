@@ -26,7 +26,7 @@ from station.estimation.methods import Estimator
 from station.profile import Card
 from station.rows import Frame, MethodEstimate
 from station.simulation import fly
-from station.simulation.boom import vane_constants
+from station.simulation.boom import second_order, vane_constants
 from station.simulation.distortion import REACH, distort, distortion_filter
 
 MULTISINE = {"kind": "multisine", "start": "1 s", "duration": "10 s", "amplitude": "2 deg"}
@@ -66,7 +66,7 @@ def plain(p: Plan, seed: int) -> tuple[MethodEstimate, ...]:
     if is_distorted and (d := campaign.distortion) and flown.boom:
         part = truth["alpha_gust" if scenario.alpha == "distorted gust" else "alpha"]
         filter_ = distortion_filter(d.frequency, d.correction, d.lead, 0.02)
-        distort(filter_, vane_constants(flown.boom, 0.02), part, shown["alpha_vane"])
+        distort(filter_, vane_constants(flown.boom, 0.02).dynamics, part, shown["alpha_vane"])
     if scenario.signal_to_noise:
         for name in ("alpha_vane", "q", "elevator"):
             white = np.random.default_rng([seed, 1 + SIGNAL_INDEX[name]]).standard_normal(p.ticks)
@@ -147,9 +147,7 @@ def test_errors_are_from_the_aircraft_s_own_derivatives_or_from_calm_air() -> No
 def test_the_distortion_has_the_gain_and_the_lead_of_its_tables() -> None:
     """A sine through the filter, less vane dynamics: gain 1/correction, early by the lead."""
     filter_ = distortion_filter([0.0, 2.0], [0.75, 0.9], [0.1, 0.05], 0.02)
-    vane = vane_constants(
-        flown_aircraft(plan({"alpha": "vane", "vane_frequency": "400 Hz"}).cases[0].scenario).boom, 0.02
-    )
+    vane = second_order(400.0, 0.7, 0.02)
     for f, gain, lead in ((0.5, 1 / 0.7875, 0.0875), (1.0, 1 / 0.825, 0.075), (1.5, 1 / 0.8625, 0.0625)):
         t = np.arange(2000 + REACH) * 0.02
         part = np.sin(2 * np.pi * f * t)

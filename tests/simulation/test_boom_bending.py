@@ -12,7 +12,7 @@ from scipy.integrate import quad
 from station.profile import Aircraft, Boom, Doublet, Flight, load_aircraft
 from station.simulation import Simulation
 from station.simulation.aircraft import span_averaged
-from station.simulation.boom import bending, second_order, vane_constants, vane_step
+from station.simulation.boom import bending, second_order, second_order_step, vane_constants
 from station.simulation.longitudinal import indicial_tables
 from station.simulation.motion import DT
 
@@ -28,7 +28,7 @@ def test_mode_has_its_frequency_and_damping() -> None:
     """Released from a load: free vibration of a damped oscillator, exactly."""
     wn, state = 2 * math.pi * MODE, np.array([1e-3, 0.0, 0.0])
     mode = second_order(MODE, ZETA, DT)
-    found = np.array([vane_step(mode, state, 0.0) for _ in range(300)])
+    found = np.array([second_order_step(mode, state, 0.0) for _ in range(300)])
     t, wd = (1 + np.arange(300)) * DT, wn * math.sqrt(1 - ZETA**2)
     decay = 1e-3 * np.exp(-ZETA * wn * t)
     np.testing.assert_allclose(found, decay * (np.cos(wd * t) + ZETA * wn / wd * np.sin(wd * t)), atol=1e-12)

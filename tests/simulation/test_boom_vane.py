@@ -11,7 +11,7 @@ import pytest
 
 from station.profile import Boom, load_aircraft
 from station.simulation.aircraft import indicial_table
-from station.simulation.boom import flow_angle, lag, upwash_step, vane_constants, vane_step
+from station.simulation.boom import flow_angle, lag, second_order_step, upwash_step, vane_constants
 
 SPEED = 185.66 * 0.3048
 CHORD = 6.46 * 0.3048
@@ -98,7 +98,7 @@ def vane(f: float, motion: bool) -> complex:
         last[:] = angle, met
         wg = 0.0 if motion else SPEED * math.tan(at(VANE.x))
         flow = flow_angle(VANE, SPEED * math.cos(angle), SPEED * math.sin(angle), 0.0, 0.0, wg, wing)
-        return float(vane_step(VANE, state, flow)) * BOOM.steady_calibration
+        return float(second_order_step(VANE.dynamics, state, flow)) * BOOM.steady_calibration
 
     return response(f, step)
 
@@ -117,7 +117,7 @@ def test_vane_dynamics_are_the_second_order_systems() -> None:
         state, last = np.zeros(3), 2 * math.pi * f
 
         def step(t: float, state: np.ndarray = state, w: float = last) -> float:
-            return float(vane_step(VANE, state, AMPLITUDE * math.sin(w * t)))
+            return float(second_order_step(VANE.dynamics, state, AMPLITUDE * math.sin(w * t)))
 
         s, wn = 2j * math.pi * f, 2 * math.pi * 9
         exact = wn**2 / (s**2 + 2 * 0.35 * wn * s + wn**2)
