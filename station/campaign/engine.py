@@ -38,7 +38,6 @@ BATCH_S: Final = 4000.0
 """Seconds of flight in a batch: half a second of work or more on any machine."""
 ATTEMPTS: Final = 5
 """Workers may die on a batch so many times before it is taken for the batch's fault."""
-_THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 CONNECT_S: Final = 10.0
 """How long a scheduler may take to answer."""
 RESULT: Final = "flights.parquet"
@@ -79,6 +78,8 @@ class Store:
                 )
             if _read(manifest) != identity:
                 raise UsageError(f"{folder}: was begun with another specification or station\nname another folder")
+        elif self.result.exists():
+            raise UsageError(f"{folder}: holds a {RESULT} of something else\nname another folder")
         try:
             self._begin(manifest, identity)
         except OSError as error:
@@ -115,7 +116,7 @@ class Store:
             found = pq.read_metadata(path).metadata or {}
         except (OSError, pa.ArrowInvalid):
             return False
-        return found.get(b"flights") == str(flights).encode()
+        return found.items() >= {**self._metadata, b"flights": str(flights).encode()}.items()
 
     def _part(self, i: int) -> Path:
         return self._parts / f"{i:06d}.parquet"
@@ -185,8 +186,6 @@ def fly_local(plan: Plan, store: Store, workers: int, done: Done) -> None:
         return
     planned = batches(plan)
     attempts = dict.fromkeys(missing, 0)
-    # A process is a core's worth of work: threads of the linear algebra would only stand in each other's way.
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
     while missing:
         # A fork has at once what this process has imported, which a new one takes seconds to; safe on Linux only.
         context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
@@ -287,10 +286,10 @@ def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
                 raise StationError(
                     f"flights {planned[i].start} to {planned[i].stop - 1}: workers die on them"
                 ) from None
-            except (OSError, TimeoutError) as error:
+            except (OSError, TimeoutError, distributed.CancelledError) as error:
                 raise StationError(
-                    f"{scheduler}: lost: {error}\nfinished rows are kept: run again with --resume"
-                ) from None
+                    f"{scheduler}: the scheduler was lost\nfinished rows are kept: run again with --resume"
+                ) from error
             future.release()
             store.keep(i, rows)
             done(len(planned[i]))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,8 +22,10 @@ from station.campaign.spec import Case, Plan
 
 SENTENCES: Final = "findings.txt"
 _DPI: Final = 110
-_LINE: Final = 140
-"""Characters of a line under a figure."""
+_LINE: Final = 15
+"""Characters of a line under a figure, for each inch of its width."""
+_LINE_HEIGHT: Final = 0.16
+"""Inches."""
 _PANEL_LIMIT: Final = 2.5
 """Estimates are shown within this many times the tolerance, or as wide as the widest 95 % of them need."""
 
@@ -39,7 +41,7 @@ def draw(plan: Plan, result: Path, out: Path) -> list[str]:
             figure.savefig(folder / f"{name}.png", dpi=_DPI)
     sentences = [judge(rows, claim) for claim in plan.campaign.claims]
     for levels, cases in _groups(plan, ("turbulence",)):
-        sentences += [compare(rows, c, cases, _title(levels)) for c in plan.campaign.comparisons]
+        sentences += _compared(rows, levels, cases)
     (out / SENTENCES).write_text("".join(s + "\n" for s in sentences), encoding="utf-8")
     return sentences
 
@@ -59,17 +61,43 @@ def _title(levels: dict[str, Any]) -> str:
     return ", ".join(f"{n.replace('_', ' ')} {v}" for n, v in levels.items())
 
 
-def _found(rows: Rows, parameter: str, method: str, levels: dict[str, Any]) -> str:
-    """What is to be said under a figure: the claims about what it shows."""
+def _axis(name: str, levels: Sequence[Any]) -> tuple[str, list[str]]:
+    """A factor's name, with the unit that all its levels have, and the levels without."""
+    words = [str(level).split() for level in levels]
+    units = {word[1] if len(word) == 2 else "" for word in words}
+    label = name.replace("_", " ")
+    if len(units) == 1 and units != {""}:
+        return f"{label} [{units.pop()}]", [word[0] for word in words]
+    return label, [str(level) for level in levels]
+
+
+def _entitled(figure: Figure, rows: Rows, what: str, levels: dict[str, Any], sentences: list[str]) -> Figure:
+    """A figure with its title, and below it what it shows in words, for which it grows."""
     campaign = rows.plan.campaign
-    told = [
+    figure.suptitle(", ".join(filter(None, (what, _title(levels)))) + f"\n{campaign.description or campaign.name}")
+    width, height = figure.get_size_inches()
+    wrapper = textwrap.TextWrapper(round(_LINE * width), break_on_hyphens=False)
+    lines = [line for sentence in sentences for line in wrapper.wrap(sentence)]
+    figure.set_size_inches(width, height + _LINE_HEIGHT * len(lines))
+    figure.supxlabel("\n".join(lines), x=0.02, horizontalalignment="left", fontsize=8)
+    return figure
+
+
+def _claimed(rows: Rows, parameter: str, method: str, levels: dict[str, Any]) -> list[str]:
+    """What comes of the study's claims about what a figure shows."""
+    campaign = rows.plan.campaign
+    return [
         judge(rows, claim)
         for claim in campaign.claims
         if claim.parameter == parameter
         and method == campaign.methods[0]
         and all(levels.get(name, level) == level for name, level in claim.where.items())
     ]
-    return "\n".join(textwrap.fill(sentence, _LINE) for sentence in told)
+
+
+def _compared(rows: Rows, levels: dict[str, Any], cases: list[Case]) -> list[str]:
+    """How methods compare, level by level of turbulence."""
+    return [compare(rows, c, cases, _title(levels)) for c in rows.plan.campaign.comparisons]
 
 
 def _file_name(*parts: object) -> str:
@@ -91,8 +119,8 @@ def _estimates(rows: Rows) -> Iterator[tuple[str, Figure]]:
                 middle = rows.values(f"{parameter}_reference", cases[0].number, method)[0]
                 panels[0].set_ylim(middle - widest, middle + widest)
                 panels[0].legend(loc="upper right", fontsize=7, ncols=2)
-                figure.suptitle(f"{campaign.name}: {parameter} by {method}" + (f", {_title(levels)}" if levels else ""))
-                figure.supxlabel(_found(rows, parameter, method, levels), fontsize=8)
+                said = _claimed(rows, parameter, method, levels)
+                _entitled(figure, rows, f"{parameter} by {method}", levels, said)
                 yield _file_name("estimates", parameter, method, *levels.values()), figure
 
 
@@ -103,7 +131,7 @@ def _scatter(panel: Axes, rows: Rows, case: Case, method: str, parameter: str) -
     truth = float(rows.values(f"{parameter}_reference", case.number, method)[0])
     tolerance = rows.plan.campaign.tolerance
     run = np.arange(1, len(value) + 1)
-    panel.errorbar(run, value, bar, fmt="none", ecolor="tab:blue", elinewidth=0.6, label="2 sigma")
+    panel.errorbar(run, value, bar, fmt="none", ecolor="tab:blue", elinewidth=0.6, label="± 2 σ")
     panel.plot(run, value, "d", color="red", markersize=2.5, label="estimate")
     panel.axhline(truth, color="green", label=rows.plan.campaign.reference.replace("calm", "reference"))
     for side in (-1, 1):
@@ -140,20 +168,18 @@ def _exceedances(rows: Rows) -> Iterator[tuple[str, Figure]]:
                             campaign.factors[across].index(case.levels[across]),
                         )
                         counts[at] = rows.summary(case, method, parameter).exceedances
-                    image = panel.imshow(counts, origin="lower", aspect="auto", cmap="jet", vmin=0, vmax=OF_FLIGHTS)
+                    image = panel.imshow(counts, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=OF_FLIGHTS)
                     panel.set_title(f"{level_name(here[0])}: {counts.min():.0f} to {counts.max():.0f}", fontsize=9)
-                    panel.set_xticks(
-                        range(counts.shape[1]), [str(v) for v in campaign.factors[across]], fontsize=6, rotation=45
-                    )
-                    panel.set_yticks(range(counts.shape[0]), [str(v) for v in campaign.factors[up]], fontsize=6)
-                    panel.set_xlabel(across.replace("_", " "))
-                    panel.set_ylabel(up.replace("_", " "))
+                    for axis, name in ((panel.xaxis, across), (panel.yaxis, up)):
+                        label, words = _axis(name, campaign.factors[name])
+                        axis.set_ticks(range(len(words)), words, fontsize=7)
+                        axis.set_label_text(label)
                 if image is not None:
                     figure.colorbar(
                         image, ax=list(panels), label=f"flights of {OF_FLIGHTS} beyond ±{campaign.tolerance:.0%}"
                     )
-                figure.suptitle(f"{campaign.name}: {parameter} by {method}" + (f", {_title(levels)}" if levels else ""))
-                figure.supxlabel(_found(rows, parameter, method, levels), fontsize=8)
+                said = _claimed(rows, parameter, method, levels)
+                _entitled(figure, rows, f"{parameter} by {method}", levels, said)
                 yield _file_name("exceedances", parameter, method, *levels.values()), figure
 
 
@@ -182,5 +208,5 @@ def _errors(rows: Rows) -> Iterator[tuple[str, Figure]]:
             panel.set_title(parameter, fontsize=9)
             panel.set_ylabel("error: bias ± sd [%]")
         panels[0].legend(fontsize=7)
-        figure.suptitle(f"{campaign.name}" + (f": {_title(levels)}" if levels else ""))
+        _entitled(figure, rows, "Errors of each method", levels, _compared(rows, levels, cases))
         yield _file_name("errors", *levels.values()), figure

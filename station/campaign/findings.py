@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from station.campaign.spec import TURBULENCE, Case, Claim, Comparison, Plan
+from station.conventions import from_si
 
 SURE: Final = 2.0
 """Standard errors by which a difference counts."""
@@ -103,7 +104,7 @@ def judge(rows: Rows, claim: Claim) -> str:
     else:
         more = abs(worst.bias) - abs(calm.bias)
         error = math.hypot(worst.scatter / math.sqrt(worst.flights), calm.scatter / math.sqrt(calm.flights))
-        holds = (more > SURE * error and more > 1.0) == (claim.finds == "more bias")
+        holds = more > SURE * error and more > 1.0
         spread = _list(s.scatter for s in summaries)
         seen = f"the bias is {_list(s.bias for s in summaries)} %, its standard deviation {spread} % ({words})"
     return f"{head}{claim.finds} with turbulence; here {seen}: {_verdict(holds)}."
@@ -166,6 +167,6 @@ def _list(values: Any) -> str:
 
 
 def level_name(case: Case) -> str:
-    """The case's turbulence in a word, or its speed."""
-    sigma = case.scenario.turbulence / 0.3048
-    return next((n for n, v in TURBULENCE.items() if abs(v - sigma) < 1e-9), f"{sigma:g} ft/s")
+    """The case's turbulence in a word, or the gust's standard deviation."""
+    sigma = case.scenario.turbulence
+    return next((n for n, v in TURBULENCE.items() if abs(v - sigma) < 1e-9), f"{from_si(sigma, 'ft/s'):g} ft/s")

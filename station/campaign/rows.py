@@ -16,9 +16,13 @@ from station.campaign.spec import METHODS, Case, Plan
 Array = NDArray[np.float64]
 
 
+_APART: Final = 1_000_003
+"""Seeds of the first flights of two campaigns whose own seeds follow each other are so far apart."""
+
+
 def seeds(plan: Plan, flights: range) -> range:
     """Every flight has its own."""
-    first = plan.campaign.seed * 1_000_003
+    first = plan.campaign.seed * _APART
     return range(first + flights.start, first + flights.stop)
 
 
@@ -43,9 +47,10 @@ def fly_rows(plan: Plan, flights: range) -> pa.Table:
         case = plan.cases[number]
         setup, target = _prepared(plan, number)
         mine = range(max(flights.start, number * runs), min(flights.stop, (number + 1) * runs))
+        run = mine.start - number * runs
         for chunk, results in fly_case(setup, seeds(plan, mine)):
-            first = chunk.start - plan.campaign.seed * 1_000_003 - number * runs
-            tables.append(_table(plan, case, first, chunk, results, target))
+            tables.append(_table(plan, case, run, chunk, results, target))
+            run += len(chunk)
     return pa.concat_tables(tables).combine_chunks()
 
 

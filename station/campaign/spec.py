@@ -38,9 +38,10 @@ from station.profile import (
     read_profile,
 )
 from station.rows import ProfileError
+from station.simulation.gusts import LEVELS
 
-TURBULENCE: Final = {"calm": 0.0, "light": 5.0, "moderate": 10.0, "severe": 20.0}
-"""Standard deviation of the vertical gust, ft/s: MIL-F-8785C's exceedance curves between 2,000 and 3,000 ft."""
+TURBULENCE: Final = {"calm": 0.0} | {level: aloft for level, (_, aloft) in LEVELS.items()}
+"""Standard deviation of the vertical gust above 2,000 ft, m/s."""
 
 BENCHMARKS: Final = ("perfect", "raw")
 """Regressors no station has or should use: the true angle of attack at the CG, and the vane as it is."""
@@ -49,7 +50,7 @@ METHODS: Final = (*KINDS, *BENCHMARKS, "physical")
 
 def _turbulence(value: object) -> object:
     if isinstance(value, str) and value in TURBULENCE:
-        return f"{TURBULENCE[value]} ft/s"
+        return f"{TURBULENCE[value]!r} m/s"
     if isinstance(value, str) and not any(c.isdigit() for c in value):
         raise PydanticCustomError(
             "quantity",
@@ -117,7 +118,7 @@ class Claim(Frozen):
 
     figure: str
     parameter: str
-    finds: Literal["less scatter", "more scatter", "more bias", "no more bias", "feasible", "not feasible"]
+    finds: Literal["less scatter", "more scatter", "more bias", "feasible", "not feasible"]
     """With rising turbulence; or whether few enough flights (`limit`) leave the tolerance."""
     limit: int = 20
     """Exceedances of 200 flights that are still feasible."""
@@ -139,7 +140,7 @@ _LISTS: Final = ("methods", "figures", "show", "variants", "claims", "comparison
 
 
 class Campaign(Frozen):
-    """A specification, and its cases: all combinations of the factors' levels."""
+    """A specification as it is written."""
 
     name: str
     description: str = ""

@@ -215,11 +215,26 @@ def test_a_folder_that_cannot_be(plan: Plan, tmp_path: Path) -> None:
     (broken / "campaign.json").write_text("{", encoding="utf-8")
     with pytest.raises(UsageError, match="name another folder"):
         Store(broken, plan, resume=True)
+    taken = tmp_path / "taken"
+    taken.mkdir()
+    (taken / "flights.parquet").write_bytes(b"of another study")
+    with pytest.raises(UsageError, match=r"holds a flights\.parquet of something else\nname another folder"):
+        Store(taken, plan, resume=True)
+    assert (taken / "flights.parquet").read_bytes() == b"of another study"
+
+
+def test_rows_of_another_specification_are_not_taken_for_this_one_s(plan: Plan, tmp_path: Path) -> None:
+    other = Plan(plan.campaign, plan.cases, plan.text + "# changed", plan.path)
+    Store(tmp_path / "other", other, resume=False).keep(2, fly_rows(plan, batches(plan)[2]))
+    store = Store(tmp_path / "out", plan, resume=False)
+    part = tmp_path / "other" / "parts" / "000002.parquet"
+    (tmp_path / "out" / "parts" / part.name).write_bytes(part.read_bytes())
+    assert 2 in store.missing()
 
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A scheduler and two workers on loopback."""
+    """A scheduler and two workers on loopback: its address, and all three."""
     told = tmp_path / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
     serve = [sys.executable, "-m", "dask", "scheduler", "--host", "127.0.0.1", "--port", "0"]
@@ -232,7 +247,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
             if told.exists() and told.stat().st_size:
                 break
             time.sleep(0.05)
-        yield json.loads(told.read_text())["address"], children[1:]
+        yield json.loads(told.read_text())["address"], children
     finally:
         for child in reversed(children):
             child.kill()
@@ -240,17 +255,33 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
 
 
 def test_a_cluster_gives_the_same_rows_though_a_worker_is_killed(
-    plan: Plan, wanted: pa.Table, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen[bytes]]]
+    plan: Plan,
+    wanted: pa.Table,
+    tmp_path: Path,
+    cluster: tuple[str, list[subprocess.Popen[bytes]]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    address, workers = cluster
+    """And where the scheduler dies, that is said, and what was finished is kept."""
+    address, (scheduler, worker, _) = cluster
     store = Store(tmp_path / "out", plan, resume=False)
     flown: list[int] = []
 
-    def done(n: int) -> None:
-        flown.append(n)
-        if len(flown) == 2:
-            workers[0].kill()
+    def kill(victim: subprocess.Popen[bytes], at: int) -> Callable[[int], None]:
+        flown.clear()
 
-    fly_dask(plan, store, address, done)
+        def done(n: int) -> None:
+            flown.append(n)
+            if len(flown) == at:
+                victim.kill()
+
+        return done
+
+    fly_dask(plan, store, address, kill(worker, 2))
     assert sum(flown) == 30
     assert rows(store).equals(wanted)
+
+    monkeypatch.setattr(engine, "CONNECT_S", 1.0)
+    store = Store(tmp_path / "again", plan, resume=False)
+    with pytest.raises(StationError, match=r"the scheduler was lost\n.*--resume"):
+        fly_dask(plan, store, address, kill(scheduler, 1))
+    assert len(store.missing()) == 8 - len(flown) < 8

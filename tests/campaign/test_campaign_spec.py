@@ -70,6 +70,7 @@ def test_variants_change_together(tmp_path: Path) -> None:
         ('turbulence = "light"', 'turbulance = "light"', r"turbulance: unknown key; did you mean turbulence\?"),
         ('methods = ["II"]', 'methods = ["VII"]', r"unknown method VII; did you mean II\?"),
         ("runs = 3", "runs = 0", "runs: "),
+        ("runs = 3", "runs = -200", "runs: "),
         ("runs = 3", "", "runs: missing key"),
         ("[flight]", '[flight]\nalpha = "distorted"', "distortion: missing"),
         ("[flight]", '[flight]\ninput = "dublet"', r"no inputs.dublet; did you mean doublet\?"),

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from station.campaign.figures import draw
+from station.campaign.figures import _errors, _estimates, draw
 from station.campaign.findings import Rows, compare, judge
 from station.campaign.spec import Plan, load_plan
 
@@ -17,7 +17,7 @@ SPEC = """
 name = "t"
 runs = 200
 methods = ["II", "split"]
-figures = ["estimates"]
+figures = ["estimates", "errors"]
 show = ["Cm_q"]
 [flight]
 [factors]
@@ -94,4 +94,16 @@ def test_figures_and_sentences_are_written(rows: Rows, tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "figures").iterdir()} == {
         "estimates_Cm_q_II.png",
         "estimates_Cm_q_split.png",
+        "errors.png",
+    }
+
+
+def test_a_figure_says_below_it_what_it_shows(rows: Rows) -> None:
+    below = {name: figure.get_supxlabel().replace("\n", " ") for name, figure in (*_estimates(rows), *_errors(rows))}
+    claims, comparisons = rows.plan.campaign.claims, rows.plan.campaign.comparisons
+    cases = sorted(rows.plan.cases, key=lambda c: c.scenario.turbulence)
+    assert below == {
+        "estimates_Cm_q_II": " ".join(judge(rows, claim) for claim in claims),
+        "estimates_Cm_q_split": "",  # the claims are of the study's method, which is the first
+        "errors": compare(rows, comparisons[0], cases, ""),
     }
