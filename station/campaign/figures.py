@@ -22,7 +22,7 @@ from station.campaign.spec import Case, Plan
 
 SENTENCES: Final = "findings.txt"
 _DPI: Final = 110
-_LINE: Final = 15
+_LINE: Final = 17
 """Characters of a line under a figure, for each inch of its width."""
 _LINE_HEIGHT: Final = 0.16
 """Inches."""
@@ -131,7 +131,7 @@ def _scatter(panel: Axes, rows: Rows, case: Case, method: str, parameter: str) -
     truth = float(rows.values(f"{parameter}_reference", case.number, method)[0])
     tolerance = rows.plan.campaign.tolerance
     run = np.arange(1, len(value) + 1)
-    panel.errorbar(run, value, bar, fmt="none", ecolor="tab:blue", elinewidth=0.6, label="± 2 σ")
+    panel.errorbar(run, value, bar, fmt="none", ecolor="tab:blue", elinewidth=0.6, label="±2σ")
     panel.plot(run, value, "d", color="red", markersize=2.5, label="estimate")
     panel.axhline(truth, color="green", label=rows.plan.campaign.reference.replace("calm", "reference"))
     for side in (-1, 1):
@@ -183,6 +183,9 @@ def _exceedances(rows: Rows) -> Iterator[tuple[str, Figure]]:
                 yield _file_name("exceedances", parameter, method, *levels.values()), figure
 
 
+_FROM: Final = {"calm": "what a perfect angle of attack gives in calm air", "truth": "the aircraft's own derivatives"}
+
+
 def _errors(rows: Rows) -> Iterator[tuple[str, Figure]]:
     campaign = rows.plan.campaign
     methods = campaign.methods
@@ -190,9 +193,13 @@ def _errors(rows: Rows) -> Iterator[tuple[str, Figure]]:
         figure = Figure(figsize=(11, 6.5), layout="constrained")
         panels = figure.subplots(2, 3).ravel()
         for panel, parameter in zip(panels, campaign.parameters, strict=True):
+            panel.axhline(0.0, color="green", linewidth=1.0)
+            for side in (-100.0, 100.0):
+                word = f"±{campaign.tolerance:.0%}" if side > 0 else None
+                panel.axhline(side * campaign.tolerance, color="red", linestyle="--", linewidth=0.8, label=word)
             for i, case in enumerate(cases):
                 found = [rows.summary(case, method, parameter) for method in methods]
-                at = np.arange(len(methods)) + 0.8 * ((i + 0.5) / len(cases) - 0.5)
+                at = np.arange(len(methods)) + 0.5 * ((i + 0.5) / len(cases) - 0.5)
                 panel.errorbar(
                     at,
                     [s.bias for s in found],
@@ -201,12 +208,12 @@ def _errors(rows: Rows) -> Iterator[tuple[str, Figure]]:
                     markersize=4,
                     label=level_name(case),
                 )
-            panel.axhline(0.0, color="green")
-            for side in (-100.0, 100.0):
-                panel.axhline(side * campaign.tolerance, color="red", linestyle="--", linewidth=0.8)
-            panel.set_xticks(range(len(methods)), methods, fontsize=7, rotation=20)
-            panel.set_title(parameter, fontsize=9)
+            panel.set_xticks(range(len(methods)), methods, fontsize=8, rotation=30, ha="right", rotation_mode="anchor")
+            panel.set_title(parameter, fontsize=10)
             panel.set_ylabel("error: bias ± sd [%]")
         panels[0].legend(fontsize=7)
-        _entitled(figure, rows, "Errors of each method", levels, _compared(rows, levels, cases))
+        what = f"Errors of each method, from {_FROM[campaign.reference]}"
+        if campaign.reference == "calm" and "physical" in methods:
+            what += f" (physical: {_FROM['truth']})"
+        _entitled(figure, rows, what, levels, _compared(rows, levels, cases))
         yield _file_name("errors", *levels.values()), figure

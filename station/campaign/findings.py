@@ -29,7 +29,7 @@ _COLUMNS_KEPT: Final = 6
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """One parameter by one method in one case: relative errors, per cent."""
+    """One parameter by one method in one case: errors in per cent of the reference's magnitude, above it positive."""
 
     case: Case
     flights: int
