@@ -187,7 +187,8 @@ class Adapter:
             self._told[Code.CRC].count += 1
         if self._heard:
             self._may_excuse = False
-        self._tell(t_ns, Code.CRC, bad, "unreadable messages")
+        signed = f", {self.codec.refused} so far for their signature" if self.codec.refused else ""
+        self._tell(t_ns, Code.CRC, bad, f"unreadable messages{signed}")
         self._tell(t_ns, Code.GAP, self.codec.lost, "messages lost by the link's count")
 
     def _tell(self, t_ns: int, code: Code, count: int, detail: str) -> None:

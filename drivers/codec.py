@@ -49,6 +49,9 @@ class Codec(Protocol):
     lost: int = 0
     """Messages missing by a counter that all messages of the link share; one of a message's own is `Reading.seq`."""
 
+    refused: int = 0
+    """Of the bad ones, those without the signature that the rig asks for."""
+
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         """Take bytes, cut anywhere; return what is complete. Half a message waits. Never raises."""
         ...

@@ -10,6 +10,7 @@ An empty HOST (udpin::14550 or udpin:14550) is the loopback, so is anything not 
 
 from __future__ import annotations
 
+import errno
 import select
 import socket
 from typing import Final
@@ -23,6 +24,11 @@ LOOPBACK: Final = "127.0.0.1"
 _CONNECT_TIMEOUT_S: Final = 1.0
 _BIGGEST_DATAGRAM: Final = 65_535
 _SCHEMES: Final = ("udpin", "udp", "udpout", "tcp")
+_HINTS: Final = {
+    errno.EADDRINUSE: ": another program listens there; close that or use another port",
+    errno.EADDRNOTAVAIL: ": this machine has no such address",
+    errno.ECONNREFUSED: ": nobody listens there; is the sender running?",
+}
 
 
 class UdpPort:
@@ -101,7 +107,8 @@ def open_port(device: MavlinkDevice, url: str) -> Port:
             raise
         return UdpPort(here, None)
     except OSError as error:
-        raise DeviceError(f"{device.name}: cannot open {url}: {error.strerror or error}") from error
+        hint = _HINTS.get(error.errno or 0, "")
+        raise DeviceError(f"{device.name}: cannot open {url}: {error.strerror or error}{hint}") from error
 
 
 def _is_loopback(host: str) -> bool:

@@ -66,11 +66,6 @@ class SlcanAdapter:
                 for data in messages:
                     port.write(data)
 
-    def send_frame(self, frame_id: int, data: bytes, is_extended: bool = False) -> None:
-        """A data frame from the bus."""
-        head = f"T{frame_id:08X}" if is_extended else f"t{frame_id:03X}"
-        self.send([f"{head}{len(data)}{data.hex().upper()}\r".encode("ascii")])
-
     def descriptors(self) -> list[int]:
         """What to wait on for commands."""
         return list(self._ports)

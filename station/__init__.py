@@ -2,6 +2,7 @@
 
 import hashlib as _hashlib
 import os as _os
+import tempfile as _tempfile
 from pathlib import Path as _Path
 
 
@@ -14,12 +15,28 @@ def _compiled_code_of_these_sources() -> str:
     digest = _hashlib.sha256()
     for source in sorted(_Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())
-    cache = _Path(_os.environ.get("XDG_CACHE_HOME") or _Path.home() / ".cache")
-    return str(cache / "flight-test-station" / digest.hexdigest()[:16])
+    name = digest.hexdigest()[:16]
+    for folder in (_os.environ.get("XDG_CACHE_HOME", ""), _os.path.expanduser("~/.cache")):
+        if folder.startswith("/") and _is_writable(cache := _Path(folder) / "flight-test-station" / name):
+            return str(cache)
+    # A read-only system, or a user without a home: a folder of this user's in the place for temporary files.
+    cache = _Path(_tempfile.gettempdir()) / f"flight-test-station-{_os.getuid()}"
+    if _is_writable(cache, 0o700) and cache.stat().st_uid == _os.getuid():
+        return str(cache / name)
+    return _tempfile.mkdtemp(prefix="flight-test-station-")
 
 
-_os.environ.setdefault("NUMBA_CACHE_DIR", _compiled_code_of_these_sources())
-# The matrices are small: threads of the linear algebra only spin beside the loop and the workers, and their number would
-# be part of the last bit. Must be set before numpy is first imported.
+def _is_writable(folder: _Path, mode: int = 0o777) -> bool:
+    try:
+        folder.mkdir(mode, parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return _os.access(folder, _os.W_OK | _os.X_OK)
+
+
+if "NUMBA_CACHE_DIR" not in _os.environ:
+    _os.environ["NUMBA_CACHE_DIR"] = _compiled_code_of_these_sources()
+# The matrices are small: threads of the linear algebra only spin beside the loop and the workers, and their number
+# would be part of the last bit. Must be set before numpy is first imported.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     _os.environ.setdefault(_threads, "1")

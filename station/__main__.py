@@ -5,14 +5,14 @@ from __future__ import annotations
 import gc
 import importlib.metadata
 import json
+import math
 import os
 import signal
-import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -25,17 +25,17 @@ from station import diagnosing, postflight
 from station.bus import Bus
 from station.campaign import verb as campaigns
 from station.clock import Clock, SystemClock
-from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, say
+from station.emulators import Emulated, emulators, streams_flown
+from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, finite, say
+from station.process import discard_output, guarded, line_writer, spread, stop_on_signals, write_line
 from station.profile import CanDevice, Profiles, Rig, load_aircraft, load_card
-from station.rows import Code, DeviceError, Event, ProfileError, Rows, StationError, UsageError
+from station.rows import Code, Event, ProfileError, Rows, StationError, UsageError
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 app.add_typer(postflight.app)
 app.add_typer(diagnosing.app)
 app.add_typer(campaigns.app)
 
-ENDPOINTS_WITHIN_S = 120.0
-"""The first flight on a machine compiles the simulation."""
 TIMED_TICKS = 90_000
 """Half an hour of ticks, whose timing is told at the end."""
 
@@ -64,7 +64,9 @@ def _options(
 @app.command()
 def run(
     card: CardName = "bench",
-    duration: Annotated[float | None, typer.Option(help="seconds to run; until stopped if left out", min=0.02)] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="seconds to run; until stopped if left out", min=0.02, callback=finite)
+    ] = None,
     log: Annotated[Path, typer.Option(metavar="DIR", help="folder for the recording")] = Path("logs"),
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.web,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON line a second on stdout")] = False,
@@ -81,18 +83,19 @@ def run(
     profiles = _load(card)
     check_devices(profiles.rig, Path(profiles.rig_dir))
     aircraft, rig, flight_card = profiles.aircraft, profiles.rig, profiles.card
-    clock, bus, stop = SystemClock(), Bus(), _stop_on_signals()
-    streams = tuple(rig.streams())
-    noise = rig.noise_si()
-    screen = sys.stdout.isatty() and sys.stdin.isatty() and not as_json
+    devices = {d.name for d in rig.devices}
+    clock, bus, stop = SystemClock(), Bus(), threading.Event()
+    screen = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM") != "dumb" and not as_json
 
     say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
     compile_apart(card)
     estimator, watch = estimators(profiles)
-    aligner = Aligner(streams, noise)
 
     with ExitStack() as stack:
-        endpoints = stack.enter_context(_emulators(card)) if flight_card.emulate else {}
+        emulated = stack.enter_context(emulators(card, devices, bus, clock)) if flight_card.emulate else Emulated()
+        streams = streams_flown(rig, emulated)
+        aligner = Aligner(streams, rig.noise_si())
+        adapters = open_devices(rig, emulated.endpoints, Path(profiles.rig_dir), clock, bus.put)
         about = About(aircraft, streams, rig, flight_card, files=dbc_files(rig, Path(profiles.rig_dir)))
         writer = LogWriter(log, about, clock, bus.put)
         stack.callback(writer.close)
@@ -103,7 +106,7 @@ def run(
             say(f"viewer: {address}")
         say(f"recording: {writer.path}")
         board = Board(profiles, clock, address=address)
-        for adapter in open_devices(rig, endpoints, Path(profiles.rig_dir), clock, bus.put):
+        for adapter in adapters:
             adapter.start()
             stack.callback(adapter.stop)
         bus.put(Event(clock.now_ns(), "station", Code.START, 1, flight_card.name))
@@ -137,15 +140,17 @@ def run(
         sys.setswitchinterval(0.0005)
         gc.collect()
         gc.freeze()
+        stop_on_signals(stop)
+        write = line_writer()
         thread = threading.Thread(target=loop, name="loop")
         thread.start()
         try:
             if screen:
                 run_panel(board, callbacks, stop, clock)
             elif as_json:
-                json_lines(board, stop, clock, _write_line)
+                json_lines(board, stop, clock, write)
             else:
-                plain_lines(board, stop, clock, _write_line)
+                plain_lines(board, stop, clock, write)
         finally:
             stop.set()
             thread.join()
@@ -158,6 +163,9 @@ def run(
             f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); {overruns} missed"
         )
     say(f"recorded {writer.bytes_written / 2**20:.1f} MiB in {writer.path}")
+    if writer.failed:
+        say(f"station: the recording is not whole: {writer.failed}")
+        return DEGRADED
     return DONE if board.ever_complete else DEGRADED
 
 
@@ -181,59 +189,6 @@ def _points(bus: Bus, clock: Clock) -> Callable[[], int | None]:
     return toggle
 
 
-def _write_line(line: str) -> None:
-    print(line, flush=True)
-
-
-def _stop_on_signals() -> threading.Event:
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    return stop
-
-
-@contextmanager
-def _emulators(card: str) -> Iterator[dict[str, str]]:
-    """Run `station emulate CARD` beside the station; the endpoint of each device. Raises DeviceError."""
-    child = subprocess.Popen(
-        [sys.executable, "-m", "station", "emulate", card, "--attached"],
-        stdin=subprocess.PIPE,  # closes when this process ends, however it ends
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,  # Ctrl-C is for the station, which then ends the devices
-    )
-    try:
-        yield _endpoints(child, {d.name for d in _load(card).rig.devices})
-    finally:
-        child.terminate()
-        try:
-            child.wait(timeout=5)
-        except subprocess.TimeoutExpired:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
-        for pipe in (child.stdin, child.stdout):
-            if pipe is not None:
-                pipe.close()
-
-
-def _endpoints(child: subprocess.Popen[str], wanted: set[str]) -> dict[str, str]:
-    endpoints: dict[str, str] = {}
-    watchdog = threading.Timer(ENDPOINTS_WITHIN_S, child.kill)
-    watchdog.start()
-    try:
-        assert child.stdout is not None
-        for line in child.stdout:
-            told = json.loads(line)
-            if "device" in told:
-                endpoints[told["device"]] = told["endpoint"]
-            if "start_ns" in told and wanted <= endpoints.keys():
-                return endpoints
-    finally:
-        watchdog.cancel()
-    missing = ", ".join(sorted(wanted - endpoints.keys()))
-    raise DeviceError(f"the emulated devices did not start: no endpoint for {missing}\nsee: station emulate")
-
-
 def _stop_at_end_of_input(stop: threading.Event) -> None:
     sys.stdin.read()
     stop.set()
@@ -248,10 +203,11 @@ def emulate(
     from drivers.emulate import serve
 
     profiles = _load(card)
-    stop = _stop_on_signals()
+    stop = threading.Event()
+    stop_on_signals(stop)
     if attached:
         threading.Thread(target=_stop_at_end_of_input, args=(stop,), daemon=True).start()
-    serve(profiles, lambda told: _write_line(json.dumps(told)), stop, SystemClock(), _recorded_flight(profiles))
+    serve(profiles, lambda told: write_line(json.dumps(told)), stop, SystemClock(), _recorded_flight(profiles))
     return DONE
 
 
@@ -292,50 +248,38 @@ def _load(card: str) -> Profiles:
 @app.command()
 def check(
     card: CardName = "bench",
-    seconds: Annotated[float, typer.Option(help="how long to listen", min=0.5)] = 5.0,
+    seconds: Annotated[float, typer.Option(help="how long to listen", min=0.5, callback=finite)] = 5.0,
 ) -> int:
     """Validate the profiles, listen to each device, print a go / no-go table."""
-    from rich.console import Console
-    from rich.table import Table as Grid
-
     from drivers.adapter import check_devices, open_devices
     from station import live
     from station.alignment import Aligner
-    from station.rows import Health
+    from station.board import Board
+    from station.checklist import print_check
 
     profiles = _load(card)
+    devices = {d.name for d in profiles.rig.devices}
     rig_dir = Path(profiles.rig_dir)
     check_devices(profiles.rig, rig_dir)
-    clock, bus, stop = SystemClock(), Bus(), _stop_on_signals()
-    aligner = Aligner(profiles.rig.streams(), profiles.rig.noise_si())
-    wrong: dict[str, set[str]] = {}
-    health: Health | None = None
+    clock, bus, stop = SystemClock(), Bus(), threading.Event()
+    board = Board(profiles, clock)
+    told: list[Event] = []
     with ExitStack() as stack:
-        endpoints = stack.enter_context(_emulators(card)) if profiles.card.emulate else {}
-        for adapter in open_devices(profiles.rig, endpoints, rig_dir, clock, bus.put):
+        emulated = stack.enter_context(emulators(card, devices, bus, clock)) if profiles.card.emulate else Emulated()
+        streams = streams_flown(profiles.rig, emulated)
+        aligner = Aligner(streams, profiles.rig.noise_si())
+        for adapter in open_devices(profiles.rig, emulated.endpoints, rig_dir, clock, bus.put):
             adapter.start()
             stack.callback(adapter.stop)
+        stop_on_signals(stop)
         # The last beat carries a health row: they come once a second.
-        for tick, rows, _ in live.beats(bus, clock, profiles.card.lag, stop, round(seconds) + 0.02):
+        for tick, rows, _ in live.beats(bus, clock, profiles.card.lag, stop, math.ceil(seconds) + 0.02):
             for row in rows:
                 aligner.accept(row)
-            _, events, told = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
-            health = told or health
-            for event in (*rows, *events):
-                if isinstance(event, Event) and event.level > 0:
-                    wrong.setdefault(event.source, set()).add(f"{event.code}: {event.detail}")
-    grid = Grid("stream", "alive", "rate Hz", "age s", "clock", "verdict", "notes", title=f"check {profiles.card.name}")
-    all_go = health is not None
-    for s, stream in zip(health.streams if health else (), profiles.rig.streams(), strict=False):
-        notes = sorted(wrong.get(s.stream, set()) | wrong.get(s.device, set()))
-        go = s.alive and s.rate_hz >= 0.9 * stream.rate_hz and s.clock != "rejected"
-        all_go &= go
-        rate = f"{s.rate_hz:.0f} of {stream.rate_hz:g}"
-        verdict = "[green]GO[/]" if go else "[red]NO-GO[/]"
-        note = notes[0] if notes else ""
-        grid.add_row(s.stream, "yes" if s.alive else "no", rate, f"{s.age_s:.2f}", s.clock, verdict, note)
-    Console().print(grid)
-    return DONE if all_go else DEGRADED
+            _, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
+            told += [e for e in (*rows, *events) if isinstance(e, Event)]
+            board.update([*rows, *events, *([health] if health else [])])
+    return DONE if print_check(profiles.card.name, board, streams, told) else DEGRADED
 
 
 # --- records from elsewhere
@@ -360,20 +304,22 @@ def import_(
 
 
 def main() -> None:
-    """Run the command line; exit codes: 0 done, 1 error, 2 usage or invalid profile, 3 done but degraded."""
+    """Run the command line; exit codes: 0 done, 1 error, 2 usage or invalid profile, 3 done but degraded.
+
+    Ended by a signal: 128 and its number, as of any program.
+    """
     debug = "--debug" in sys.argv
-    sys.argv = [a for a in sys.argv if a != "--debug"]
-    if len(sys.argv) == 1:
-        sys.argv.append("--help")
+    words = spread([a for a in sys.argv[1:] if a != "--debug"]) or ["--help"]
     try:
-        code = app(prog_name="station", standalone_mode=False)
+        with guarded():
+            code = app(words, prog_name="station", standalone_mode=False)
     except typer.Exit as leaving:
         code = leaving.exit_code
     except (typer.Abort, KeyboardInterrupt):
-        code = 130
+        code = 128 + signal.SIGINT
     except TyperException as error:
-        words = getattr(error, "format_message", error.__str__)()
-        say(f"station: {words}\nsee: station --help")
+        told = getattr(error, "format_message", error.__str__)()
+        say(f"station: {told}\nsee: station --help")
         code = USAGE
     except StationError as error:
         if debug:
@@ -381,6 +327,12 @@ def main() -> None:
         say(f"station: {error}")
         code = USAGE if isinstance(error, (ProfileError, UsageError)) else ERROR
     except BrokenPipeError:
+        discard_output()
+        code = ERROR
+    except OSError as error:
+        if debug:
+            raise
+        say(f"station: {error.filename or 'the system'}: {error.strerror or error}")
         code = ERROR
     except Exception as error:
         if debug:

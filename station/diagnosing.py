@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import pickle
 import subprocess
@@ -18,7 +17,7 @@ import typer
 
 from station.conventions import from_si
 from station.log import Table, metadata, points, summarise, table
-from station.postflight import DEGRADED, DONE, say
+from station.postflight import DEGRADED, DONE, check_json, say, write_json
 from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, UsageError
 
@@ -58,6 +57,7 @@ def diagnose(
     for path in (*logs, *(hold_out or [])):
         if not path.is_file():
             raise LogError(f"{path}: no such file")
+    check_json(as_json)
     if write_profile is not None and write_profile.exists():
         raise UsageError(f"{write_profile}: is there already: an extended profile never replaces a file; name another")
     say(f"  reading {len(logs) + len(hold_out or [])} recordings")
@@ -166,14 +166,9 @@ def _finish(
         heading = f"Extended by station diagnose ({result['verdict']}) from {', '.join(p.name for p in logs)}.\n{words}"
         write(extended.model_copy(update={"name": write_profile.stem}), write_profile, heading)
         say(str(write_profile))
-    if as_json == "-":
-        print(json.dumps(result, allow_nan=False))
-    else:
-        if as_json is not None:
-            try:
-                Path(as_json).write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
-            except OSError as error:
-                raise LogError(f"{as_json}: cannot be written: {error}") from error
+    if as_json is not None:
+        write_json(result, as_json)
+    if as_json != "-":
         print("\n".join(summary(result)))
     if not complete:
         say("station: a recording is not complete: see station info")

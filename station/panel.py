@@ -6,6 +6,7 @@ A number without status is never shown as valid: what is not estimated is a dash
 from __future__ import annotations
 
 import codecs
+import contextlib
 import json
 import math
 import os
@@ -80,11 +81,14 @@ def run_panel(
                 if not select.select([keyboard], [], [], REFRESH_S)[0]:
                     continue
                 pressed = os.read(keyboard, 1024)
-                if not pressed:  # the terminal is gone: the flight goes on until it is stopped
-                    stop.wait()
+                if not pressed:
+                    raise OSError("end of input")
                 keys.press(pressed)
+    except OSError:  # the terminal is gone: the flight goes on until it is stopped
+        stop.wait()
     finally:
-        termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
 
 
 class _Keys:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -19,7 +20,19 @@ import typer
 
 from station.clock import SystemClock
 from station.conventions import LATERAL, STREAMS, TICK_NS, Stream
-from station.log import About, describe, metadata, points, read_rows, recover, summarise, table, write_log
+from station.log import (
+    About,
+    describe,
+    make_folder,
+    metadata,
+    points,
+    read_rows,
+    recover,
+    summarise,
+    table,
+    verdict,
+    write_log,
+)
 from station.profile import Profiles, load_aircraft, load_card
 from station.rows import LogError, Rows, Sample, Truth, UsageError
 
@@ -36,7 +49,41 @@ class ViewMode(StrEnum):
 
 def say(text: str) -> None:
     """Words for the user, on stderr; stdout is for what was asked for."""
-    print(text, file=sys.stderr, flush=True)
+    with contextlib.suppress(OSError):  # nobody there to hear it
+        print(text, file=sys.stderr, flush=True)
+
+
+def write_json(result: Mapping[str, Any], to: str) -> None:
+    """The result of a verb to a file, or to stdout for "-". Raises LogError if the file cannot be written."""
+    if to == "-":
+        print(json.dumps(result, allow_nan=False))
+        return
+    try:
+        Path(to).write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
+    except OSError as error:
+        raise LogError(f"{to}: cannot be written: {error.strerror}") from error
+
+
+def check_json(to: str | None) -> None:
+    """Before an hour of work whose result could not be written. Raises LogError."""
+    if to not in (None, "-") and not Path(str(to)).absolute().parent.is_dir():
+        raise LogError(f"{to}: cannot be written: no such folder")
+
+
+def finite(value: float | None) -> float | None:
+    """For options: typer takes nan and inf for numbers."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is not a number of seconds")
+    return value
+
+
+def judged(log: Path) -> int:
+    """DONE, or DEGRADED and a word on it where not all of the recording is there."""
+    found = verdict(log)
+    if found == "complete":
+        return DONE
+    say(f"station: {log} is {found}: station info tells what is missing")
+    return DEGRADED
 
 
 LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="a recording (.mcap)")]
@@ -56,10 +103,10 @@ def replay(
     from station.estimation.methods import Estimator
     from station.view import View
 
+    rate = None if speed == "max" else _positive(speed, "--speed")
     about = metadata(log).about
     if about.imported or about.rig is None or about.card is None:
         raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
-    rate = None if speed == "max" else _positive(speed, "--speed")
     clock = SystemClock()
     noise = about.rig.noise_si()
     estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
@@ -86,8 +133,7 @@ def replay(
     with ExitStack() as stack:
         show = None
         if view is not ViewMode.none:
-            profiles = Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card, rig_dir="")
-            viewer = View(view.value, f"replay of {log.name}", profiles, on_event=lambda _: None)
+            viewer = View(view.value, f"replay of {log.name}", _profiles(about), on_event=lambda _: None)
             stack.callback(viewer.close)
             say(f"viewer: {viewer.start()}")
 
@@ -104,7 +150,8 @@ def replay(
     if verify and counts["different"]:
         say("\n".join(line[:300] for line in first[0].splitlines()))
         return ERROR
-    return DONE
+    whole = judged(log)
+    return DONE if verify else whole
 
 
 def same_bits(one: Rows, other: Rows) -> bool:
@@ -117,7 +164,7 @@ def _positive(text: str, option: str) -> float:
         value = float(text)
     except ValueError:
         value = 0.0
-    if value <= 0:
+    if not 0 < value < math.inf:
         raise UsageError(f"{option}: {text!r} is not a number above 0")
     return value
 
@@ -168,6 +215,7 @@ def identify(
     from station.identify import identify as solve
     from station.report import write_report
 
+    check_json(as_json)
     flown = table(_there(log))
     about = metadata(log).about
     if point is not None:
@@ -196,16 +244,12 @@ def identify(
     if report is not None:
         page = write_report(result, flown, report, card=about.card, imu_position=rig_place, noise=noise)
         say(str(page))
-    if as_json == "-":
-        print(json.dumps(result, allow_nan=False))
-    else:
-        if as_json is not None:
-            Path(as_json).write_text(json.dumps(result, indent=1, allow_nan=False), encoding="utf-8")
+    if as_json is not None:
+        write_json(result, as_json)
+    if as_json != "-":
         _print_estimates(result)
-    if summarise(log).verdict != "complete":
-        say(f"station: {log} is not complete: see station info")
-        return DEGRADED
-    return DONE if result["recommended"] else DEGRADED
+    whole = judged(log)
+    return whole if result["recommended"] else DEGRADED
 
 
 def _interval(log: Path, number: int) -> tuple[float, float]:
@@ -247,9 +291,9 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
             console.print(grid)
     for name, made in methods.items():
         if made["why"]:
-            console.print(f"{name}: {made['why']}", highlight=False)
+            console.print(f"{name}: {made['why']}", highlight=False, markup=False)
     for remark in result["remarks"]:
-        console.print(remark, highlight=False)
+        console.print(remark, highlight=False, markup=False)
 
 
 def _cell(method: Mapping[str, Any], name: str) -> str:
@@ -271,15 +315,22 @@ def export_(
     from station.convert import Format, export
     from station.view import write_rrd
 
-    _there(log)
+    about = metadata(_there(log)).about
     if to is ExportFormat.rrd:
-        about = metadata(log).about
-        write_rrd(read_rows(log), out, title=f"{about.source} of {about.aircraft.name}")
+        make_folder(out.parent)
+        write_rrd(read_rows(log), out, _profiles(about), title=f"{about.source} of {about.aircraft.name}")
         say(str(out))
     else:
         for made in export(log, cast(Format, to.value), out):
             say(str(made))
-    return DONE
+    return judged(log)
+
+
+def _profiles(about: About) -> Profiles | None:
+    """What was flown, as a recording keeps it; None for an import."""
+    if about.rig is None or about.card is None:
+        return None
+    return Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card, rig_dir="")
 
 
 @app.command()
@@ -289,13 +340,15 @@ def simulate(
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a card's value")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="replace the flight's seed")] = None,
-    duration: Annotated[float, typer.Option(help="seconds", min=1.0)] = 120.0,
+    seed: Annotated[int | None, typer.Option(help="replace the flight's seed", min=0)] = None,
+    duration: Annotated[float, typer.Option(help="seconds", min=1.0, callback=finite)] = 120.0,
 ) -> int:
     """Fly the simulation with the rig's sensors, faster than real time; the truth is recorded beside."""
     from station.simulation.simulate import fly
 
     profiles = load_card(scenario, overrides=dict(_setting(s) for s in settings or ()))
+    if out.exists():
+        raise LogError(f"{out}: exists already, and a recording is never overwritten")
     shown, truth = fly(profiles.aircraft, profiles.rig, profiles.card, duration, seed)
     streams = tuple(s for s in _present(STREAMS.values(), shown))
     notes = {"scenario": scenario, "seed": str(profiles.card.flight.seed if seed is None else seed)}

@@ -31,7 +31,7 @@ def estimators(profiles: Profiles) -> tuple[Estimator, Disagreement]:
 
 def compile_apart(card: str) -> None:
     """Fill the cache of kernels where no flight of `card` has; if that fails, the station compiles them itself."""
-    done = Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')}"
+    done = Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}"
     if done.exists():
         return
     child = subprocess.run([sys.executable, "-m", "station.preparing", card], check=False, capture_output=True)

@@ -225,10 +225,16 @@ def _path(parts: plots.Path) -> str:
 def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None = None, title: str = "station") -> None:
     """Write rows, in time order, as a Rerun recording with the page's layout. Raises LogError.
 
-    Derivatives are thinned to five points a second; the recording proper is the MCAP log.
+    Derivatives are thinned to five points a second; the recording proper is the MCAP log. Nothing is overwritten.
     """
     import rerun as rr
 
+    try:
+        Path(path).touch(exist_ok=False)
+    except FileExistsError:
+        raise LogError(f"{path}: exists already and is not overwritten") from None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror}") from error
     setup = setup_for(profiles, title=title)
     recording = rr.RecordingStream("station")
     page = Page(recording, setup)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -342,6 +343,40 @@ def test_screen_ends_when_the_flight_does(monkeypatch: pytest.MonkeyPatch) -> No
     stop.set()
     with terminal(monkeypatch):
         run_panel(board_with(ALPHA), operator.callbacks, stop, operator.clock, Console(file=io.StringIO()))
+    assert operator.done == []
+
+
+@pytest.mark.parametrize("screen_fails", [False, True])
+def test_a_terminal_that_goes_away_does_not_end_the_flight(monkeypatch: pytest.MonkeyPatch, screen_fails: bool) -> None:
+    operator = Operator()
+    theirs, keyboard = pty.openpty()
+
+    class Stop(threading.Event):
+        """Stopped by somebody else, once it is waited for."""
+
+        waited = False
+
+        def wait(self, timeout: float | None = None) -> bool:
+            self.waited = True
+            self.set()
+            return True
+
+    class Eyes(io.StringIO):
+        def write(self, text: str) -> int:
+            if "corrected" in text:
+                if screen_fails:
+                    raise OSError(errno.EIO, "Input/output error")
+                os.close(theirs)
+            return super().write(text)
+
+    stop = Stop()
+    with os.fdopen(keyboard, "r") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        console = Console(file=Eyes(), force_terminal=True, width=100, height=30, legacy_windows=False, _environ={})
+        run_panel(board_with(ALPHA), operator.callbacks, stop, operator.clock, console)
+    if screen_fails:
+        os.close(theirs)
+    assert stop.waited
     assert operator.done == []
 
 

@@ -40,7 +40,8 @@ def read_csv(path: Path, aircraft: Aircraft) -> Record:
     for number, line in lines:
         cells = line.split(",")
         if len(cells) != len(names):
-            raise LogError(f"{path}: line {number}: {len(cells)} columns, but the header has {len(names)}")
+            at = min(len(cells), len(names)) + 1
+            raise LogError(f"{path}: line {number}, column {at}: {len(cells)} columns, but the header has {len(names)}")
         for i, cell in enumerate(cells):
             columns[i].append(_value(path, number, i, cell))
         times = columns[time_at]

@@ -15,7 +15,7 @@ from station.conventions import SIGNALS
 from station.convert.delimited import write_csv
 from station.convert.fdata import EXTRA_UNITS, write_fdata
 from station.convert.record import Column
-from station.log import Table, metadata, read_rows, table
+from station.log import Table, make_folder, metadata, read_rows, table
 from station.log.messages import ESTIMATE_UNITS
 from station.profile import to_json
 from station.rows import AlphaEstimate, LogError, MethodEstimate, Sample
@@ -48,7 +48,7 @@ def export(path: Path, form: Format, out: Path) -> tuple[Path, ...]:
         "mdf4": lambda: _mdf4(path, flown, out),
     }
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(out.parent)
     except OSError as error:
         raise LogError(f"{out.parent}: cannot be written to: {error.strerror}") from error
     try:

@@ -96,13 +96,6 @@ def flow_at_cg(
     return np.arctan2(local[:, 2], local[:, 0]), side
 
 
-def wind_vector(path: InertialPath, speed: Array, alpha: Array, beta: Array) -> Array:
-    """Wind (n, 3) NED, m/s: velocity over ground less velocity through the air, both at the CG (Martos 2013,
-    equations 2-6, with the full rotation). `alpha`, `beta` at the CG: see flow_at_cg."""
-    air = air_velocity(speed, alpha, beta)
-    return np.asarray(path.velocity - np.einsum("nij,nj->ni", rotation(path.attitude), air))
-
-
 def inertial_path(
     motion: Mapping[str, Array], alpha: Array, beta: Array, dt: float, wind_down: float | None = None
 ) -> InertialPath:

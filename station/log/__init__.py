@@ -5,10 +5,10 @@ each complete in itself.
 """
 
 from station.log.about import About, LogInfo
-from station.log.info import Summary, describe, recover, summarise
+from station.log.info import Summary, describe, recover, summarise, verdict
 from station.log.reading import metadata, parts, read_rows
 from station.log.table import Point, Table, points, table
-from station.log.writer import LogWriter, write_log
+from station.log.writer import LogWriter, make_folder, write_log
 
 __all__ = [
     "About",
@@ -18,6 +18,7 @@ __all__ = [
     "Summary",
     "Table",
     "describe",
+    "make_folder",
     "metadata",
     "parts",
     "points",
@@ -25,5 +26,6 @@ __all__ = [
     "recover",
     "summarise",
     "table",
+    "verdict",
     "write_log",
 ]

@@ -161,6 +161,18 @@ def summarise(path: Path) -> Summary:
     return out
 
 
+def verdict(path: Path) -> Verdict:
+    """The verdict alone, of files and chunks: no row is decoded. Raises LogError as `summarise` does."""
+    found: Verdict = "complete"
+    for reader in readers(path):
+        for _ in reader.messages():
+            pass
+        if reader.damage:
+            return "damaged"
+        found = "truncated" if reader.truncated_at is not None else found
+    return found
+
+
 def _empty(path: Path, info: LogInfo) -> Summary:
     about = info.about
     return Summary(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -62,7 +64,7 @@ class LogWriter:
         self.failed = ""
         stem = name if name is not None else utc_file_stamp()
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
             self._stem, first = self._first(stem, exact=name is not None)
         except FileExistsError:
             raise LogError(f"{folder / stem}.mcap: exists already, and a recording is never overwritten") from None
@@ -227,11 +229,19 @@ class LogWriter:
             self._report(self.failed)
 
 
+def make_folder(folder: Path) -> None:
+    """Raises OSError; a file in its place is no folder, rather than a recording that exists already."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder)) from error
+
+
 def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 0, utc_ns: int = 0) -> int:
     """Write rows into a new recording and say how many. Raises LogError, and then leaves no file."""
     writer, count = RowWriter(about.streams), 0
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         part = PartWriter(path, *preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns))
     except FileExistsError:
         raise LogError(f"{path}: exists already, and a recording is never overwritten") from None

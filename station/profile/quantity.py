@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
@@ -26,6 +27,8 @@ def quantity(si: str) -> BeforeValidator:
         known = unit_named(unit) if unit else None
         try:
             magnitude = float(number)
+            if not math.isfinite(magnitude):
+                raise ValueError
         except ValueError:
             raise PydanticCustomError("quantity", "{text} is not a number and a unit", {"text": repr(value)}) from None
         if not unit:

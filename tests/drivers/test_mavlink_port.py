@@ -103,8 +103,15 @@ def test_a_server_that_hangs_up() -> None:
 
 
 def test_no_server() -> None:
-    with pytest.raises(DeviceError, match=r"cannot open tcp:127\.0\.0\.1:\d+: Connection refused"):
+    with pytest.raises(DeviceError, match=r"cannot open tcp:127\.0\.0\.1:\d+: Connection refused: nobody listens"):
         open_port(device(), f"tcp:127.0.0.1:{free_port()}")
+
+
+def test_a_port_that_another_program_has() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        with pytest.raises(DeviceError, match="in use: another program listens there; close that or use another port"):
+            open_port(device(), f"udpin:127.0.0.1:{other.getsockname()[1]}")
 
 
 def test_a_serial_port() -> None:

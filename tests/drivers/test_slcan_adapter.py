@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers.can_dbc import encode_slcan
 from drivers.slcan_adapter import SlcanAdapter
 
 SEEDED = settings(deadline=None, derandomize=True)
@@ -46,7 +47,7 @@ class Served:
 
     def send_frame(self, frame_id: int, data: bytes, is_extended: bool = False) -> None:
         with self._lock:
-            self.adapter.send_frame(frame_id, data, is_extended)
+            self.adapter.send([encode_slcan(frame_id, is_extended, data)])
 
     def send(self, messages: list[bytes]) -> None:
         with self._lock:
@@ -246,7 +247,7 @@ def test_a_command_may_come_in_pieces(direct: Direct) -> None:
 
 
 def test_a_closed_channel_hears_nothing(direct: Direct) -> None:
-    direct.adapter.send_frame(0x1, b"\x01")
+    direct.adapter.send([encode_slcan(0x1, False, b"\x01")])
     assert direct.ask(b"V\r") == b"V1013\r"
 
 
@@ -259,7 +260,7 @@ def test_a_reader_far_behind_loses_whole_frames(direct: Direct) -> None:
     direct.ask(b"O\r")
     sent = 4000
     for number in range(sent):
-        direct.adapter.send_frame(number % 2048, number.to_bytes(8, "big"))
+        direct.adapter.send([encode_slcan(number % 2048, False, number.to_bytes(8, "big"))])
     assert direct.adapter.dropped > 0
     received = b""
     while select.select([direct.fd], [], [], 0.2)[0]:
@@ -276,7 +277,7 @@ def test_a_reader_far_behind_loses_whole_frames(direct: Direct) -> None:
 def test_a_new_client_does_not_get_the_last_ones_frames(direct: Direct) -> None:
     direct.ask(b"O\r")
     for _ in range(100):
-        direct.adapter.send_frame(0x1, bytes(8))
+        direct.adapter.send([encode_slcan(0x1, False, bytes(8))])
     direct.wait_until_waiting(100 * len(b"t00180000000000000000\r"))
     # What came before the answers is lost with the old channel.
     os.write(direct.fd, b"C\rS8\rO\r")

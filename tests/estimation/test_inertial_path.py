@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from station.conventions import G0, ned_from_body
-from station.estimation.inertial_path import air_velocity, flow_at_cg, inertial_path, rotation, wind_vector
+from station.estimation.inertial_path import air_velocity, flow_at_cg, inertial_path, rotation
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.profile import load_aircraft
@@ -91,10 +91,12 @@ def test_flow_angles_move_from_a_vane_off_all_three_axes() -> None:
     assert np.abs(signals["alpha_vane"] - truth["alpha"]).max() > np.radians(0.7)
 
 
-def test_the_whole_wind_vector_in_a_turn() -> None:
+def test_attitude_and_velocity_give_the_whole_wind_vector_in_a_turn() -> None:
     signals, truth = _turn()
     path = inertial_path(signals, truth["alpha"], truth["beta"], DT)
-    found = wind_vector(path, signals["airspeed"], truth["alpha"], truth["beta"])
+    # Velocity over ground less velocity through the air (Martos 2013, equations 2-6, with the full rotation).
+    air = air_velocity(signals["airspeed"], truth["alpha"], truth["beta"])
+    found = path.velocity - np.einsum("nij,nj->ni", rotation(path.attitude), air)
     assert np.abs(found - truth["wind"]).max() < 0.02
     assert path.wind == pytest.approx(WIND, abs=0.01)
     assert np.abs(path.alpha - truth["alpha_inertial"]).max() < np.radians(0.03)
