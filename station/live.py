@@ -1,12 +1,13 @@
 """The 50 Hz loop: one function for live, replay and emulation.
 
 Order of rows in a recording, which replay relies on: rows drained by tick k, Tick k, the aligner's events and health,
-Frame k, then the estimates made from it and where instruments disagree (events DISAGREE and AGREE). Every stage is
-logged before the next one runs.
+Frame k, then the estimates made from it and where instruments disagree (events DISAGREE and AGREE; ESTIMATOR, should an
+estimator fail). Every stage is logged before the next one runs.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol
@@ -28,7 +29,7 @@ from station.rows import (
     TimeSync,
 )
 
-WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE))
+WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.ESTIMATOR))
 """Events that are made from frames, and not from what was drained."""
 
 
@@ -75,6 +76,7 @@ def run(
 
     `done` is handed each beat, and the frame and estimates made of it, when all else is through.
     """
+    fault = ""
     for beat in source:
         tick = beat.tick
         if log is not None:
@@ -93,10 +95,10 @@ def run(
         aligned.append(frame)
         if log is not None:
             log.append(aligned)
-        alpha, methods = estimator.step(frame)
-        estimates: list[Rows] = [alpha, *methods]
-        if watch is not None:
-            estimates += watch.step(frame, alpha)
+        estimates, why = _estimate(frame, estimator, watch)
+        if why and why != fault:
+            estimates.append(Event(frame.t_ns, "estimator", Code.ESTIMATOR, 1, why))
+        fault = why
         if log is not None:
             log.append(estimates)
             log.flush()
@@ -104,6 +106,23 @@ def run(
             show([*beat.rows, tick, *aligned, *estimates])
         if done is not None:
             done(beat, [frame, *estimates])
+
+
+def _estimate(frame: Frame, estimator: Estimating, watch: Watching | None) -> tuple[list[Rows], str]:
+    """What is made of a frame, and what went wrong: neither is to raise, but if one does, the recording goes on."""
+    made: list[Rows] = []
+    try:
+        alpha, methods = estimator.step(frame)
+        made += (alpha, *methods)
+        if watch is not None:
+            made += watch.step(frame, alpha)
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+        unknown = (math.nan,) * 12
+        if not made:
+            made.append(AlphaEstimate(frame.t_ns, *unknown, "unknown", *unknown[:3], False, f"estimator failed: {why}"))
+        return made, why
+    return made, ""
 
 
 def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_s: float | None) -> Iterator[Beat]:

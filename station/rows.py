@@ -99,7 +99,7 @@ LEVELS: Final = {
         ),
         Level.INFO,
     ),
-    **dict.fromkeys((Code.DISCONNECT, Code.DISK, Code.STALE), Level.ALARM),
+    **dict.fromkeys((Code.DISCONNECT, Code.DISK, Code.STALE, Code.ESTIMATOR), Level.ALARM),
 }
 
 

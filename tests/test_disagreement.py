@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from station.alignment import Aligner
 from station.board import Board
 from station.clock import ManualClock
-from station.conventions import STREAMS, TICK_HZ, TICK_NS, Stream
+from station.conventions import SIGNALS, STREAMS, TICK_HZ, TICK_NS, Stream
 from station.estimation.consistency import compare
 from station.estimation.disagreement import Disagreement
 from station.estimation.methods import Estimator
@@ -225,3 +225,24 @@ def test_the_screen_shows_a_disagreement_until_it_is_over():
     assert board.snapshot()["disagreements"][0]["detail"].startswith("α vane 60 ms late")
     board.update([Event(2, "alpha_vane.delay", Code.AGREE, 1, "agrees again")])
     assert board.disagreements == []
+
+
+@pytest.mark.parametrize("value", ["zero", "low", "high", "missing"])
+def test_an_aircraft_at_rest_and_values_at_their_ends_do_not_end_a_flight(value):
+    """An air-data sensor that says 0 m/s and 0 Pa before take-off divides nothing by 0."""
+    ends = {
+        "zero": [0.0] * len(SIGNALS),
+        "low": [s.low for s in SIGNALS.values()],
+        "high": [s.high for s in SIGNALS.values()],
+        "missing": [math.nan] * len(SIGNALS),
+    }
+    watch = Disagreement(AIRCRAFT, RIG.imu_position, RIG.frame_noise_si())
+    estimator = Estimator(AIRCRAFT, Card(name="t", aircraft="twin_otter", rig="bench"), RIG.imu_position)
+    flying = {"airspeed": 56.0, "az": -9.81, "ax": 0.5, "alpha_vane": 0.05, "static_pressure": 92_000.0}
+    steady = [flying.get(name, 0.0) for name in SIGNALS]  # dynamic pressure 0 among others
+    for k in range(4 * TICK_HZ):
+        now = ends[value] if k // TICK_HZ % 2 == 0 else [x + 0.001 * math.sin(k) if x else x for x in steady]
+        ages = [math.nan if math.isnan(x) else 0.0 for x in now]
+        frame = Frame(k * TICK_NS, k, tuple(now), tuple(ages), tuple(3 if math.isnan(x) else 0 for x in now))
+        alpha, _ = estimator.step(frame)
+        assert watch.step(frame, alpha) == ()

@@ -97,6 +97,34 @@ def test_a_recording_replays_to_the_same_rows():
     assert not [d for d in differences if repr(d[1]) != repr(d[2])]
 
 
+def test_an_estimator_that_fails_does_not_end_the_flight():
+    class Failing(Echo):
+        def step(self, frame):
+            if 10 <= frame.k < 15 or frame.k == 20:
+                raise ZeroDivisionError("division by zero")
+            return super().step(frame)
+
+    log, again, differences = Recorder(), Recorder(), []
+    bus = Bus()
+    source = beats(bus, ManualClock(10**10), 0.06, threading.Event(), 1.0)
+    run(source, Aligner(STREAMS, {}), Failing(), log, None)
+    alphas = [r for r in log.rows if isinstance(r, AlphaEstimate)]
+    assert len(alphas) == 50
+    assert [k for k, a in enumerate(alphas) if "division by zero" in a.why] == [10, 11, 12, 13, 14, 20]
+    assert not any(a.valid for a in alphas)
+    told = [r for r in log.rows if isinstance(r, Event) and r.code is Code.ESTIMATOR]
+    assert [(e.t_ns, e.detail) for e in told] == [
+        (alphas[k].t_ns, "ZeroDivisionError: division by zero") for k in (10, 20)
+    ]
+
+    def compare(beat: Beat, made):
+        if repr(list(beat.recorded)) != repr(list(made)):
+            differences.append(beat.tick.k)
+
+    run(recorded_beats(log.rows), Aligner(STREAMS, {}), Failing(), again, None, compare)
+    assert differences == []
+
+
 def test_a_cut_recording_replays_up_to_its_last_tick():
     rows = record()
     cut = rows[: len(rows) * 2 // 3]

@@ -73,7 +73,7 @@ _I_Q, _I_D, _I_G, _I_F = range(CHANNELS + 8, CHANNELS + 12)
 STATE: Final = CHANNELS + 12
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(par: Array, s: Array, ring: Array, u: Array, age: Array, dt: float) -> bool:
     """One tick of `u` (signals and the vane's three, NaN where missing); edits `s` and `ring`.
 
@@ -171,7 +171,7 @@ def step(par: Array, s: Array, ring: Array, u: Array, age: Array, dt: float) -> 
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _later(x: Array, ticks: float, i: int) -> tuple[float, float]:
     """x at place i - ticks by the cubic through four points, and its slope per place; NaN beyond the ends."""
     at = i - ticks
@@ -195,7 +195,7 @@ def _later(x: Array, ticks: float, i: int) -> tuple[float, float]:
     return value, slope
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _differences(y: Array, x: Array, z: Array, ticks: float, columns: Array, good: NDArray[np.bool_]) -> int:
     """Differences from one place to the next without their means: z and its slope, x and its slope (per s of delay),
     all `ticks` ago, and y; (n, 5). Edits `columns` and `good`; returns how many there are."""
@@ -223,7 +223,7 @@ def _differences(y: Array, x: Array, z: Array, ticks: float, columns: Array, goo
     return used
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def compare(y: Array, x: Array, z: Array, guess: float, out: Array) -> None:
     """Gain and delay (s) of `y` on `x`, with instrument `z`, (n,) each in time's order, NaN where missing.
 
@@ -299,7 +299,7 @@ def compare(y: Array, x: Array, z: Array, guess: float, out: Array) -> None:
         out[3] = math.sqrt(max(var_shift, 0.0)) / abs(gain)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def level(y: Array, x: Array, moving: bool, out: Array) -> None:
     """Mean of y - x, or of its rate of change per second where `moving`, and its sd from means of 5 s: `out` (2,)."""
     n = y.shape[0]
