@@ -297,7 +297,8 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
         wing_series = at_places(back(wing, s), again)
     gust_series = at_places(back(gust + turned, s), again)
-    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * _gain(aircraft, "alpha_vane"))
+    shown_gust = _gain(aircraft, "alpha_vane") * _bent_by_gusts(boom, s, v0)
+    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * shown_gust)
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
@@ -350,7 +351,8 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     pressure = _gain(aircraft, "dynamic_pressure")
     easier = (nominal.iyy or 1.0) / inertia
     out = np.empty((*q.shape[:-1], 3, s.n))
-    out[..., 0, :] = (cl - cl_model) * (lighter * _gain(aircraft, "az") / pressure)
+    bent_by_gusts = _bent_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
+    out[..., 0, :] = (cl - cl_model) * (lighter * _gain(aircraft, "az") / pressure) / bent_by_gusts
     out[..., 1, :] = (cm - cm_model) * (easier * _gain(aircraft, "q") / pressure)
     out[..., 2, :] = (cd - cd_model) * (lighter * _gain(aircraft, "ax") / pressure)
     return out
@@ -359,6 +361,20 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
 def _gain(aircraft: Aircraft, name: str) -> float:
     found = aircraft.instruments.get(name)
     return found.gain if found else 1.0
+
+
+def _bent_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
+    """What a boom that bends shows of a gust, whose lift bends it: 1 + flexure daz/dalpha.
+
+    The load at hand takes the bending by the gust out of VANE and puts its own noise into LIFT, both by this factor. To
+    be compared with other candidates, the gust must be as large as it shows and the noise as the accelerometer's: else
+    any bending that makes the gust smaller would be the likelier one.
+    """
+    if not s.gusty or not boom.flexure:
+        return 1.0
+    a = s.nominal
+    force = 0.5 * (a.air_density or 1.225) * speed**2 * a.geometry.wing_area
+    return np.asarray(1 - boom.flexure * force * a.value("CL_alpha") / a.inertia.mass)
 
 
 def _vane_response(boom: Boom, omega: Array) -> Complex:
