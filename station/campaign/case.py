@@ -16,7 +16,7 @@ from station.campaign import physical
 from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
 from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
 from station.conventions import SIGNAL_INDEX, TICK_HZ
-from station.estimation import physical_signals, spectra
+from station.estimation import lift_memory, physical_signals, spectra
 from station.estimation.alpha import parameters
 from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
@@ -165,6 +165,7 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
         turn=np.exp(-2j * np.pi * frequencies * _TICK_S),
         derivative=spectra.central_difference_factor(frequencies, _TICK_S),
         lengths=lengths(known),
+        remembered=lift_memory.known(known),
         sears_k=SEARS_K,
         sears=SEARS,
         vane_noise=NOISE["alpha_vane"],

@@ -20,7 +20,7 @@ from station.conventions import SIGNAL_INDEX, TICK_HZ, TICK_NS
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
 from station.estimation import equation_error as ee
-from station.estimation import inertial, spectra, tick
+from station.estimation import inertial, lift_memory, spectra, tick
 from station.estimation.derivatives import KINDS, SLACK_S, weights
 from station.estimation.methods import SETTLE_TICKS
 from station.simulation import aircraft as ac
@@ -106,6 +106,8 @@ class Estimation(NamedTuple):
     derivative: Array
     """What a central difference loses of each line: spectra.central_difference_factor."""
     lengths: tuple[float, float, float]
+    remembered: Array
+    """lift_memory.known."""
     sears_k: Array
     sears: Array
     """derivatives.lengths and Sears' function over reduced frequency: what weights gain and delay."""
@@ -222,6 +224,7 @@ def estimate(
     out, model = np.zeros((_KINDS, 2, 3, ee.MAX_PARAMETERS + 1)), np.zeros((_KINDS, 2, 3))
     solved = np.zeros((_KINDS, 2), dtype=np.bool_)
     scale, tail = np.ones(lines), np.zeros(lines)
+    memory = np.zeros((lift_memory.ROWS, lines), dtype=np.complex128)
     unmeasured = np.ones((2, lines), dtype=np.complex128)
     zero, calibration, arm = e.boom
     speed, steady_from, split_from, split_run = math.nan, 0.0, 0.0, 0
@@ -285,10 +288,11 @@ def estimate(
         if not (k + 1 == n or close[0] or close[1]):
             continue
         weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, scale, tail)
+        lift_memory.weights(e.remembered, speed, e.frequencies, memory)
         ridge = lines * (counts[1, 1] + closed[1]) * e.vane_noise**2
         ee.fit_methods(
-            spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, ridge, independent, close, past, out,
-            model, solved,
+            spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, memory, ridge, independent, close, past,
+            out, model, solved,
         )  # fmt: skip
         if e.has_benchmarks:
             _fit_benchmarks(e, spectrum[0], spectrum[2], counts[2, 1], extra_past, close[0], results, run)
@@ -346,5 +350,7 @@ def compile_fits(e: Estimation) -> None:
         np.zeros((_KINDS, 2, 3)),
     )
     solved, close, whole = np.zeros((_KINDS, 2), dtype=np.bool_), np.zeros(2, dtype=np.bool_), np.ones(2)
+    memory = np.zeros((lift_memory.ROWS, lines), dtype=np.complex128)
     weights(e.lengths, 50.0, e.frequencies, e.sears_k, e.sears, ones.copy(), ones.copy())
-    ee.fit_methods(none, none, ones, ones, none, ones, 1.0, whole, close, past, out, model, solved)
+    lift_memory.weights(e.remembered, 50.0, e.frequencies, memory)
+    ee.fit_methods(none, none, ones, ones, none, ones, memory, 1.0, whole, close, past, out, model, solved)

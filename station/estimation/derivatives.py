@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
+from station.estimation import lift_memory
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
 from station.estimation.spectra import Transform, central_difference_factor, grid, step
@@ -251,9 +252,11 @@ class Derivatives:
         self._has_inertia = aircraft.inertia.iyy is not None
         self._has_tail = aircraft.unsteady.tail_arm > 0.0
         self._lengths = lengths(aircraft)
+        self._remembered = lift_memory.known(aircraft)
         self._speed = math.nan
         self._scale = np.ones(len(self._frequencies))
         self._tail = np.zeros(len(self._frequencies))
+        self._memory = np.zeros((lift_memory.ROWS, len(self._frequencies)), dtype=np.complex128)
         self._by_frequency = spectra.at(self._frequencies) if spectra else None
         self._arm = aircraft.boom.vane_x if aircraft.boom else 0.0
         self._measured = np.ones((2, len(self._frequencies)), dtype=np.complex128)
@@ -325,6 +328,7 @@ class Derivatives:
         if not abs(mean_speed - self._speed) < 0.001 * mean_speed:
             self._speed = mean_speed
             weights(self._lengths, mean_speed, self._frequencies, SEARS_K, SEARS, self._scale, self._tail)
+            lift_memory.weights(self._remembered, mean_speed, self._frequencies, self._memory)
             if self._by_frequency:
                 upwash = self._lengths[2]
                 measured_factors(self._frequencies, *self._by_frequency, upwash, self._arm / mean_speed, self._measured)
@@ -338,6 +342,7 @@ class Derivatives:
             self._scale,
             self._measured,
             self._tail,
+            self._memory,
             # What the vane's noise alone leaves in d on all lines.
             len(self._frequencies) * self._samples[1] * self._noise["alpha_vane"] ** 2,
             self._independent,

@@ -21,6 +21,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from station.estimation import lift_memory
+from station.estimation.regression import invert
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -28,12 +30,15 @@ Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 
 SMALL_RECORD: Final = 1.15
-NEXT_ORDER: Final = 1.5
+NEXT_ORDER: Final = 0.5
+GUST_STANDS_OUT: Final = 2.5
+"""Energy of d over the ridge, which the sensors' noise alone makes."""
 MAX_PARAMETERS: Final = 4
 
 # Sums over closed segments: normal matrix, score products (each places x places), right side, next order of the gust's
-# lag (places), energy, lines. Where `next order` begins with four places:
+# lag (places), energy, lines; then those of lift_memory. Where `next order` begins with four places, and lift_memory's:
 _NEXT: Final = 36
+_MEMORY: Final = 42
 
 
 def past_size(places: int) -> int:
@@ -41,7 +46,7 @@ def past_size(places: int) -> int:
     return 2 * places * places + 2 * places + 2
 
 
-PAST: Final = past_size(MAX_PARAMETERS)
+PAST: Final = past_size(MAX_PARAMETERS) + lift_memory.SUMS
 
 # One row of the history that a tick's coefficients are made from.
 _P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = range(13)
@@ -102,31 +107,6 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
 
 
 @njit(cache=True)
-def _invert(m: Array, n: int, inverse: Array) -> bool:
-    """inverse <- m^-1 (n x n, Gauss-Jordan, m symmetric positive and of unit diagonal); False if singular."""
-    work = np.empty((n, 2 * n))
-    for i in range(n):
-        for j in range(n):
-            work[i, j] = m[i, j]
-            work[i, n + j] = 1.0 if i == j else 0.0
-    for k in range(n):
-        pivot = work[k, k]
-        if not pivot > 1e-10:
-            return False
-        for j in range(2 * n):
-            work[k, j] /= pivot
-        for i in range(n):
-            if i != k:
-                f = work[i, k]
-                for j in range(2 * n):
-                    work[i, j] -= f * work[k, j]
-    for i in range(n):
-        for j in range(n):
-            inverse[i, j] = work[i, n + j]
-    return True
-
-
-@njit(cache=True)
 def fit(
     x: Complex, z: Complex, ridge: Array, independent: float, past: Array, close: bool, out: Array, inverse: Array
 ) -> bool:
@@ -166,23 +146,16 @@ def fit(
             past[rhs_at + i] = rhs[i]
             for j in range(i + 1):
                 past[places * i + j] = m[i, j]
-    scale = np.empty(n)
     for i in range(n):
         m[i, i] += ridge[i]
-        if not (m[i, i] > 0.0 and math.isfinite(m[i, i])):
-            return False
-        scale[i] = 1.0 / math.sqrt(m[i, i])
-    unit = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            unit[i, j] = (m[i, j] if i >= j else m[j, i]) * scale[i] * scale[j]
-    if not _invert(unit, n, inverse):
+        for j in range(i):
+            m[j, i] = m[i, j]
+    if not invert(m, n, inverse):
         return False
     theta = np.zeros(n)
     for i in range(n):
-        out[2, i] = inverse[i, i]
+        out[2, i] = inverse[i, i] * m[i, i]
         for j in range(n):
-            inverse[i, j] *= scale[i] * scale[j]
             theta[i] += inverse[i, j] * rhs[j]
 
     score = np.zeros((lines, n))
@@ -210,7 +183,7 @@ def fit(
     for i in range(n):
         left -= 2.0 * theta[i] * rhs[i]
         for j in range(n):
-            left += theta[i] * (m[i, j] if i >= j else m[j, i]) * theta[j]
+            left += theta[i] * m[i, j] * theta[j]
             cloud[i, j] += past[cloud_at + places * i + j]
             if close:
                 past[cloud_at + places * i + j] = cloud[i, j]
@@ -238,6 +211,7 @@ def fit_methods(
     scale: Array,
     measured: Complex,
     tail: Array,
+    memory: Complex,
     ridge: float,
     independent: Array,
     close: Flags,
@@ -250,14 +224,16 @@ def fit_methods(
 
     `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for
     its central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `measured`: factors of
-    the delayed vane and rate parts in IV, (2, frequencies). `ridge`: of the gust regressor. `independent` and `close`,
-    (2,): of either group, as in `fit`. Edits `past` (kinds, 2, PAST); fills `out` (kinds, 2, 3, MAX_PARAMETERS + 1), as
-    `fit` does, `model` (kinds, 2, 3) and `solved` (kinds, 2); kinds is 5, or 6 with IV.
+    the delayed vane and rate parts in IV, (2, frequencies). `memory`: see lift_memory.weights. `ridge`:
+    of the gust regressor. `independent` and `close`, (2,): of either group, as in `fit`. Edits `past` (kinds, 2, PAST);
+    fills `out` (kinds, 2, 3, MAX_PARAMETERS + 1), as `fit` does, `model` (kinds, 2, 3) and `solved` (kinds, 2); kinds
+    is 5, or 6 with IV.
 
     `model` is what the structure leaves, in each parameter. The gust meets wing and tail late, and d carries the first
     order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V and a
-    coefficient NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters, coverage 0.9 at 5 ft/s). Any other
-    method may be wrong by as much as it lies off split+gust besides.
+    coefficient NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters), and by what the lift's memory does to
+    it where the gust stands out of the noise. Any other method may be wrong by as much as it lies off split+gust
+    besides.
     """
     lines = steady.shape[1]
     z = np.empty(lines, dtype=np.complex128)
@@ -308,6 +284,15 @@ def fit_methods(
                         model[4, equation, j] += inverse[j, i] * next_order
                 for j in range(3):
                     model[4, equation, j] = NEXT_ORDER * abs(model[4, equation, j] * out[4, equation, 0, 3])
+        if kind == 4 and solved[4, 0] and solved[4, 1] and memory[lift_memory.RELATIVE, 0].real > 0.0:
+            left = np.empty((2, 3))
+            lift_memory.left_out(memory, x, out[4, :, 0, :3], inverse, past[4, :, _MEMORY:], close[side], left)
+            # The normal matrix without the ridge, from its inverse.
+            d = out[4, 0, 2, 3] / inverse[3, 3] - ridge
+            gust = max(1.0 - GUST_STANDS_OUT * ridge / d, 0.0) if d > 0.0 else 0.0
+            for equation in range(2):
+                for j in range(3):
+                    model[4, equation, j] = math.hypot(model[4, equation, j], gust * left[equation, j])
 
 
 class Sides:

@@ -43,6 +43,7 @@ from station.estimation.physical_columns import (
     wiener,
 )
 from station.estimation.physical_signals import GC, X
+from station.estimation.regression import invert
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -61,37 +62,6 @@ _SOURCES: Final = len(SOURCES)
 
 
 @njit(cache=True, error_model="numpy")
-def _invert(m: Array, inverse: Array) -> bool:
-    """inverse <- m^-1 by Gauss-Jordan on the scaled matrix, m symmetric positive; False if singular."""
-    n = m.shape[0]
-    work = np.zeros((n, 2 * n))
-    scale = np.empty(n)
-    for i in range(n):
-        if not (m[i, i] > 0.0 and math.isfinite(m[i, i])):
-            return False
-        scale[i] = 1.0 / math.sqrt(m[i, i])
-    for i in range(n):
-        for j in range(n):
-            work[i, j] = m[i, j] * scale[i] * scale[j]
-        work[i, n + i] = 1.0
-    for k in range(n):
-        pivot = work[k, k]
-        if not pivot > 1e-10:
-            return False
-        for j in range(2 * n):
-            work[k, j] /= pivot
-        for i in range(n):
-            if i != k:
-                f = work[i, k]
-                for j in range(2 * n):
-                    work[i, j] -= f * work[k, j]
-    for i in range(n):
-        for j in range(n):
-            inverse[i, j] = work[i, n + j] * scale[i] * scale[j]
-    return True
-
-
-@njit(cache=True, error_model="numpy")
 def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
     """Log-quadratic spectrum of a residual, by gamma regression from a logarithmic start -> `smooth` (frequencies,)."""
     lines = omega.shape[0]
@@ -106,7 +76,7 @@ def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
             for b in range(3):
                 zz[a, b] += z[i, a] * z[i, b]
     inverse = np.empty((3, 3))
-    if not _invert(zz, inverse):
+    if not invert(zz, 3, inverse):
         smooth[:] = power.mean()
         return
     beta = np.zeros(3)
@@ -158,7 +128,7 @@ def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Arra
                 rhs[a] += (g[a, i].real * z[i].real + g[a, i].imag * z[i].imag) / smooth[i]
                 for b in range(3):
                     m[a, b] += (g[a, i].real * g[b, i].real + g[a, i].imag * g[b, i].imag) / smooth[i]
-        if not _invert(m, inverse):
+        if not invert(m, 3, inverse):
             return math.inf
         theta = inverse @ rhs
         for i in range(lines):
@@ -321,7 +291,7 @@ def fit(
             for b in range(n):
                 m[a, b] += past[a, b]
             m[a, a] += prior[a]
-        if not _invert(m, inverse):
+        if not invert(m, n, inverse):
             return False
         for a in range(n):
             theta[a] = 0.0

@@ -8,9 +8,11 @@ Morelli and Klein, Journal of Aircraft 34(2), 1997.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
 
@@ -120,3 +122,36 @@ def smoothed_start(x: Array, cutoff_hz: float, dt: float) -> Array:
     # Line through abscissae 1, 2, 3 taken at 0.
     start: Array = near.mean(axis=0) - (near[2] - near[0])
     return start
+
+
+@njit(cache=True, error_model="numpy")
+def invert(m: Array, n: int, inverse: Array) -> bool:
+    """inverse <- m^-1, the first n rows and columns of either, m symmetric and positive; False if singular.
+
+    Gauss-Jordan on the matrix scaled to a unit diagonal.
+    """
+    work = np.zeros((n, 2 * n))
+    scale = np.empty(n)
+    for i in range(n):
+        if not (m[i, i] > 0.0 and math.isfinite(m[i, i])):
+            return False
+        scale[i] = 1.0 / math.sqrt(m[i, i])
+    for i in range(n):
+        for j in range(n):
+            work[i, j] = m[i, j] * scale[i] * scale[j]
+        work[i, n + i] = 1.0
+    for k in range(n):
+        pivot = work[k, k]
+        if not pivot > 1e-10:
+            return False
+        for j in range(2 * n):
+            work[k, j] /= pivot
+        for i in range(n):
+            if i != k:
+                f = work[i, k]
+                for j in range(2 * n):
+                    work[i, j] -= f * work[k, j]
+    for i in range(n):
+        for j in range(n):
+            inverse[i, j] = work[i, n + j] * scale[i] * scale[j]
+    return True
