@@ -117,7 +117,7 @@ def test_a_fast_jet(name: str, value: float, sigma: float) -> None:
     fitted = [record(subject, sigma, kind, 100 + k) for k, kind in enumerate(("doublets", "3-2-1-1"))]
     found = diagnose(fitted, [record(subject, sigma, "doublets", 102)], skyhawk())
     assert [e.term.id for e in found.effects] == ([name] if name else [])
-    assert found.verdict == ("effect_found" if name else "no_effect")
+    assert found.verdict in (("effect_found", "confounded") if name else ("no_effect",))
     for effect in found.effects:
         assert abs(effect.value - value) < 3 * effect.sd
         assert math.isfinite(effect.drop)
