@@ -133,7 +133,7 @@ def diagnosis_of(
         if incomplete(aircraft):
             leftover = judge.left_over(problem, found)
         effects = _effects_in_doubt(doubted, aircraft)
-        before, better = base.complete(base.null()), mended(problem, found.accepted, aircraft)
+        before, better = base.complete(base.null()), mended(problem, found.accepted)
     after = problem.complete(found.accepted)
     measured = judge.gain(before, after, held_out) if effects else None
     verdict: Verdict = "no_effect"

@@ -13,12 +13,24 @@ from typing import Final
 
 import numpy as np
 
-from station.discrepancy.effects import BY_ID, DERIVATIVES, Term
-from station.discrepancy.fit import Fit, Problem
-from station.discrepancy.reference import Reference, Whitener, spread
+from station.discrepancy.bent import bends
+from station.discrepancy.effects import BY_ID, DERIVATIVES, NEEDS_MEMORY, Term
+from station.discrepancy.fit import Fit, Problem, moved_by
+from station.discrepancy.reference import Reference, Whitener, heard_through, spread
 from station.discrepancy.residuals import DOWN, DRAG, NORTH, SERIES, THETA, VANE, Memo, Spectra
-from station.discrepancy.search import Found, search
-from station.discrepancy.structure import ABSENT, BENT, Complex, Part, doubtful, doubts, incomplete, parts
+from station.discrepancy.search import RIVAL, Found, search
+from station.discrepancy.structure import (
+    ABSENT,
+    BENT,
+    Complex,
+    Freed,
+    Part,
+    doubts,
+    freed,
+    incomplete,
+    parts,
+    structures,
+)
 from station.profile import Aircraft
 
 KINEMATIC: Final = (THETA, DOWN, NORTH, VANE)
@@ -154,8 +166,11 @@ def in_doubt(
     gust = without.null().gust
     said = supported(references, without, gust, terms, {})
     support = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
-    allowed, named = doubts(aircraft, terms)
-    problem, shares = doubtful(references, aircraft, allowed, gust, {})
+    progress("freeing the model")
+    tried = [_free(references, a, terms, gust) for a in structures(aircraft)]
+    references, named, model = min(tried, key=lambda t: t[2].cost)
+    problem, aircraft, allowed = model.problem, model.problem.aircraft, model.problem.allowed
+    terms = [t for t in terms if _applies(t, aircraft)]
     wrong = parts(problem, problem.null(), named)
     unsure = incomplete(aircraft) or any(a.sd > SURE for a in allowed if a.name in DERIVATIVES)
     gains = GAINS if unsure or any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong) else ()
@@ -175,11 +190,53 @@ def in_doubt(
         own = [t for t in [*own, *more] if t.id not in against]
         if not against:
             # What the model misses was found with these effects taken for a part of it.
-            problem, shares = doubtful(references, aircraft, allowed, gust, accepted.values)
+            model = freed(references, aircraft, allowed, gust, accepted.values, model.moved)
+            problem = model.problem
         found = search(problem, [*others, *own], progress, ASKED)
         if set(found.accepted.values) == set(accepted.values):
             break
-    return Doubted(problem, found, parts(problem, found.accepted, named), shares, support)
+    found = replace(found, rivals=(*found.rivals, *_unheard(problem, found, terms, said)))
+    return Doubted(problem, found, parts(problem, found.accepted, named), model.shares, support)
+
+
+def _free(
+    references: Sequence[Reference], aircraft: Aircraft, terms: Sequence[Term], gust: Sequence[float]
+) -> tuple[list[Reference], dict[str, Term], Freed]:
+    """Manoeuvres with one structure of the model free, their noise as it passes through that, and the terms by
+    allowance."""
+    allowed, named = doubts(aircraft, [t for t in terms if _applies(t, aircraft)])
+    angles = [r.flow_angle(aircraft) for r in references]
+    allowed += bends(aircraft, angles, [r.record.signals["elevator"] for r in references])
+    first = freed(references, aircraft, allowed, gust, {})
+    moved = moved_by(aircraft, allowed, first.moved)
+    heard = [heard_through(r, moved) for r in references]
+    return heard, named, freed(heard, aircraft, allowed, gust, {}, first.moved)
+
+
+def _applies(term: Term, aircraft: Aircraft) -> bool:
+    return aircraft.unsteady.memory or term.id not in NEEDS_MEMORY
+
+
+def _unheard(
+    problem: Problem, found: Found, terms: Sequence[Term], said: Mapping[str, tuple[float, float]]
+) -> list[Fit]:
+    """What could stand in place of an effect named, were the instruments among themselves not too unsure of it to name
+    it first."""
+    accepted = found.accepted
+    out = []
+    for name in accepted.values:
+        kept = {n: v for n, v in accepted.values.items() if n != name}
+        for term in terms:
+            ids = frozenset({*kept, term.id})
+            if term.id not in said or term.id in accepted.values or ids in found.refitted:
+                continue
+            value, sd = said[term.id]
+            if not math.isfinite(sd):
+                continue
+            fit = problem.refit(tuple(ids), {**kept, term.id: value}, accepted.gust)
+            if fit.cost < accepted.cost + RIVAL and not _contradicted(fit, term.id, said[term.id]):
+                out.append(fit)
+    return out
 
 
 def _contradicted(fit: Fit, name: str, said: tuple[float, float]) -> bool:

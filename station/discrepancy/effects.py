@@ -334,6 +334,10 @@ class Allowance:
     sd: float
     extend: Extend
     relinear: bool = False
+    relative: bool = False
+    """Whether moving it multiplies."""
+    step: float = 1.0
+    """Over what share of the standard deviation its slope is taken."""
 
 
 def allowances(aircraft: Aircraft) -> tuple[Allowance, ...]:
@@ -343,7 +347,7 @@ def allowances(aircraft: Aircraft) -> tuple[Allowance, ...]:
         stated = aircraft.derivatives.get(name)
         if stated is not None and stated.value:
             share = (stated.sd or PRIOR_SHARE * abs(stated.value)) / abs(stated.value)
-            found.append(Allowance(name, share, derivative(name, relative=True), True))
+            found.append(Allowance(name, share, derivative(name, relative=True), True, True))
     found += [
         Allowance("theta bias", 0.1 * _DEG, bias("theta")),
         Allowance("az bias", 0.005 * G0, bias("az")),
@@ -363,7 +367,7 @@ def extended(aircraft: Aircraft, values: Mapping[str, float]) -> Aircraft:
     return aircraft
 
 
-_NEEDS_MEMORY: Final = ("aero.unsteady_lift", "aero.downwash_lag", "gust.tail_penetration")
+NEEDS_MEMORY: Final = ("aero.unsteady_lift", "aero.downwash_lag", "gust.tail_penetration")
 
 
 def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held: bool) -> tuple[Term, ...]:
@@ -377,7 +381,7 @@ def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held
             continue  # shifting a staircase always finds a few milliseconds
         if term.id in ("alpha_vane.upwash_memory",) and aircraft.unsteady.upwash_motion is None:
             continue
-        if term.id in _NEEDS_MEMORY and not aircraft.unsteady.memory:
+        if term.id in NEEDS_MEMORY and not aircraft.unsteady.memory:
             continue
         if term.id in ("aero.CL_q", "aero.CL_de") and aircraft.value(term.id.removeprefix("aero.")):
             continue  # allowed for with the profile's own uncertainty

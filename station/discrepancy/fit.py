@@ -95,29 +95,50 @@ def price(ids: Iterable[str]) -> float:
     return sum(BY_ID[i].price for i in ids)
 
 
+def moved_by(aircraft: Aircraft, allowed: Sequence[Allowance], moved: Array) -> Aircraft:
+    """The aircraft with what is allowed for moved, in standard deviations; what comes after that in `moved` is not of
+    the aircraft."""
+    for allowance, x in zip(allowed, moved, strict=False):
+        if x:
+            aircraft = allowance.extend(aircraft, allowance.sd * float(x))
+    return aircraft
+
+
 class Problem:
     """All manoeuvres of a diagnosis and one base aircraft; candidates are effects on top of it."""
 
     def __init__(
-        self, references: Sequence[Reference], aircraft: Aircraft, allowed: Sequence[Allowance] | None = None
+        self,
+        references: Sequence[Reference],
+        aircraft: Aircraft,
+        allowed: Sequence[Allowance] | None = None,
+        about: Array | None = None,
     ) -> None:
-        """`allowed` in place of what the profile's uncertainties allow."""
+        """`allowed` in place of what the profile's uncertainties allow; `about` (a,), in their standard deviations, is
+        where what is allowed for is taken as straight, in place of the profile itself."""
         self.references = tuple(references)
         self.aircraft = aircraft
         self.allowed: tuple[Allowance, ...] = allowances(aircraft) if allowed is None else tuple(allowed)
+        self._about = np.zeros(len(self.allowed)) if about is None else about
         self.shares = [turbulent_share(r) for r in self.references]
         self.counts = [trust(r) for r in self.references]
         self._columns: dict[str, list[Array]] = {}
         self._drifts: list[Array] = []
+        self._centre = moved_by(aircraft, self.allowed, self._about)
+        self._shift = [np.zeros(len(s)) for s in self.shares]
         self._base = self.at({})
+        if self._about.any():
+            columns = self._columns_of_allowed({}, self._base, False)
+            self._shift = [self._about @ c[: len(self._about)] for c in columns]
+            self._base = self.at({})
 
     def at(self, values: Mapping[str, float]) -> list[Array]:
-        """Whitened differences for effects, by manoeuvre."""
-        candidate = extended(self.aircraft, values)
-        return self._differences(candidate)
+        """Whitened differences for effects, by manoeuvre, as the straight line through `about` has them at nothing else
+        moved."""
+        return self._differences(extended(self._centre, values))
 
     def _differences(self, candidate: Aircraft) -> list[Array]:
-        return [whitened(r, r.differences(candidate)) for r in self.references]
+        return [whitened(r, r.differences(candidate)) - s for r, s in zip(self.references, self._shift, strict=True)]
 
     def effect_columns(self, term: Term, values: Mapping[str, float], here: list[Array] | None = None) -> list[Array]:
         """Change of the differences per unit of an effect's value, at a candidate, by manoeuvre."""
@@ -139,22 +160,23 @@ class Problem:
         return self._columns_of_allowed(values, here, True) if relinear else base
 
     def _columns_of_allowed(self, values: Mapping[str, float], here: list[Array], anew: bool) -> list[Array]:
-        candidate = extended(self.aircraft, values)
+        candidate = extended(self._centre, values)
         rows = []
-        for allowance in self.allowed:
+        for allowance, x in zip(self.allowed, self._about, strict=True):
             key = f"allowed {allowance.name}"
             if key in self._columns and not (anew and allowance.relinear):
                 rows.append(self._columns[key])
                 continue
-            moved = self._differences(allowance.extend(candidate, allowance.sd))
-            row = [a - b for a, b in zip(moved, here, strict=True)]
+            step = allowance.step / (1 + allowance.sd * float(x)) if allowance.relative else allowance.step
+            moved = self._differences(allowance.extend(candidate, step * allowance.sd))
+            row = [(a - b) / allowance.step for a, b in zip(moved, here, strict=True)]
             if not anew:
                 self._columns[key] = row
             rows.append(row)
         if not self._drifts:
             self._drifts = [
-                whitened(r, r.differences(self.aircraft, r.drift_sd)) - y
-                for r, y in zip(self.references, self._base, strict=True)
+                whitened(r, r.differences(self._centre, r.drift_sd)) - s - y
+                for r, s, y in zip(self.references, self._shift, here, strict=True)
             ]
         out = []
         for k, drift in enumerate(self._drifts):
@@ -218,10 +240,19 @@ class Problem:
 
     def complete(self, fit: Fit) -> Aircraft:
         """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
-        aircraft = extended(self.aircraft, fit.values)
-        for allowance, moved in zip(self.allowed, fit.moved, strict=False):
-            aircraft = allowance.extend(aircraft, allowance.sd * float(moved))
-        return aircraft
+        return extended(moved_by(self.aircraft, self.allowed, fit.moved), fit.values)
+
+    def whole_cost(self, values: Mapping[str, float], moved: Array, gust: Sequence[float]) -> float:
+        """-2 log likelihood, of everything moved as it is rather than along straight lines; the manoeuvres' own noise
+        counts, too."""
+        aircraft = extended(moved_by(self.aircraft, self.allowed, moved), values)
+        own = zip(self.references, moved[len(self.allowed) :], strict=True)
+        left = [whitened(r, r.differences(aircraft, float(x) * r.drift_sd)) for r, x in own]
+        volume = 0.0
+        for r in self.references:
+            volume -= 2 * INDEPENDENT * float(np.linalg.slogdet(r.bins.rotate)[1].sum())
+            volume -= 2 * float(np.linalg.slogdet(r.steady.rotate)[1].sum())
+        return self.cost(left, [g * g for g in gust], moved) + volume
 
     def refit(self, ids: Sequence[str], start: Mapping[str, float], gust: Sequence[float]) -> Fit:
         """Gauss-Newton for these effects together from a start, each within its physical range."""

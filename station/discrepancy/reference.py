@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy import fft, signal
 from station.conventions import G0, to_si
 from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record
-from station.discrepancy.residuals import SERIES, VANE, Memo, Spectra, series, series_spectra, spectra
+from station.discrepancy.residuals import SERIES, VANE, Memo, Spectra, flow_angle, series, series_spectra, spectra
 from station.profile import Actuator, Aircraft, Flight
 from station.rows import ProfileError, UsageError
 from station.simulation.aircraft import constants
@@ -125,6 +125,11 @@ class Reference:
         own = loaded(aircraft, self.record, self.mass_share, self.iyy_share)
         return series_spectra(self.record.signals, own, self.setting, drift, self.memo).minus(self.mean)
 
+    def flow_angle(self, aircraft: Aircraft) -> Array:
+        """The angle of attack at the CG that an aircraft's vane and motion tell, rad, (n,)."""
+        own = loaded(aircraft, self.record, self.mass_share, self.iyy_share)
+        return flow_angle(self.record.signals, own, self.setting, self.memo)
+
 
 def loaded(aircraft: Aircraft, record: Record, mass_share: float, iyy_share: float) -> Aircraft:
     """An aircraft in a record's air and with its loading, as shares of the profile's mass and inertia."""
@@ -188,18 +193,15 @@ def reference(
     mean = spectra(series(nominal, plain, own), own)
     drift = flights.drift
     gust_part = spectra(series(turbulent, plain, own, drift), own).minus(mean)
-    draws = _noisy(nominal, noise, record.dt, np.random.default_rng([seed, 17]), DRAWS)
-    noise_part = spectra(series(draws, plain, own), own).minus(mean)
-    calm = _covariance(noise_part.bins)
+    calm, steady_calm = _of_noise(nominal, noise, plain, own, mean, seed)
     k = len(judged)
-    steady_calm = np.atleast_2d(np.cov(noise_part.steady.T)) * (DRAWS - 1) / (DRAWS - k - 2)
     steady_gust = np.atleast_2d(np.cov(gust_part.steady.T)) * (FLIGHTS - 1) / (FLIGHTS - k - 2)
     return Reference(
         record,
         setting(gusty, flown, noise["elevator"]),
         mean,
         Whitener.of(calm, _covariance(gust_part.bins / SIGMA)),
-        Whitener.of(steady_calm[None].astype(complex), (steady_gust[None] / SIGMA**2).astype(complex)),
+        Whitener.of(steady_calm, (steady_gust[None] / SIGMA**2).astype(complex)),
         nominal,
         noise,
         guess,
@@ -208,6 +210,26 @@ def reference(
         own_shares[1],
         flights,
     )
+
+
+def heard_through(r: Reference, aircraft: Aircraft) -> Reference:
+    """The same manoeuvre with the sensors' noise as it passes through another aircraft's lift and moment."""
+    plain = bare(loaded(aircraft, r.record, r.mass_share, r.iyy_share))
+    middle = spectra(series(r.nominal, plain, r.setting), r.setting)
+    calm, steady = _of_noise(r.nominal, r.noise, plain, r.setting, middle, 0)
+    turbulent, steady_turbulent = spread(r.bins)[1], spread(r.steady)[1]
+    return replace(r, bins=Whitener.of(calm, turbulent), steady=Whitener.of(steady, steady_turbulent))
+
+
+def _of_noise(
+    nominal: Mapping[str, Array], noise: Mapping[str, float], aircraft: Aircraft, s: Setting, mean: Spectra, seed: int
+) -> tuple[Complex, Complex]:
+    """Covariance of what the sensors' noise makes of the series about their `mean`: (m, k, k), and (1, k, k) of the
+    steady parts."""
+    draws = _noisy(nominal, noise, s.dt, np.random.default_rng([seed, 17]), DRAWS)
+    part = spectra(series(draws, aircraft, s), s).minus(mean)
+    steady = np.atleast_2d(np.cov(part.steady.T)) * (DRAWS - 1) / (DRAWS - len(s.judged) - 2)
+    return _covariance(part.bins), np.asarray(steady[None].astype(complex))
 
 
 def _unjudged(name: str, record: Record, aircraft: Aircraft) -> bool:

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from station.conventions import G0
-from station.discrepancy.play import play
+from station.discrepancy.bent import Bent
+from station.discrepancy.corrections import corrected, gain_of, instrument_of, own_motion
 from station.discrepancy.processing import (
     Setting,
     at_places,
@@ -38,7 +39,7 @@ from station.discrepancy.processing import (
     transform,
     without_line,
 )
-from station.profile import Aircraft, Boom, Instrument
+from station.profile import Aircraft, Boom
 from station.simulation.boom import NO_BOOM
 
 Array = NDArray[np.float64]
@@ -51,10 +52,6 @@ THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
 TAPER: Final = 0.25
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
-CORRECTION_STOP_HZ: Final = (6.0, 9.0)
-"""Corrections that would raise noise (lags, play) are passed up to the first and stopped from the second."""
-PLAY_DITHER: Final = 4.0
-"""Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
 
 
 class Memo:
@@ -75,53 +72,6 @@ class Memo:
 
 
 _KEPT: Final = {"signal": 48, "motion": 8, "flow": 8, "spectra": 8}
-
-
-PRESENT: Final = {
-    "v_along": "v_north",
-}
-"""Series' signals that stand for an instrument of another name."""
-
-
-def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
-    return aircraft.instruments.get(PRESENT.get(name, name))
-
-
-def _corrected(x: Array, found: Instrument | None, s: Setting, moved: Array | None = None) -> Array:
-    """A signal with its instrument's errors taken out; `moved` is its true relative change where that is known."""
-    if found is None:
-        return x
-    if found.bias:
-        x = x - found.bias
-    if found.latency or found.lag:
-        w = s.omega
-        inverse = np.exp(1j * w * found.latency)
-        if found.lag and moved is not None:
-            # Its own noise, undone from a long lag, would drown the rest.
-            lost = 1j * w * found.lag / (1 + 1j * w * found.lag)
-            x = x * (1 + back(transform(moved, s) * lost, s))
-        elif found.lag:
-            inverse = inverse * (1 + 1j * w * found.lag) * passed(w, CORRECTION_STOP_HZ)
-        x = back(transform(x, s) * inverse, s)
-    if found.gain != 1:
-        x = x / found.gain
-    if found.cubic:
-        x = straightened(x, found.cubic)
-    if found.backlash:
-        dither = PLAY_DITHER * s.elevator_noise
-        moved = play(x, found.backlash + dither) - play(x, dither)
-        # The play stands between sensor and surface: the surface follows the sensor late.
-        x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
-    return x
-
-
-def straightened(shown: Array, cubic: float) -> Array:
-    """What a sensor that shows x + cubic x3 has met; beyond where that turns back, the turning point."""
-    size = 2 / math.sqrt(3 * abs(cubic))
-    inside = 3 * shown / size
-    if cubic > 0:
-        return np.asarray(size * np.sinh(np.arcsinh(inside) / 3))
-    return np.asarray(size * np.sin(np.arcsin(np.clip(inside, -1, 1)) / 3))
 
 
 class _Motion(NamedTuple):
@@ -183,6 +133,12 @@ def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: floa
     )
 
 
+def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> Array:
+    """The angle of attack at the CG (..., n), the gust of the vane included."""
+    _, _, flow, _ = _stages(signals, aircraft, s, 0.0, memo)
+    return np.asarray(flow.alpha_i + flow.gust)
+
+
 def _kinematic(motion: _Motion, flow: _Flow) -> Array:
     return np.concatenate([motion.differences, flow.vane[..., None, :]], axis=-2)
 
@@ -194,7 +150,7 @@ def _stages(
     found = {name: instrument_of(aircraft, name) for name in signals}
     x = {
         name: memo.get(
-            "signal", (name, found[name]), partial(_corrected, values, found[name], s, _moved(name, signals, s))
+            "signal", (name, found[name]), partial(corrected, values, found[name], s, own_motion(name, signals, s))
         )
         for name, values in signals.items()
     }
@@ -203,15 +159,6 @@ def _stages(
     of_drift = drift if isinstance(drift, float) else id(drift)
     key = (first, found.get("alpha_vane"), aircraft.boom, aircraft.unsteady, aircraft.geometry.chord, of_drift)
     return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s, drift)), key
-
-
-def _moved(name: str, signals: Signals, s: Setting) -> Array | None:
-    """The relative change of an air datum in calm air, where the aircraft's own speed makes it."""
-    power = {"airspeed": 1, "dynamic_pressure": 2}.get(name)
-    if power is None or s.gusty or "v_along" not in signals or "v_along" in s.held:
-        return None
-    along, speed = signals["v_along"], signals["airspeed"].mean(-1, keepdims=True)
-    return np.asarray(power * (along - along.mean(-1, keepdims=True)) / speed)
 
 
 def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
@@ -297,7 +244,7 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
         wing_series = at_places(back(wing, s), again)
     gust_series = at_places(back(gust + turned, s), again)
-    shown_gust = _gain(aircraft, "alpha_vane") * _bent_by_gusts(boom, s, v0)
+    shown_gust = gain_of(aircraft, "alpha_vane") * _bent_by_gusts(boom, s, v0)
     return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * shown_gust)
 
 
@@ -341,6 +288,10 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         for name, bent in (("CL", cl_model), ("Cm", cm_model)):
             if value(f"{name}_alpha{power}"):
                 bent += value(f"{name}_alpha{power}") * alpha**power
+    if isinstance(aircraft, Bent):
+        rate = derivative(flow.alpha_i, s.dt) * (0.5 * chord / v)
+        cl_model = cl_model + aircraft.more_lift(alpha)
+        cm_model = cm_model + aircraft.more_moment(alpha, rate, de)
     if aircraft.drag is not None:
         cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
     else:
@@ -348,19 +299,14 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
 
     nominal = s.nominal.inertia
     lighter = nominal.mass / mass
-    pressure = _gain(aircraft, "dynamic_pressure")
+    pressure = gain_of(aircraft, "dynamic_pressure")
     easier = (nominal.iyy or 1.0) / inertia
     out = np.empty((*q.shape[:-1], 3, s.n))
     bent_by_gusts = _bent_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
-    out[..., 0, :] = (cl - cl_model) * (lighter * _gain(aircraft, "az") / pressure) / bent_by_gusts
-    out[..., 1, :] = (cm - cm_model) * (easier * _gain(aircraft, "q") / pressure)
-    out[..., 2, :] = (cd - cd_model) * (lighter * _gain(aircraft, "ax") / pressure)
+    out[..., 0, :] = (cl - cl_model) * (lighter * gain_of(aircraft, "az") / pressure) / bent_by_gusts
+    out[..., 1, :] = (cm - cm_model) * (easier * gain_of(aircraft, "q") / pressure)
+    out[..., 2, :] = (cd - cd_model) * (lighter * gain_of(aircraft, "ax") / pressure)
     return out
-
-
-def _gain(aircraft: Aircraft, name: str) -> float:
-    found = aircraft.instruments.get(name)
-    return found.gain if found else 1.0
 
 
 def _bent_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from station.discrepancy.bent import Bent
 from station.discrepancy.effects import (
     BY_ID,
     DERIVATIVES,
@@ -28,7 +29,7 @@ from station.discrepancy.effects import (
     extended,
     unsteady,
 )  # fmt: skip
-from station.discrepancy.fit import Fit, Problem
+from station.discrepancy.fit import Fit, Problem, moved_by
 from station.discrepancy.reference import Reference, Whitener, spread
 from station.discrepancy.residuals import DRAG, LIFT, MOMENT, SERIES, Spectra
 from station.profile import Aircraft
@@ -44,7 +45,9 @@ NAMED: Final = 18.0
 """(value / standard deviation)2 from which a part of the model is named as wrong."""
 LEAST_CHANGE: Final = 2.0
 """Stated standard deviations by which a derivative must have moved to be named as wrong."""
-ROUNDS: Final = 3
+SHARES: Final = (1.0, 0.5, 0.25)
+"""Of a step, tried in turn."""
+ROUNDS: Final = 4
 """How often what the model misses is found from what is left and the model fitted again."""
 WIDTH: Final = 11
 """Frequencies over which what the model misses is taken as smooth."""
@@ -55,6 +58,9 @@ LOOSE: Final[Mapping[str, float]] = {
     "aero.downwash_lag": 0.05, "aero.CL_q": 15.0, "aero.CL_de": 0.5, "thrust.moment": 0.3,
 }  # fmt: skip
 """Standard deviations, SI, of the parts that a model may lack, where nothing is known."""
+FROZEN: Final = 0.05
+"""The same of gust.lead where it is known how far ahead the vane is: the field hardly changes on that way, and lift
+acts near the CG."""
 ABSENT: Final[dict[str, float]] = {"Cm_alpha": 1.0, "Cm_q": 15.0, "Cm_de": 1.0, "CL_alpha": 5.0}
 """The same of derivatives that a profile does not have at all."""
 BENT: Final[dict[str, float]] = {"CL_alpha3": 150.0, "Cm_alpha2": 5.0, "Cm_alpha3": 50.0}
@@ -110,7 +116,8 @@ def doubts(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple[Allowance, 
             named[name] = _derivative_term(name, aircraft)
     for term in terms:
         if term.id in LOOSE:
-            out.append(Allowance(term.id, LOOSE[term.id], term.extend))
+            sd = FROZEN if term.id == "gust.lead" and aircraft.boom is not None else LOOSE[term.id]
+            out.append(Allowance(term.id, sd, term.extend))
             named[term.id] = term
     if aircraft.unsteady.memory:
         out += TAIL
@@ -141,6 +148,15 @@ def still(aircraft: Aircraft) -> Aircraft:
     )
 
 
+def structures(aircraft: Aircraft) -> tuple[Aircraft, ...]:
+    """What the aircraft may be like: as the profile has it; and as the classical models have it, lift without memory,
+    wing and tail at one place. One is no small change of the other."""
+    if not aircraft.unsteady.memory:
+        return (aircraft,)
+    plain = aircraft.unsteady.model_copy(update={"memory": False})
+    return aircraft, aircraft.model_copy(update={"unsteady": plain})
+
+
 def tolerant(
     reference: Reference, left: Spectra, whole: Spectra, gust: float
 ) -> tuple[Reference, dict[str, tuple[float, float]]]:
@@ -166,27 +182,57 @@ def _smooth(x: Array) -> Array:
     return np.asarray(np.convolve(x, ones, "same") / np.convolve(np.ones(len(x)), ones, "same"))
 
 
-def doubtful(
+@dataclass(frozen=True, slots=True)
+class Freed:
+    """Manoeuvres with the model free, and what it still misses taken as noise."""
+
+    problem: Problem
+    shares: Mapping[str, float]
+    """What the model misses, as a share of what was measured (root mean square), by series."""
+    moved: Array
+    """What is allowed for, then the drift of each manoeuvre, in standard deviations."""
+    cost: float
+    """-2 log likelihood."""
+
+
+def freed(
     references: Sequence[Reference], aircraft: Aircraft, allowed: Sequence[Allowance], gust: Sequence[float],
-    values: Mapping[str, float],
-) -> tuple[Problem, dict[str, float]]:  # fmt: skip
-    """The manoeuvres with an allowance for what the model misses, found from what it leaves, and its share of what was
-    measured, by series.
+    values: Mapping[str, float], start: Array | None = None,
+) -> Freed:  # fmt: skip
+    """The model freed, and the noise of what it misses found from what it leaves, in turn.
 
     `gust` as the instruments alone have it: a model in doubt would take its own errors for gusts. `values` are effects
-    thought to be there."""
+    thought to be there. `start` is what was moved before."""
     subject = extended(aircraft, values)
     whole = [r.differences(still(subject)) for r in references]
-    left = [r.differences(subject) for r in references]
     strength = tuple(gust)
+    moved = np.zeros(len(allowed) + len(references)) if start is None else start
+
+    def left() -> list[Spectra]:
+        there = extended(moved_by(aircraft, allowed, moved), values)
+        own = moved[len(allowed) :]
+        return [r.differences(there, float(x) * r.drift_sd) for x, r in zip(own, references, strict=True)]
+
     for _ in range(ROUNDS):
-        made = [tolerant(r, z, w, g) for r, z, w, g in zip(references, left, whole, strength, strict=True)]
-        problem = Problem([m[0] for m in made], aircraft, allowed)
-        fit = problem.fixed(values, strength)
-        moved = problem.complete(fit)
-        left = [r.differences(moved, problem.drift(fit, k)) for k, r in enumerate(references)]
+        made = [tolerant(r, z, w, g) for r, z, w, g in zip(references, left(), whole, strength, strict=True)]
+        problem = Problem([m[0] for m in made], aircraft, allowed, moved[: len(allowed)])
+        moved, cost = _on_the_way(problem, values, moved, problem.fixed(values, strength), strength)
+    problem = Problem([m[0] for m in made], aircraft, allowed, moved[: len(allowed)])
     shares = {n: math.sqrt(sum(m[1][n][0] for m in made) / sum(m[1][n][1] for m in made)) for n in made[0][1]}
-    return problem, shares
+    return Freed(problem, shares, moved, cost)
+
+
+def _on_the_way(
+    problem: Problem, values: Mapping[str, float], start: Array, fit: Fit, gust: Sequence[float]
+) -> tuple[Array, float]:
+    """What is moved, as far towards a fit along straight lines as it gains, and the cost there."""
+    before = problem.whole_cost(values, start, gust)
+    for share in SHARES:
+        trial = np.asarray(start + share * (fit.moved - start))
+        cost = problem.whole_cost(values, trial, gust)
+        if cost < before:
+            return trial, cost
+    return start, before
 
 
 def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, ...]:
@@ -208,15 +254,17 @@ TOLD: Final = 0.02
 """Least standard deviation of a derivative that was found with the model in doubt, as a share of it."""
 
 
-def mended(problem: Problem, fit: Fit, aircraft: Aircraft) -> Aircraft:
+def mended(problem: Problem, fit: Fit) -> Aircraft:
     """The profile with the effects found, and with the model as the data have it; derivatives with what is then known
     of them. Zeros of instruments within what is usual are left out: they are of the flight."""
+    aircraft = problem.aircraft
     out = extended(aircraft, fit.values)
     _, sds = _posterior(problem, fit)
     for a, moved, sd in zip(problem.allowed, fit.moved, sds, strict=False):
-        if a.name in BIASES:
+        extended_by = a.extend(out, a.sd * float(moved))
+        if a.name in BIASES or isinstance(extended_by, Bent):
             continue
-        out = a.extend(out, a.sd * float(moved))
+        out = extended_by
         known = out.derivatives.get(a.name)
         if known is not None:
             stated = aircraft.derivatives.get(a.name)

@@ -14,6 +14,7 @@ import jsbsim
 import numpy as np
 from blind import BIASES, DT, FT, IMU, SECONDS, Case, _sense, inputs
 from scipy import fft
+from scipy.signal import lfilter
 
 from station.discrepancy import effects as catalogue
 from station.discrepancy.processing import indicial
@@ -28,7 +29,8 @@ SLUG = 14.59390293720636
 BEFORE = 4.0
 """Seconds flown before the record begins, for the vane's memory."""
 
-
+ACTUATOR_S = 0.08
+"""The elevator's time constant, that of the profile."""
 FINER = 4
 """JSBSim's steps in one of the record's: its integration is late by a step."""
 
@@ -88,7 +90,9 @@ def truth(kind: str, knots: float, sigma: float, seed: int, slack: float = 0.0) 
     speed = sim["velocities/vt-fps"] * FT
     ahead = round(12.0 / speed / DT)
     field = _gust(speed, sigma, n + 2 * ahead, seed)
-    wanted = elevator_input(inputs(kind), np.arange(n) * DT - BEFORE)
+    # An actuator moves the surface: a step between two samples of the record would have no time of its own.
+    decay = math.exp(-DT / ACTUATOR_S)
+    wanted = lfilter([1 - decay], [1, -decay], elevator_input(inputs(kind), np.arange(n) * DT - BEFORE))
     aileron, rudder = (sim[f"fcs/{s}-cmd-norm"] for s in ("aileron", "rudder"))
     heading = sim["attitude/psi-rad"]
     commands, stands = _stroke(knots)
@@ -108,14 +112,16 @@ def truth(kind: str, knots: float, sigma: float, seed: int, slack: float = 0.0) 
     }  # fmt: skip
     rows = np.empty((n, len(names)))
     for k in range(n):
-        sim["fcs/elevator-cmd-norm"] = moved[k]
         # A pilot keeps the wings level and the heading.
         bank, roll = sim["attitude/phi-rad"], sim["velocities/p-rad_sec"]
         turn = math.remainder(sim["attitude/psi-rad"] - heading, 2 * math.pi)
         sim["fcs/aileron-cmd-norm"] = aileron - 1.5 * (bank + min(max(turn, -0.1), 0.1)) - 0.8 * roll
         sim["fcs/rudder-cmd-norm"] = rudder + 0.5 * sim["velocities/r-rad_sec"]
-        sim["atmosphere/gust-down-fps"] = float(field[k + ahead]) / FT
-        for _ in range(FINER):
+        # Held for a step, surface and gust would be half a step ahead of what is recorded.
+        for part in np.arange(1, FINER + 1) / FINER:
+            sim["fcs/elevator-cmd-norm"] = moved[k - 1] + part * (moved[k] - moved[k - 1]) if k else moved[0]
+            i = k + ahead
+            sim["atmosphere/gust-down-fps"] = float(field[i - 1] + part * (field[i] - field[i - 1])) / FT
             sim.run()
         rows[k] = [sim[name] for name, _ in names.values()]
     out = {name: rows[:, i] * scale for i, (name, (_, scale)) in enumerate(names.items())}
