@@ -107,7 +107,7 @@ def message(tmp_path, load, text):
         ("CL_alpha = {", "CL_alhpa = {", "did you mean CL_alpha?"),
         ("CL_alpha = {", "Cm_alphadot = { value = -5.2 }\nCL_alpha = {", "[unsteady] describes the tail"),
         ("upwash_body = 0.070", "upwash_body = 7.0", "upwash_body"),
-        ('time_constant = "0.08 s"', 'time_constant = "0 s"', "elevator.time_constant: Input should be greater than 0"),
+        ('time_constant = "0.08 s"', 'time_constant = "0 s"', "elevator.time_constant: input should be greater than 0"),
         ("[geometry]", "[geometry", "not valid TOML"),
         ('name = "twin_otter"', "name = 3", "name"),
     ],
