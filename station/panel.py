@@ -253,7 +253,7 @@ def _air_line(a: AlphaEstimate) -> Text:
     return (
         line.append("  w gust ", "dim")
         .append(_fixed(a.gust_vertical, "+6.2f"), "" if a.valid else "dim")
-        .append("  wind N E D ", "dim")
+        .append(" wind N E D ", "dim")
         .append(" ".join(_fixed(w, "+5.1f") for w in (a.wind_north, a.wind_east, a.wind_down)))
         .append(" m/s", "dim")
     )

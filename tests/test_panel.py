@@ -107,6 +107,11 @@ def test_an_invalid_angle_is_bracketed_dimmed_and_says_why() -> None:
     assert "INVALID: boom.vanes stale" in line_with([line.plain for line in lines], "ANGLE OF ATTACK")
 
 
+def test_the_numbers_fit_a_terminal_of_80_columns() -> None:
+    wide = msgspec.structs.replace(ALPHA, wind_north=-23.0, wind_east=-12.5, turbulence="moderate", gust_vertical=-9.87)
+    assert max(len(line.plain) for line in panel._alpha_lines(board_with(wide))) <= 80
+
+
 def test_a_level_that_has_not_settled_is_a_dash() -> None:
     board = board_with(msgspec.structs.replace(ALPHA, turbulence="unknown"))
     assert "0.123" not in line_with(screen(board), "turbulence")
