@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from station.conventions import to_si
 from station.estimation.compatibility import Compatibility, compatibility
-from station.estimation.gust_delay import Equation, GustDelay, gust_delay
+from station.estimation.gust_delay import GustDelay, gust_delay
+from station.estimation.gust_model import Equation
 from station.estimation.inertial_path import InertialPath, inertial_path
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from station.estimation.gust_delay import Array, Equation, GustDelay, gust_delay, response
+from station.estimation.gust_delay import GustDelay, gust_delay
+from station.estimation.gust_model import Array, Equation, response
 from station.estimation.inertial_path import InertialPath, inertial_path
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
@@ -45,6 +46,8 @@ def _flown(aircraft: Aircraft, seed: int, sigma: str, seconds: float, inputs: tu
     flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": sigma, "seed": seed})
     card = Card(name="test", aircraft=aircraft.name, rig="", flight=flight, manoeuvres=inputs)
     shown, truth = fly(aircraft, STANDARD, card, 240.0, seed)
+    # No sensor shows angular accelerations.
+    shown = {name: column for name, column in shown.items() if name not in ("pdot", "qdot", "rdot")}
     record = FlightRecord.of(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft)
     path = inertial_path(record.motion, record.alpha, record.beta, record.dt)
     rows = slice(len(path.alpha) - round(seconds / record.dt), len(path.alpha))
@@ -65,29 +68,41 @@ def test_delay_within_5_ms_and_upwash_from_a_minute_of_light_turbulence(inputs: 
         for lead in (made.joint, made.apart["CL"], made.apart["Cm"]):
             assert abs(lead.delay_s - delay_s) < 0.005
         assert made.agree
-        assert abs(made.joint.delay_s - delay_s) < 3 * made.joint.delay_sd + 0.001
+        assert abs(made.joint.delay_s - delay_s) < 3 * made.joint.delay_sd
         assert abs(made.joint.upwash - 0.177) < 4 * made.joint.upwash_sd
         upwash.append(made.joint.upwash)
-    # A minute of light turbulence holds no more than this: standard deviation 0.012 to 0.025.
-    assert abs(np.mean(upwash) - 0.177) < 0.015
+    # Three standard deviations of a mean of five: one is 0.017 without an input, 0.008 with.
+    assert abs(np.mean(upwash) - 0.177) < (0.012 if inputs else 0.023)
+
+
+def test_both_equations_know_more_than_either() -> None:
+    """They share the vane's noise, which two equations tell from the gust."""
+    made, _ = _found(2)
+    for alone in made.apart.values():
+        assert made.joint.upwash_sd < alone.upwash_sd
+        assert made.joint.delay_sd < alone.delay_sd
 
 
 @pytest.mark.slow
-def test_intervals_cover() -> None:
-    inside = {"delay": 0, "upwash": 0}
+@pytest.mark.parametrize(
+    ("inputs", "most"),
+    [((), 0.023), ((MULTISINE,), 0.0115)],
+    ids=["gusts only", "multisine"],
+)
+def test_intervals_cover(inputs: tuple[Manoeuvre, ...], most: float) -> None:
+    """Limits three standard deviations of 40 flights above what 80 gave: 0.7 ms; 0.017 and 0.0084; cover 0.95."""
     off = []
     for seed in range(40):
-        made, delay_s = _found(seed, inputs=(MULTISINE,))
-        inside["delay"] += abs(made.joint.delay_s - delay_s) < 1.96 * made.joint.delay_sd
-        inside["upwash"] += abs(made.joint.upwash - 0.177) < 1.96 * made.joint.upwash_sd
-        off.append((made.joint.delay_s - delay_s, made.joint.upwash - 0.177, made.joint.upwash_sd))
-    delay, upwash, _ = np.array(off).T
-    print(
-        f"delay rms {1e3 * np.sqrt(np.mean(delay**2)):.2f} ms, upwash rms {np.sqrt(np.mean(upwash**2)):.4f}, {inside}"
-    )
-    assert np.sqrt(np.mean(delay**2)) < 0.0025
-    assert np.sqrt(np.mean(upwash**2)) < 0.03
-    assert inside["delay"] >= 32
+        made, delay_s = _found(seed, inputs=inputs)
+        lead = made.joint
+        off.append((lead.delay_s - delay_s, lead.delay_sd, lead.upwash - 0.177, lead.upwash_sd))
+    delay, delay_sd, upwash, upwash_sd = np.array(off).T
+    inside = np.sum(np.abs(delay) < 1.96 * delay_sd), np.sum(np.abs(upwash) < 1.96 * upwash_sd)
+    rms = np.sqrt(np.mean(delay**2)), np.sqrt(np.mean(upwash**2))
+    print(f"delay rms {1e3 * rms[0]:.2f} ms, upwash rms {rms[1]:.4f}, {inside} of 40 inside")
+    assert rms[0] < 0.001
+    assert rms[1] < most
+    assert min(inside) >= 34
 
 
 def test_an_aircraft_without_memory() -> None:
