@@ -9,6 +9,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ import pytest
 from station.clock import ManualClock
 from station.conventions import Stream
 from station.log import About, LogWriter, metadata, parts, read_rows, summarise, write_log
+from station.log.part import PartWriter
 from station.profile import load_aircraft
 from station.rows import Code, Event, LogError, Rows, Sample, Tick
 
@@ -55,6 +57,7 @@ class Flight:
 
 WRITER = """
 import sys
+import threading
 from pathlib import Path
 sys.path.insert(0, str(Path(sys.argv[1]).parent))
 import test_log_writer as t
@@ -120,6 +123,28 @@ def test_rotation_is_no_loss_whenever_the_file_is_looked_after(tmp_path: Path, r
     flight = Flight(tmp_path, per_tick=40, rotate_bytes=rotate_bytes)
     flight.fly(6.0)
     flight.writer.close()
+    assert flight.events == []
+    assert summarise(tmp_path / "flight.mcap").verdict == "complete"
+    assert list(read_rows(tmp_path / "flight.mcap")) == flight.written
+
+
+def test_the_end_of_a_full_file_keeps_no_tick_waiting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its index, of half a gigabyte of recording, is written while the next file records."""
+    may_end, finish = threading.Event(), PartWriter.finish
+
+    def when_allowed(part: PartWriter) -> None:
+        assert may_end.wait(60)
+        finish(part)
+
+    monkeypatch.setattr(PartWriter, "finish", when_allowed)
+    flight = Flight(tmp_path, per_tick=40, rotate_bytes=60_000)
+    try:
+        flight.fly(3.0)
+        assert flight.writer.path.name == "flight.0002.mcap"
+        assert flight.writer.bytes_written > 120_000
+    finally:
+        may_end.set()
+        flight.writer.close()
     assert flight.events == []
     assert summarise(tmp_path / "flight.mcap").verdict == "complete"
     assert list(read_rows(tmp_path / "flight.mcap")) == flight.written

@@ -11,7 +11,7 @@ import contextlib
 import os
 import struct
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -23,7 +23,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -43,11 +42,10 @@ _NEVER: Final = 2**64 - 1
 CHUNK = struct.Struct("<QQQI")
 CHUNK_MARK = struct.pack("<I", 4) + b"zstd"
 _INDEX = struct.Struct("<BQHI")
-_KEPT = struct.Struct("<6QH")
-"""Of a closed chunk: place, length, packed and full size, first and last time, number of channels; then _NUMBERS for
-each of them."""
-_NUMBERS = struct.Struct("<HI")
-"""A channel's number, and how many numbers its index of the chunk holds: two a message."""
+_CHUNK_INDEX = struct.Struct("<BQ4QI")
+"""Opcode, length, first and last time, place, length of the chunk; bytes of the places that follow."""
+_CHUNK_INDEX_END = struct.Struct("<Q8s2Q")
+"""Length of the message indexes, compression, packed and full size."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,8 +88,9 @@ class PartWriter:
         self._body: list[bytes] = []
         self._first = self._last = 0
         self._compress = zstandard.ZstdCompressor(level=1).compress
-        # Kept for the summary at the end as bytes: as objects they would take 80 MiB an hour.
-        self._chunks = bytearray()
+        # As the summary will hold them: made at the end, an hour's would take a second.
+        self._chunk_indexes = bytearray()
+        self._chunk_count = 0
         self._other_indexes: list[McapRecord] = []
         self._counts: dict[int, int] = {}
         self._start = self._end = 0
@@ -179,15 +178,28 @@ class PartWriter:
             packed,
         ]
         at = self.size + len(head)
+        begin = index_at = at + RECORD.size + length
+        places: list[int] = []
         for channel in self._open:
             entries = channel.index
             size = 8 * len(entries)
             out.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + size, channel.number, size))
             out.append(struct.pack(f"<{len(entries)}Q", *entries))
+            places += (channel.number, index_at)
+            index_at += _INDEX.size + size
         self._write(b"".join(out))
-        self._chunks += _KEPT.pack(at, length, len(packed), len(body), self._first, self._last, len(self._open))
-        for channel in self._open:
-            self._chunks += _NUMBERS.pack(channel.number, len(channel.index))
+        mapped = struct.pack("<" + "HQ" * len(self._open), *places)
+        rest = _CHUNK_INDEX.size - RECORD.size + len(mapped) + _CHUNK_INDEX_END.size
+        self._chunk_indexes += b"".join(
+            (
+                _CHUNK_INDEX.pack(
+                    Opcode.CHUNK_INDEX, rest, self._first, self._last, at, RECORD.size + length, len(mapped)
+                ),
+                mapped,
+                _CHUNK_INDEX_END.pack(index_at - begin, CHUNK_MARK, len(packed), len(body)),
+            )
+        )
+        self._chunk_count += 1
         self._start = min(self._start, self._first) if self._counts else self._first
         self._end = max(self._end, self._last)
         for channel in self._open:
@@ -204,66 +216,41 @@ class PartWriter:
         DataEnd(self._crc).write(end)
         self._write(_taken(end))
         summary_at = self.size
-        out = RecordBuilder()
-        groups: list[SummaryOffset] = []
-        chunk_indexes = list(self._chunk_indexes())
         counted = Statistics(
             attachment_count=sum(isinstance(r, AttachmentIndex) for r in self._other_indexes),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(chunk_indexes),
+            chunk_count=self._chunk_count,
             message_count=sum(self._counts.values()),
             message_end_time=self._end,
             message_start_time=self._start,
             metadata_count=sum(isinstance(r, MetadataIndex) for r in self._other_indexes),
             schema_count=sum(isinstance(r, Schema) for r in self._records),
         )
-        for opcode, kind in (
-            (Opcode.SCHEMA, Schema),
-            (Opcode.CHANNEL, Channel),
-            (Opcode.STATISTICS, Statistics),
-            (Opcode.CHUNK_INDEX, ChunkIndex),
-            (Opcode.ATTACHMENT_INDEX, AttachmentIndex),
-            (Opcode.METADATA_INDEX, MetadataIndex),
+        summary: list[bytes | bytearray] = []
+        groups = RecordBuilder()
+        at = summary_at
+        for opcode, group in (
+            (Opcode.SCHEMA, _written(self._records, Schema)),
+            (Opcode.CHANNEL, _written(self._records, Channel)),
+            (Opcode.STATISTICS, _written([counted], Statistics)),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
+            (Opcode.ATTACHMENT_INDEX, _written(self._other_indexes, AttachmentIndex)),
+            (Opcode.METADATA_INDEX, _written(self._other_indexes, MetadataIndex)),
         ):
-            at = out.count
-            for record in (*self._records, counted, *chunk_indexes, *self._other_indexes):
-                if isinstance(record, kind):
-                    record.write(out)
-            if out.count > at:
-                groups.append(SummaryOffset(opcode, summary_at + at, out.count - at))
-        groups_at = summary_at + out.count
-        for group in groups:
-            group.write(out)
-        summary = _taken(out)
-        crc = zlib.crc32(summary + struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_at, groups_at))
-        Footer(summary_at, groups_at, crc).write(out)
-        self._write(summary + _taken(out) + MAGIC)
+            if group:
+                SummaryOffset(opcode, at, len(group)).write(groups)
+                summary.append(group)
+                at += len(group)
+        summary.append(_taken(groups))
+        crc = 0
+        for piece in (*summary, struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_at, at)):
+            crc = zlib.crc32(piece, crc)
+        Footer(summary_at, at, crc).write(end)
+        for piece in (*summary, _taken(end) + MAGIC):
+            self._write(piece)
         os.close(self._file)
-
-    def _chunk_indexes(self) -> Iterator[ChunkIndex]:
-        kept, place = self._chunks, 0
-        while place < len(kept):
-            at, length, packed, full, first, last, channels = _KEPT.unpack_from(kept, place)
-            place += _KEPT.size
-            begin = index_at = at + RECORD.size + length
-            offsets: dict[int, int] = {}
-            for _ in range(channels):
-                number, entries = _NUMBERS.unpack_from(kept, place)
-                place += _NUMBERS.size
-                offsets[number] = index_at
-                index_at += _INDEX.size + 8 * entries
-            yield ChunkIndex(
-                chunk_length=RECORD.size + length,
-                chunk_start_offset=at,
-                compression="zstd",
-                compressed_size=packed,
-                message_end_time=last,
-                message_index_length=index_at - begin,
-                message_index_offsets=offsets,
-                message_start_time=first,
-                uncompressed_size=full,
-            )
+        self._chunk_indexes = bytearray()
 
     def abandon(self) -> None:
         """Close the file as it is."""
@@ -282,11 +269,11 @@ class PartWriter:
         """Whether any path leads to this file."""
         return os.fstat(self._file).st_nlink > 0
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytes | bytearray) -> None:
         done = 0
         try:
             while done < len(data):
-                done += os.write(self._file, data[done:] if done else data)
+                done += os.write(self._file, memoryview(data)[done:])
         except OSError:
             # The disk took a part of it: cut back to the last whole record, if that still can be done.
             with contextlib.suppress(OSError):
@@ -299,3 +286,12 @@ class PartWriter:
 def _taken(records: RecordBuilder) -> bytes:
     built: bytes = records.end()  # type: ignore[no-untyped-call]
     return built
+
+
+def _written(records: Iterable[McapRecord], kind: type[McapRecord]) -> bytes:
+    """Those of one kind."""
+    out = RecordBuilder()
+    for record in records:
+        if isinstance(record, kind):
+            record.write(out)
+    return _taken(out)

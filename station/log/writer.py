@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import math
 import os
+import threading
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -58,10 +59,10 @@ class LogWriter:
         self._held: deque[Rows] = deque(maxlen=_HELD_ROWS)
         self._lost = self._unwritable = 0
         self._number = 0
-        self._finished_bytes = 0
+        self._parts: list[PartWriter] = []
+        self._ending: list[threading.Thread] = []
         self._opened_ns: int | None = None
         self._look_ns = self._retry_ns = self._station_ns
-        self.failed = ""
         stem = name if name is not None else utc_file_stamp()
         try:
             make_folder(folder)
@@ -70,8 +71,8 @@ class LogWriter:
             raise LogError(f"{folder / stem}.mcap: exists already, and a recording is never overwritten") from None
         except OSError as error:
             raise LogError(f"{folder}: cannot record there: {error.strerror}\nuse another folder: --log") from error
-        self._part: PartWriter | None = first
-        self.path = first.path
+        self._part: PartWriter | None = None
+        self._use(first)
 
     def _first(self, stem: str, exact: bool) -> tuple[str, PartWriter]:
         tried, n = stem, 1
@@ -103,7 +104,7 @@ class LogWriter:
 
     @property
     def bytes_written(self) -> int:
-        return self._finished_bytes + (self._part.size if self._part is not None else 0)
+        return sum(part.size for part in self._parts)
 
     def append(self, rows: Iterable[Rows]) -> None:
         rows = list(rows)
@@ -162,29 +163,32 @@ class LogWriter:
             self._held.clear()
             self._opened_ns = None
             if part.size >= self._rotate_bytes:
-                part.finish()
                 self._part = None
-                self._finished_bytes += part.size
+                # The index of a large file takes longer to write than a tick has.
+                self._ending.append(threading.Thread(target=self._complete, args=(part,), name="end of a recording"))
+                self._ending[-1].start()
                 self._use(self._next())
         except OSError as error:
             if self._part is not None:
                 part.abandon()
-                self._finished_bytes += part.size
             self._part = None
             self._fail(f"{part.path}: {error.strerror}", self._clock.now_ns())
 
     def _use(self, part: PartWriter) -> None:
+        self._parts.append(part)
         self._part, self.path, self.failed = part, part.path, ""
 
     def _end(self, part: PartWriter) -> bool:
         try:
             part.finish()
-            done = True
         except OSError:
             part.abandon()
-            done = False
-        self._finished_bytes += part.size
-        return done
+            return False
+        return True
+
+    def _complete(self, part: PartWriter) -> None:
+        if not self._end(part):
+            self._report(f"{part.path}: could not be completed: see station recover")
 
     def _fail(self, why: str, now: int) -> None:
         self._opened_ns = None
@@ -227,6 +231,9 @@ class LogWriter:
         if part is not None and not self._end(part):
             self.failed = f"{part.path}: could not be completed"
             self._report(self.failed)
+        for thread in self._ending:
+            thread.join()
+        self._ending.clear()
 
 
 def make_folder(folder: Path) -> None:
