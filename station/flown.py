@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -54,6 +54,8 @@ class Flown:
     settings: Mapping[str, Any]
     refusal: str = ""
     spectra: VaneSpectra | None = None
+    statistical: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Of each method, its derivatives' standard errors without what its model may leave out."""
 
     def gust_vertical(self, record: FlightRecord) -> Array | None:
         """Vertical gust (n,) of the split, m/s, on the record's grid; None where attitude and velocity are lacking."""
@@ -78,7 +80,8 @@ class Flown:
             # The numbers stay for comparison, but nobody is to take them for an estimate.
             found = tuple(ParamEstimate(p.name, p.value, p.sd, Status.INVALID, p.why or why) for p in found)
         settings = {**self.settings, **self._correction(name, record)}
-        return MethodResult(status, why, found, self._fit(estimate, record), settings)
+        statistical = self.statistical.get(name, {})
+        return MethodResult(status, why, found, self._fit(estimate, record), settings, statistical=statistical)
 
     def _correction(self, name: str, record: FlightRecord) -> dict[str, Any]:
         """What a method does to all of alpha: its delay, or delay and upwash by frequency."""
@@ -195,7 +198,7 @@ def fly(
         "filters_settled_on": f"{start - float(before.t_s[0]):.0f} s of flight" if led else "a held trim",
     }
     t_s = np.array([(f.t_ns - table.t0_ns) * 1e-9 for f in frames])
-    return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings, spectra=spectra)
+    return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings, "", spectra, estimator.statistical())
 
 
 def _frames(table: Table) -> list[Frame]:

@@ -235,6 +235,8 @@ def _as_json(result: MethodResult) -> dict[str, Any]:
             "status": p.status.value,
             "why": p.why,
         }
+        if known and p.name in result.statistical:
+            parameters[p.name]["std_error_statistical"] = _number(result.statistical[p.name])
     fit = {n: {"r2": _number(f.r2), "residual_rms": _number(f.residual_rms)} for n, f in result.fit.items()}
     made: dict[str, Any] = {
         "status": result.status,

@@ -95,7 +95,7 @@ def _twins(record: Record, aircraft: Aircraft) -> dict[str, tuple[Array, Array]]
         edge = np.gradient(_smooth(x["elevator"], dt), dt)
         answer = np.gradient(_smooth(moment, dt), dt)
         out["elevator"] = (edge, answer)
-    weight = -G0 * np.cos(x["theta"])
+    weight = -G0 * np.cos(x["theta"]) * (np.cos(x["phi"]) if "phi" in x else 1.0)
     out["az"] = (x["az"], weight)
     return {n: (a, b) if n == "az" else (_levelled(a), _levelled(b)) for n, (a, b) in out.items()}
 

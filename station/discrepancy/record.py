@@ -17,7 +17,7 @@ from station.simulation.aircraft import atmosphere
 Array = NDArray[np.float64]
 
 NEEDED: Final = ("alpha_vane", "q", "theta", "ax", "az", "airspeed", "elevator")
-OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "r", "thrust")
+OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "p", "r", "thrust")
 """Used where they are there throughout; without velocity the motion is integrated from the accelerometers."""
 SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
@@ -28,6 +28,8 @@ HELD_SAMPLES: Final = 3
 _EXCITED: Final = math.radians(0.3)
 """Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
 _STRAIGHT: Final = math.radians(4.0)
+_BANKED: Final = math.radians(30.0)
+"""Bank from which wings-level flight is no measure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +130,9 @@ def _piece(
         raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
     if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
         raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
+    if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
+        most = math.degrees(float(np.abs(signals["phi"]).max()))
+        raise UsageError(f"{name}: banked to {most:.0f} deg: what is compared with flies wings level")
     mass, iyy = _mean(columns, "mass", rows), _mean(columns, "iyy", rows)
     lost = float(1 - usable[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1].mean())
     density, height = _air(columns, rows, signals, aircraft)

@@ -104,7 +104,7 @@ class _Flow(NamedTuple):
     """The difference VANE."""
 
 
-_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "r", "v_down", "v_along")
+_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "p", "r", "v_down", "v_along")
 
 
 def series(
@@ -215,9 +215,10 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         turned_boom = at_places(-at_boom * back(surging * np.exp(1j * w * boom.gust_x / v0), s), again)
         upwash_spectrum = upwash_spectrum + gust_upwash * turned
     upwash = at_places(back(upwash_spectrum, s), again)
-    inside = (1 + boom.upwash_body) * (
-        alpha_i - motion.q * boom.vane_x / inertial + turned_boom
-    ) + boom.upwash_wing * upwash
+    sinking = motion.q * boom.vane_x
+    if boom.vane_y and "p" in x:
+        sinking = sinking - x["p"] * boom.vane_y
+    inside = (1 + boom.upwash_body) * (alpha_i - sinking / inertial + turned_boom) + boom.upwash_wing * upwash
     shown = transform(inside, s)
     given: float | Complex = 1.0
     if boom.flexure or boom.tip_load:
@@ -261,7 +262,11 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     cz = (mass * az + thrust * math.sin(aircraft.thrust_angle)) / force
     sin, cos = np.sin(alpha), np.cos(alpha)
     cl, cd = cx * sin - cz * cos, -cx * cos - cz * sin
-    cm = (inertia * motion.qdot - thrust * aircraft.thrust_pitch_arm) / (force * chord)
+    turning = inertia * motion.qdot
+    own = aircraft.inertia
+    if "p" in x and "r" in x and own.ixx is not None and own.izz is not None:
+        turning = turning + (own.ixx - own.izz) * x["p"] * x["r"] + own.ixz * (x["p"] ** 2 - x["r"] ** 2)
+    cm = (turning - thrust * aircraft.thrust_pitch_arm) / (force * chord)
 
     reference = aircraft.reference_speed or motion.mean_speed
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)

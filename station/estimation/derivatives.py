@@ -185,7 +185,7 @@ def judge(
                         verdict = UNEXPLAINED + round(100.0 * max(r2, 0.0))
                     elif out[kind, e, 2, j] > COLLINEAR:
                         verdict = MOVES_ALONG
-                    elif not 2.0 * out[kind, e, 1, j] <= max(abs(value), known[i]):
+                    elif not 2.0 * error <= max(abs(value), known[i]):
                         verdict = WIDE
             elif verdict == ESTIMATED:
                 verdict = UNSOLVED
@@ -313,6 +313,11 @@ class Derivatives:
             reason = applicable.get(method, "")
             found.append(MethodEstimate(t_ns, method, parameters[6 * i : 6 * i + 6], not reason, reason))
         return tuple(found)
+
+    def statistical(self) -> dict[str, list[float]]:
+        """Each method's standard errors without what its model may leave out; before anything is fitted, 0."""
+        errors = self._out[self._rows][:, :, 1, :3].reshape(len(self._methods), 6)
+        return dict(zip(self._methods, errors.tolist(), strict=True))
 
     def _in_words(self, verdict: int) -> tuple[Status, str]:
         if verdict >= UNEXPLAINED:

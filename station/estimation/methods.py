@@ -135,7 +135,7 @@ class Estimator:
         self._noise = {**NOISE, **given}
         self._methods = methods
         self._force = force
-        names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
+        names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
         self._conditioner = Conditioner(given)
         self._inertial = Inertial(imu_position, dt)
         self._vane = Vane(aircraft, dt)
@@ -201,6 +201,14 @@ class Estimator:
             self._physical.clear()
         if self._lateral:
             self._lateral.clear()
+
+    def statistical(self) -> dict[str, dict[str, float]]:
+        """The standard errors of each method's longitudinal derivatives as of the last tick, had its model no error:
+        how well the manoeuvre, flown again, would give the same."""
+        made = self._derivatives.statistical()
+        if self._physical and self._physical.solution:
+            made["physical"] = self._physical.solution.stat[:6].tolist()
+        return {method: dict(zip(self._names, errors, strict=True)) for method, errors in made.items()}
 
     def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]:
         """One frame in, the angle of attack and every method's estimates as of it out."""

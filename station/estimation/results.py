@@ -50,6 +50,8 @@ class MethodResult:
     fit: Mapping[str, EquationFit] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     history: Mapping[str, Any] = field(default_factory=dict)
+    statistical: Mapping[str, float] = field(default_factory=dict)
+    """Standard errors without what the model may leave out, where they differ from the whole ones."""
 
 
 def names(axes: Axes) -> tuple[str, ...]:
