@@ -57,7 +57,7 @@ def made(sigma: str, seed: int, methods: list[str]) -> dict[str, dict[str, tuple
 
 
 def test_the_statistical_error_stands_beside_the_whole_one() -> None:
-    """In gusts it is smaller: of split, which leaves the late tail out, by far; in calm air they are nearly the same."""
+    """In gusts it is smaller, by far so for split, which leaves the late tail out; in calm air nearly the same."""
     for sigma, least, most in (("5 ft/s", 0.0, 0.5), ("0 ft/s", 0.85, 1.0)):
         table, card = flown(sigma, 1)
         found = identify(table, AIRCRAFT, ["split", "physical"], 30.0, card=card, noise=RIG.noise_si())["methods"]
