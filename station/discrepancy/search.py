@@ -15,6 +15,8 @@ from station.discrepancy.effects import BY_ID, Term
 from station.discrepancy.fit import Fit, Problem, price
 
 Array = NDArray[np.float64]
+Start = tuple[float, tuple[str, ...], dict[str, float]]
+"""What a candidate promises along straight lines (a drop), its effects and their values."""
 
 FIRST: Final = 18.0
 """Drop of -2 log likelihood for one effect: one false alarm in 200 clean flights."""
@@ -27,6 +29,8 @@ RIVAL: Final = 6.0
 SINGLES: Final = 7
 PAIRS: Final = 12
 PARTNERS: Final = 4
+HOPEFUL: Final = 0.5
+"""Share of the drop asked of a second effect that a pair must promise, along straight lines, to be refitted."""
 MOST: Final = 4
 """Effects at once."""
 LEAST_TIME: Final = 0.05
@@ -96,24 +100,29 @@ def search(
     accepted = null
     if first > more_asked:
         progress("pairs of effects")
-        pairs = _pairs(problem, terms, null, base)[:PAIRS]
+        threshold = max(more_asked, FURTHER_SHARE * first)
+        screened = max(null.cost - fit.cost for fit in linear)
+        pairs = [(gain - screened, ids, start) for gain, ids, start in _pairs(problem, terms, null, base)[:PAIRS]]
         for single in [s for s in singles[:2] if frozenset(s.ids) in refitted]:
-            pairs += _partners(problem, terms, single)[:PARTNERS]
-        for ids, start in pairs:
-            refit(ids, start, best.gust)
+            behind = single.cost - best.cost
+            pairs += [(gain - behind, ids, start) for gain, ids, start in _partners(problem, terms, single)[:PARTNERS]]
+        for gain, ids, start in pairs:
+            if gain > HOPEFUL * threshold:
+                refit(ids, start, best.gust)
         doubles = _of_size(refitted, 2)
         if first > first_asked:
             accepted = best
         if doubles:
             both = doubles[0]
-            threshold = max(more_asked, FURTHER_SHARE * first)
             if (accepted is best and best.cost - both.cost > threshold) or (
                 accepted is null and null.cost - both.cost > PAIR + 2 * (first_asked - FIRST)
             ):
                 accepted = both
+                for _, ids, start in pairs:  # it may have rivals
+                    refit(ids, start, best.gust)
         while 2 <= len(accepted.values) < MOST:
             progress(f"{len(accepted.values) + 1} effects")
-            for ids, start in _partners(problem, terms, accepted)[:PARTNERS]:
+            for _, ids, start in _partners(problem, terms, accepted)[:PARTNERS]:
                 refit(ids, start, accepted.gust)
             more = _of_size(refitted, len(accepted.values) + 1)
             threshold = max(more_asked, FURTHER_SHARE * (null.cost - accepted.cost))
@@ -148,14 +157,12 @@ def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit
     return Fit({term.id: value}, {term.id: math.sqrt(max(inverse[0, 0], 0.0))}, x[1:], gust, cost)
 
 
-def _pairs(
-    problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]
-) -> list[tuple[tuple[str, ...], dict[str, float]]]:
-    """Every pair by its linear drop, the largest first, with both values."""
+def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]) -> list[Start]:
+    """Every pair by its linear drop, the largest first, with the drop and both values."""
     columns = [problem.effect_columns(t, {}, base) for t in terms]
     allowed = problem.allowed_columns({}, base)
     normal, right = _projected(problem, base, columns, allowed, null.gust)
-    found = []
+    found: list[Start] = []
     for i, j in itertools.combinations(range(len(terms)), 2):
         pick = np.array([i, j])
         a, b = normal[np.ix_(pick, pick)], right[pick]
@@ -165,7 +172,7 @@ def _pairs(
         x = np.linalg.solve(a, b)
         found.append((float(b @ x), (terms[i].id, terms[j].id), {terms[i].id: x[0], terms[j].id: x[1]}))
     found.sort(key=lambda f: (-f[0], f[1]))
-    return [(ids, start) for _, ids, start in found]
+    return found
 
 
 def _projected(
@@ -184,8 +191,8 @@ def _projected(
     return whole[:e, :e] - whole[:e, e:] @ solved[:, :e], right[:e] - whole[:e, e:] @ solved[:, e]
 
 
-def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[tuple[tuple[str, ...], dict[str, float]]]:
-    """What else, on top of a candidate, its columns made anew there: the largest linear drop first."""
+def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[Start]:
+    """What else, on top of a candidate, its columns made anew there: the largest further linear drop first."""
     here = problem.at(about.values)
     own = [problem.effect_columns(BY_ID[i], about.values, here) for i in about.values]
     others = [t for t in terms if t.id not in about.values]
@@ -193,7 +200,7 @@ def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[tuple
     allowed = problem.allowed_columns(about.values, here)
     normal, right = _projected(problem, here, own + columns, allowed, about.gust)
     m = len(own)
-    found = []
+    found: list[Start] = []
     for j in range(len(others)):
         pick = np.array([*range(m), m + j])
         x = np.linalg.lstsq(normal[np.ix_(pick, pick)], right[pick], rcond=1e-10)[0]
@@ -201,4 +208,4 @@ def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[tuple
         start[others[j].id] = float(x[m])
         found.append((float(right[pick] @ x), (*about.values, others[j].id), start))
     found.sort(key=lambda f: (-f[0], f[1]))
-    return [(tuple(sorted(ids)), start) for _, ids, start in found]
+    return [(gain, tuple(sorted(ids)), start) for gain, ids, start in found]
