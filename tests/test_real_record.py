@@ -43,7 +43,7 @@ def flown(tmp_path_factory):
     import_file(RECORD, imported, load_aircraft("twin_otter"))
     card.write_text(CARD.format(recording=imported, lead=LEAD_S))
     words = ["run", str(card), "--duration", "36", "--view", "none", "--log", str(folder / "logs")]
-    done = subprocess.run([sys.executable, "-m", "station", *words], capture_output=True, text=True, timeout=150)
+    done = subprocess.run([sys.executable, "-m", "station", *words], capture_output=True, text=True, timeout=300)
     assert done.returncode in (0, 3), done.stderr
     (log,) = (folder / "logs").glob("*.mcap")
     return imported, log
@@ -93,7 +93,7 @@ def test_replay_gives_the_same_bits_while_both_cores_are_busy(flown):
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
         words = [sys.executable, "-m", "station", "replay", str(log), "--verify"]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=150)
+        done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     finally:
         for process in busy:
             process.kill()
