@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -103,12 +103,17 @@ class Flown:
         return {"delay_s": 0.0} if name == "II" else {}
 
     def widened(self, result: MethodResult, record: FlightRecord, axes: Axes) -> MethodResult:
-        """A result that goes by the vane, its errors widened where the split shows it misled."""
-        if not self.refusal:
-            for name in WITNESSES:
-                witness = self.result(name, record, axes)
-                if witness.status == "ok":
-                    return widened(result, witness, name)
+        """A result that goes by the vane, its errors widened where the split shows it misled: each derivative by the
+        first witness that has it."""
+        if self.refusal:
+            return result
+        told: set[str] = set()
+        for name in WITNESSES:
+            witness = self.result(name, record, axes)
+            if witness.status == "ok":
+                more = tuple(p for p in witness.parameters if p.name not in told)
+                told |= {p.name for p in more}
+                result = widened(result, replace(witness, parameters=more), name)
         return result
 
     def alpha(self, method: str, record: FlightRecord) -> Array | None:

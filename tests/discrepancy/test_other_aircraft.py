@@ -12,7 +12,8 @@ from station.discrepancy.diagnosis import diagnose
 from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record, manoeuvres
 from station.discrepancy.residuals import LIFT, SERIES, VANE, series
-from station.profile import Aircraft, Card, Flight, load_aircraft, load_rig
+from station.profile import Aircraft, Card, Flight, load_aircraft, load_card, load_rig
+from station.rows import UsageError
 from station.simulation import fly
 
 RIG = load_rig("bench")
@@ -94,6 +95,24 @@ def test_a_bending_boom_takes_no_gust_away() -> None:
     assert gust["alpha_vane.scale"] == pytest.approx(1.1 * np.std(truth["alpha_gust"]) * 1.1, rel=0.1)
     assert gust["boom.flexure"] == pytest.approx(gust["alpha_vane.scale"], rel=0.03)
     assert np.std(left["boom.flexure"][LIFT]) < 0.2 * np.std(truth["CL"])
+
+
+def test_a_banked_manoeuvre_is_refused() -> None:
+    shown, _ = flown(skyhawk(), 0.0, "doublets", 1, 20.0)
+    shown["phi"] = np.linspace(0.0, math.radians(50), len(shown["q"]))
+    with pytest.raises(UsageError, match="banked to 50 deg"):
+        manoeuvres("turn", 0.02 * np.arange(len(shown["q"])), shown, skyhawk())
+
+
+@pytest.mark.slow
+def test_a_vane_on_the_wing_tip_of_an_aircraft_that_rolls() -> None:
+    """Aileron and rudder move in every manoeuvre, the vane is 5 m off the roll axis: nothing is wrong."""
+    aircraft = load_aircraft("twin_otter")
+    aircraft = aircraft.model_copy(update={"boom": aircraft.boom.model_copy(update={"vane_y": 5.0})})
+    shown, _ = fly(aircraft, RIG, load_card("lateral").card, 135.0, 2)
+    found = manoeuvres("lateral", 0.02 * np.arange(len(shown["q"])), shown, aircraft)
+    found = [replace(r, imu=RIG.imu_position, stated=RIG.noise_si()) for r in found]
+    assert diagnose(found[:2], found[2:], aircraft).verdict == "no_effect"
 
 
 @pytest.mark.slow
