@@ -52,6 +52,7 @@ def diagnose(
     """Compare recordings with the simulation: what is wrong, its cause, the extended model and what it gains."""
     from station.discrepancy.diagnosis import as_json as to_json
     from station.discrepancy.diagnosis import diagnose as solve
+    from station.discrepancy.record import why_not_flown
 
     subject = load_aircraft(aircraft) if aircraft else None
     for path in (*logs, *(hold_out or [])):
@@ -67,8 +68,9 @@ def diagnose(
     reader = ThreadPoolExecutor(1)
     complete = reader.submit(lambda: all(summarise(path).verdict == "complete" for path in flown))
     reader.shutdown(wait=False)
-    if subject.kinematics_only or not all("elevator" in x.columns for x in flown.values()):
-        say("no aerodynamic data or no elevator: the kinematic part only")
+    lacking = why_not_flown(subject)
+    if lacking or not all("elevator" in x.columns for x in flown.values()):
+        say(f"{lacking or 'a record has no elevator'}: the kinematic part only")
         from station.kinematic_diagnosis import series_in_time, write_kinematic_report
 
         result, extended, judged = _kinematics(flown, logs, hold_out or [], subject)

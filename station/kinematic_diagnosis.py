@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from station.conventions import G0
 from station.discrepancy.checks import Seen, examine
 from station.discrepancy.effects import BY_ID, extended
-from station.discrepancy.record import Record, held_samples
+from station.discrepancy.record import Record, held_samples, why_not_flown
 from station.discrepancy.report import FILE_NAME, effects_table
 from station.estimation.compatibility import Compatibility
 from station.estimation.kinematics import Kinematics, kinematics
@@ -155,7 +155,7 @@ def _effects(fitted: Sequence[Judged], aircraft: Aircraft) -> tuple[list[dict[st
             }
         )
     effects.sort(key=lambda e: -e["evidence"]["drop"])
-    why = "the profile has no aerodynamic data" if aircraft.kinematics_only else "the record has no elevator"
+    why = why_not_flown(aircraft) or "the record has no elevator"
     not_judged = {name: reason for name, reason in reasons.items() if name not in estimates}
     return effects, sorted(estimates), {**not_judged, AERODYNAMIC: why}
 

@@ -13,7 +13,7 @@ from station.discrepancy import judge
 from station.discrepancy.checks import Seen, examine
 from station.discrepancy.detectable import detectable_sizes
 from station.discrepancy.doubt import Doubted, in_doubt
-from station.discrepancy.effects import BY_ID, Term, extended, judged_effects
+from station.discrepancy.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
@@ -26,7 +26,12 @@ from station.rows import UsageError
 SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
+PLAY_UNSURE: Final = 0.5
+"""Of the elevator's noise: what goes through a play with the motion widens it, however long the record (0.8 found)."""
 NOTABLE_GUST: Final = 0.3
+FAR_OFF: Final = 0.5
+"""Share by which a derivative differs from the profile's as no handbook does."""
+MOST_FAR_OFF: Final = 2
 UNWITNESSED: Final = {"accelerometer.scale": ("dynamic_pressure.scale", "mass.scale", "aero.CL_alpha")}
 """What the same lift, and the same vane against the integrated acceleration over the airspeed, would come from where no
 vertical velocity is measured and the model is in doubt."""
@@ -123,7 +128,7 @@ def diagnosis_of(
             progress("simulating with the effects")
             problem, found = _second_look(problem, found)
             leftover = judge.left_over(problem, found)
-        effects = _effects(found, aircraft)
+        effects = _effects(found, problem)
         before, better = problem.complete(found.null), extended(aircraft, found.accepted.values)
     doubted = None
     if incomplete(aircraft) or leftover.present:
@@ -149,6 +154,10 @@ def diagnosis_of(
         if g > NOTABLE_GUST
     ]
     remarks += dict.fromkeys(w for r in references if (w := describe_missing(r.record)))
+    if doubted is not None and len(_far_off(doubted)) >= MOST_FAR_OFF:
+        remarks.append(
+            f"{', '.join(_far_off(doubted))} are far from the profile's: is it another aircraft's? use --aircraft"
+        )
     if doubted is not None and aircraft.boom is None:
         remarks.append(_about_the_vane(better))
     return Diagnosis(
@@ -198,13 +207,15 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     return again, Found(nothing, accepted, tuple(rivals), found.singles, tried, found.screened)
 
 
-def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:
-    accepted = found.accepted
+def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
+    accepted, aircraft = found.accepted, problem.aircraft
     out = []
     for name, value in accepted.values.items():
         others = frozenset(accepted.values) - {name}
         drop = _without(found, others) - accepted.cost
         sd = SD_FACTOR * accepted.sds[name]
+        if name == "elevator.backlash":
+            sd = math.hypot(sd, PLAY_UNSURE * max(r.noise["elevator"] for r in problem.references))
         rivals = judge.rivals_of(found, name)
         if name == "alpha_vane.scale" and aircraft.boom is not None:
             twice = aircraft.boom.steady_calibration - 1
@@ -217,7 +228,7 @@ def _effects(found: Found, aircraft: Aircraft) -> tuple[Effect, ...]:
 
 def _effects_in_doubt(d: Doubted, aircraft: Aircraft) -> tuple[Effect, ...]:
     """The effects that stand with the model in doubt, and what of the model is wrong."""
-    found = [replace(e, rivals=(*e.rivals, *_as_likely(d, e))) for e in _effects(d.found, aircraft)]
+    found = [replace(e, rivals=(*e.rivals, *_as_likely(d, e))) for e in _effects(d.found, d.problem)]
     if any(r.setting.rebuilt for r in d.problem.references):
         found = [replace(e, rivals=(*e.rivals, *UNWITNESSED.get(e.term.id, ()))) for e in found]
     wrong = list(d.parts)
@@ -240,6 +251,12 @@ def _as_likely(d: Doubted, e: Effect) -> tuple[str, ...]:
 
 def _of_vane(name: str) -> bool:
     return name.startswith(("alpha_vane.", "boom."))
+
+
+def _far_off(d: Doubted) -> list[str]:
+    """Derivatives that differ from the profile's by more than half of it."""
+    names = {p.term.id.removeprefix("aero."): abs(p.value) for p in d.parts if p.term.shown == "%"}
+    return [n for n in DERIVATIVES if names.get(n, 0.0) > FAR_OFF]
 
 
 def _about_the_vane(better: Aircraft) -> str:

@@ -67,6 +67,15 @@ class Record:
         return self.n * self.dt
 
 
+def why_not_flown(aircraft: Aircraft) -> str:
+    """What keeps the simulation from flying an aircraft beside its records; "" if nothing does."""
+    if aircraft.kinematics_only:
+        return "the profile has no aerodynamic data"
+    there = {"inertia.iyy": aircraft.inertia.iyy, **{n: aircraft.value(n) for n in ("CL_alpha", "Cm_de")}}
+    missing = [name for name, value in there.items() if not value]
+    return f"the profile gives no {', '.join(missing)}" if missing else ""
+
+
 def manoeuvres(
     name: str,
     t_s: Array,

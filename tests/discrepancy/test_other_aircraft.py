@@ -10,7 +10,7 @@ from station.conventions import to_si
 from station.discrepancy import effects as catalogue
 from station.discrepancy.diagnosis import diagnose
 from station.discrepancy.processing import Setting, bridge_of
-from station.discrepancy.record import Record, manoeuvres
+from station.discrepancy.record import Record, manoeuvres, why_not_flown
 from station.discrepancy.residuals import LIFT, SERIES, VANE, series
 from station.profile import Aircraft, Card, Flight, load_aircraft, load_card, load_rig
 from station.rows import UsageError
@@ -97,6 +97,14 @@ def test_a_bending_boom_takes_no_gust_away() -> None:
     assert np.std(left["boom.flexure"][LIFT]) < 0.2 * np.std(truth["CL"])
 
 
+def test_a_profile_that_cannot_be_flown_says_what_it_lacks() -> None:
+    whole = skyhawk()
+    assert why_not_flown(whole) == ""
+    without = whole.model_copy(update={"inertia": whole.inertia.model_copy(update={"iyy": None})})
+    assert why_not_flown(without) == "the profile gives no inertia.iyy"
+    assert why_not_flown(whole.model_copy(update={"derivatives": {}})) == "the profile gives no CL_alpha, Cm_de"
+
+
 def test_a_banked_manoeuvre_is_refused() -> None:
     shown, _ = flown(skyhawk(), 0.0, "doublets", 1, 20.0)
     shown["phi"] = np.linspace(0.0, math.radians(50), len(shown["q"]))
@@ -113,6 +121,14 @@ def test_a_vane_on_the_wing_tip_of_an_aircraft_that_rolls() -> None:
     found = manoeuvres("lateral", 0.02 * np.arange(len(shown["q"])), shown, aircraft)
     found = [replace(r, imu=RIG.imu_position, stated=RIG.noise_si()) for r in found]
     assert diagnose(found[:2], found[2:], aircraft).verdict == "no_effect"
+
+
+@pytest.mark.slow
+def test_a_record_beside_another_aircraft_s_profile() -> None:
+    fitted = [record(skyhawk(), 0.0, kind, 100 + k) for k, kind in enumerate(("doublets", "3-2-1-1"))]
+    found = diagnose(fitted, [], load_aircraft("twin_otter"))
+    assert found.verdict == "unexplained"
+    assert any("another aircraft's" in remark for remark in found.remarks)
 
 
 @pytest.mark.slow
