@@ -39,6 +39,8 @@ from station.rows import LogError, Rows, Sample, Truth, UsageError
 app = typer.Typer()
 
 DONE, ERROR, USAGE, DEGRADED = 0, 1, 2, 3
+OUT_OF_HAND = 0.6
+"""Angle of attack, rad, that no profile's derivatives describe."""
 
 
 class ViewMode(StrEnum):
@@ -355,6 +357,11 @@ def simulate(
     about = About(profiles.aircraft, streams, profiles.rig, profiles.card, "simulation", imported=True, notes=notes)
     count = write_log(out, about, _simulated_rows(streams, shown, truth))
     say(f"{out}: {count} rows, {duration:g} s of {profiles.aircraft.name}")
+    beyond = np.flatnonzero(~(np.abs(truth["alpha"]) < OUT_OF_HAND))
+    if len(beyond):
+        angle, at = math.degrees(OUT_OF_HAND), truth["time"][beyond[0]]
+        say(f"station: beyond {angle:.0f} deg of angle of attack from {at:.1f} s on: unstable, or too large an input")
+        return DEGRADED
     return DONE
 
 
