@@ -13,6 +13,7 @@ import pytest
 
 from station.__main__ import main
 from station.log import metadata, read_rows, write_log
+from station.profile import profiles_dir
 from station.rows import AlphaEstimate
 
 
@@ -114,6 +115,16 @@ def test_the_same_seed_flies_the_same_flight(station, flight, tmp_path):
     again = tmp_path / "again.mcap"
     assert station("simulate", "bench", "-o", again, "--duration", 30, "--seed", 3)[0] == 0
     assert list(map(repr, read_rows(again))) == list(map(repr, read_rows(flight)))
+
+
+def test_an_unstable_aircraft_is_told(station, tmp_path):
+    text = (profiles_dir() / "aircraft" / "twin_otter.toml").read_text()
+    (tmp_path / "tipsy.toml").write_text(text.replace("Cm_alpha = { value = -1.31", "Cm_alpha = { value = 2.0"))
+    card = tmp_path / "card.toml"
+    card.write_text('name = "card"\naircraft = "tipsy.toml"\nrig = "bench"\nflight.gust_sigma = "3 ft/s"\n')
+    code, _, err = station("simulate", card, "-o", tmp_path / "out.mcap", "--duration", 20)
+    assert code == 3
+    assert "beyond 34 deg of angle of attack from " in err
 
 
 def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(station, tmp_path):
