@@ -114,7 +114,7 @@ def test_a_banked_manoeuvre_is_refused() -> None:
 
 @pytest.mark.slow
 def test_a_vane_on_the_wing_tip_of_an_aircraft_that_rolls() -> None:
-    """Aileron and rudder move in every manoeuvre, the vane is 5 m off the roll axis: nothing is wrong, nothing named."""
+    """Aileron and rudder move in every manoeuvre, the vane is 5 m off the roll axis: no effect is named."""
     aircraft = load_aircraft("twin_otter")
     aircraft = aircraft.model_copy(update={"boom": aircraft.boom.model_copy(update={"vane_y": 5.0})})
     shown, _ = fly(aircraft, RIG, load_card("lateral").card, 135.0, 2)
