@@ -17,7 +17,7 @@ def _compiled_code_of_these_sources() -> str:
         digest.update(source.read_bytes())
     name = digest.hexdigest()[:16]
     for folder in (_os.environ.get("XDG_CACHE_HOME", ""), _os.path.expanduser("~/.cache")):
-        if folder.startswith("/") and _is_writable(cache := _Path(folder) / "flight-test-station" / name):
+        if _os.path.isabs(folder) and _is_writable(cache := _Path(folder) / "flight-test-station" / name):
             return str(cache)
     # A read-only system, or a user without a home: a folder of this user's in the place for temporary files.
     cache = _Path(_tempfile.gettempdir()) / f"flight-test-station-{_os.getuid()}"

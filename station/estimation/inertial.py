@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from station.conventions import G0
+
 Array = NDArray[np.float64]
 
 RING: Final = 256
@@ -161,7 +163,7 @@ def step(
     fy = motion[4] - (rdot * x - pdot * z) - (q * wr - ww * y)
     fz = motion[5] - (pdot * y - qdot * x) - (r * wr - ww * z)
     an, ae, ad = _rotate(att, fx, fy, fz)
-    acc = (an, ae, ad + 9.80665)
+    acc = (an, ae, ad + G0)
     for i in range(3):
         if count > 0:
             s[_VEL + i] += dt * (0.5 * (s[_ACC + i] + acc[i]) - s[_BIAS + i])

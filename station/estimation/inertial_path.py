@@ -82,20 +82,6 @@ def air_velocity(speed: Array, alpha: Array, beta: Array) -> Array:
     )
 
 
-def flow_at_cg(
-    speed: Array, alpha: Array, beta: Array, rates: Array, position: tuple[float, float, float]
-) -> tuple[Array, Array]:
-    """Flow angles at the CG from those at a vane `position` (m, body axes from the CG), rates p, q, r (n, 3).
-
-    The vane moves with omega x r through the same air; bank and sideslip need no special case.
-    """
-    local = air_velocity(speed, alpha, beta) - np.cross(rates, np.array(position))
-    size = np.linalg.norm(local, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        side = np.arcsin(np.clip(local[:, 1] / size, -1.0, 1.0))
-    return np.arctan2(local[:, 2], local[:, 0]), side
-
-
 def inertial_path(
     motion: Mapping[str, Array], alpha: Array, beta: Array, dt: float, wind_down: float | None = None
 ) -> InertialPath:
