@@ -52,6 +52,9 @@ THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
 TAPER: Final = 0.25
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
+SPEED_PASS_HZ: Final = (0.3, 0.6)
+"""The speed that lift and moment depend on is passed up to the first and stopped from the second: dynamic pressure has
+the airspeed's noise, and so has the lift made with it; a dependence on the noise would be found."""
 
 
 class Memo:
@@ -270,9 +273,12 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
 
     reference = aircraft.reference_speed or motion.mean_speed
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
-    faster = v / reference
-    cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
-    cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
+    cl_model = value("CL_0") + value("CL_de") * de
+    cm_model = value("Cm_0") + value("Cm_de") * de
+    if value("CL_V") or value("Cm_V"):
+        faster = back(transform(v, s) * passed(s.omega, SPEED_PASS_HZ), s) / reference
+        cl_model = cl_model + value("CL_V") * faster
+        cm_model = cm_model + value("Cm_V") * faster
     if value("CL_gust") or value("Cm_gust"):
         cl_model = cl_model + value("CL_gust") * flow.gust
         cm_model = cm_model + value("Cm_gust") * flow.gust

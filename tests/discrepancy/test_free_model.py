@@ -7,7 +7,8 @@ import pytest
 from blind import DEG, Case, aircraft, prepared
 
 from station.discrepancy.bent import Bent, bends
-from station.discrepancy.effects import allowances, derivative, extended
+from station.discrepancy.doubt import in_doubt
+from station.discrepancy.effects import EFFECTS, allowances, derivative, extended
 from station.discrepancy.fit import Problem, moved_by, whitened
 from station.discrepancy.reference import heard_through, spread
 from station.discrepancy.residuals import LIFT
@@ -74,3 +75,9 @@ def test_the_classical_structure_has_the_same_steady_lift():
     assert not classical.unsteady.memory
     assert classical.derivatives == own.derivatives
     assert structures(classical) == (classical,)
+
+
+def test_the_noise_of_the_airspeed_is_no_dependence_of_lift_on_speed():
+    references, _ = prepared(Case(seed=983))
+    found = in_doubt(references, aircraft(), EFFECTS, lambda _: None)
+    assert [p.term.id for p in found.parts] == []
