@@ -58,7 +58,7 @@ LOOSE: Final[Mapping[str, float]] = {
     "aero.downwash_lag": 0.05, "aero.CL_q": 15.0, "aero.CL_de": 0.5, "thrust.moment": 0.3,
 }  # fmt: skip
 """Standard deviations, SI, of the parts that a model may lack, where nothing is known."""
-FROZEN: Final = 0.05
+FROZEN: Final = 0.02
 """The same of gust.lead where it is known how far ahead the vane is: the field hardly changes on that way, and lift
 acts near the CG."""
 ABSENT: Final[dict[str, float]] = {"Cm_alpha": 1.0, "Cm_q": 15.0, "Cm_de": 1.0, "CL_alpha": 5.0}
