@@ -273,12 +273,11 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
 
     reference = aircraft.reference_speed or motion.mean_speed
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
-    cl_model = value("CL_0") + value("CL_de") * de
-    cm_model = value("Cm_0") + value("Cm_de") * de
-    if value("CL_V") or value("Cm_V"):
+    faster: float | Array = 0.0
+    if value("CL_V") or value("Cm_V") or value("CD_V"):
         faster = back(transform(v, s) * passed(s.omega, SPEED_PASS_HZ), s) / reference
-        cl_model = cl_model + value("CL_V") * faster
-        cm_model = cm_model + value("Cm_V") * faster
+    cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
+    cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
     if value("CL_gust") or value("Cm_gust"):
         cl_model = cl_model + value("CL_gust") * flow.gust
         cm_model = cm_model + value("Cm_gust") * flow.gust
