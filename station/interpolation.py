@@ -55,8 +55,8 @@ def make_rings(streams: int, length: int, signals: int) -> Rings:
 
 
 @njit(cache=True)
-def _wrap(angle: float) -> float:
-    """conventions.wrap_angle, compiled."""
+def wrap(angle: float) -> float:
+    """The same direction within -pi..pi, rad: conventions.wrap_angle, compiled."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
@@ -133,9 +133,9 @@ def interpolate(rings: Rings, layout: Layout, is_stuck: Flags, t_ns: int, out: A
             for i in range(low, high + 1):
                 weight = 1.0 / n - slope * ((times[s, i % length] - t_ns) * 1e-9 - mean)
                 seen = values[s, i % length, c]
-                value += weight * (_wrap(seen - origin) if wraps[s, c] else seen)
+                value += weight * (wrap(seen - origin) if wraps[s, c] else seen)
             if wraps[s, c]:
-                value = _wrap(origin + value)
+                value = wrap(origin + value)
             column = columns[s, c]
             if math.isnan(value):
                 out[2, column] = SUSPECT

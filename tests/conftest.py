@@ -1,6 +1,25 @@
-"""Property tests find the same cases every time, and a slow machine is not a failure."""
+"""Property tests find the same cases every time, and a slow machine is not a failure; the command line as a fixture."""
 
+import sys
+
+import pytest
 from hypothesis import settings
+
+from station.__main__ import main
 
 settings.register_profile("station", deadline=None, derandomize=True)
 settings.load_profile("station")
+
+
+@pytest.fixture
+def station(monkeypatch, capsys):
+    """Runs the command line; exit code, stdout, stderr."""
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["station", *map(str, words)])
+        with pytest.raises(SystemExit) as leaving:
+            main()
+        told = capsys.readouterr()
+        return leaving.value.code, told.out, told.err
+
+    return call

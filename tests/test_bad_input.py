@@ -23,20 +23,6 @@ RIG = (profiles_dir() / "rigs" / "bench.toml").read_text()
 CARD = 'name = "mine"\naircraft = "twin_otter"\nrig = "{rig}"\n'
 
 
-@pytest.fixture
-def station(monkeypatch, capsys):
-    """Runs the command line; exit code, stdout, stderr."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["station", *map(str, words)])
-        with pytest.raises(SystemExit) as leaving:
-            main()
-        told = capsys.readouterr()
-        return leaving.value.code, told.out, told.err
-
-    return call
-
-
 def refused(station, code, expected, *words):
     """Whether the command is refused with that code and words, in one to three lines."""
     got, out, err = station(*words)

@@ -17,20 +17,6 @@ from station.profile import profiles_dir
 from station.rows import AlphaEstimate
 
 
-@pytest.fixture
-def station(monkeypatch, capsys):
-    """Runs the command line; exit code, stdout, stderr."""
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["station", *map(str, words)])
-        with pytest.raises(SystemExit) as leaving:
-            main()
-        told = capsys.readouterr()
-        return leaving.value.code, told.out, told.err
-
-    return call
-
-
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     """A short recording of the simulation."""

@@ -15,6 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import MessageIndex
 
 from station.clock import ManualClock
 from station.conventions import Stream
@@ -327,3 +331,28 @@ def test_closing_twice_does_nothing(tmp_path: Path) -> None:
     size = flight.writer.path.stat().st_size
     flight.writer.close()
     assert flight.writer.path.stat().st_size == size
+
+
+def test_the_index_leads_to_every_message(tmp_path: Path) -> None:
+    """As a player that seeks by channel and time goes: chunk index, message index, message."""
+    flight = Flight(tmp_path)
+    flight.fly(3.0)
+    flight.writer.close()
+    with flight.writer.path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None
+        found = 0
+        for index in summary.chunk_indexes:
+            end = 0
+            for channel, place in index.message_index_offsets.items():
+                file.seek(place)
+                stream = ReadDataStream(file)
+                assert stream.read1() == Opcode.MESSAGE_INDEX
+                length = stream.read8()
+                entries = MessageIndex.read(stream)
+                assert entries.channel_id == channel
+                found += len(entries.records)
+                end = place + 9 + length
+            first = index.chunk_start_offset + index.chunk_length
+            assert (min(index.message_index_offsets.values()), end) == (first, first + index.message_index_length)
+    assert found == summary.statistics.message_count == len(flight.written)

@@ -68,7 +68,13 @@ def response(indicial: Indicial | None, jw: Complex, metres_per_s: float, chord:
 
 
 class GustModel:
-    """Regressors of both equations for a lead, an upwash and a mean wind, and what noise does to them."""
+    """Regressors of both equations for a lead, an upwash and a mean wind, and what noise does to them.
+
+    Made from what `gust_delay` takes; the profile must have a boom. Of the record: `speed`, its mean, m/s; `start`,
+    lead, upwash and wind error as the profile has them, and `wind_sd`, the standard deviation of the last; `is_flown`,
+    whether the elevator moved beyond its noise. Lines (tapers, lines) of `measured` coefficients, of `rate`, q c/2V,
+    and of `elevator`, rad. `tail`: how the tail's incidence enters CL and Cm.
+    """
 
     def __init__(
         self,

@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
+from station.interpolation import wrap
 
 Array = NDArray[np.float64]
 
@@ -38,11 +39,6 @@ HOLD: Final = 41
 STATE: Final = 42
 OUT: Final = 9
 """alpha_i, beta_i, inertial speed relative to the mean horizontal wind, wind NED (3), phi, theta, ready (1 or 0)."""
-
-
-@njit(cache=True)
-def _wrap(angle: float) -> float:
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @njit(cache=True)
@@ -186,7 +182,7 @@ def step(
             then = _then(ring, count, at, 4 + i, s[_ATT + i])
             if math.isfinite(then):
                 gain = 1.0 - math.exp(-min(at - s[_ATT_AT + i], 1.0) / 0.5)
-                s[_ATT_FIX + i] += gain * _wrap(measured - then - s[_ATT_FIX + i])
+                s[_ATT_FIX + i] += gain * wrap(measured - then - s[_ATT_FIX + i])
             s[_ATT_AT + i] = at
         att[i] = s[_ATT + i] + s[_ATT_FIX + i]
 
