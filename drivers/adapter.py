@@ -200,8 +200,7 @@ class Adapter:
 
 
 def _si(channel: Channel, fields: Mapping[str, float]) -> float:
-    value = channel.to_si(fields.get(channel.field, math.nan))
-    return value if math.isfinite(value) else math.nan
+    return channel.to_si(fields.get(channel.field, math.nan))
 
 
 def open_devices(

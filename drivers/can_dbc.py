@@ -6,6 +6,10 @@ carriage return, after the Lawicel adapter protocol), whatever interface it came
 Three signal names of a DBC mean the same in every message that has them: `stamp` is the device's time in seconds,
 wrapping with its width; `counter` counts the frames of that message; `checksum` is CRC-8 SAE J1850 over the other
 bytes in order and then the low byte of the frame identifier, and must be one whole byte.
+
+Of the others, from 8 bits on, the most negative count (the highest of an unsigned one) is no reading, as in SAE J1939,
+and the next one and the other end are a value beyond what the frame can carry. So is no reading, in any signal, a count
+that the DBC has a word for (VAL_, such as "SNA").
 """
 
 from __future__ import annotations
@@ -37,6 +41,8 @@ if _is_absent:
 STAMP: Final = "stamp"
 COUNTER: Final = "counter"
 CHECKSUM: Final = "checksum"
+_HAS_ENDS: Final = 8
+"""Bits from which on a signal's end counts are none of its measurements."""
 _LONGEST_LINE: Final = 64
 REFUSED_LINE: Final = b"\x07\r"
 """Stands for a frame or line that could not be read; the codec counts it."""
@@ -45,10 +51,46 @@ _CARRIES_NOTHING: Final = re.compile(rb"[zZ]?|(?:r[0-9A-Fa-f]{3}|R[0-9A-Fa-f]{8}
 
 
 @dataclass(frozen=True, slots=True)
+class CanSignal:
+    """How a count becomes a value, and which counts are none."""
+
+    scale: float
+    offset: float
+    sent: tuple[float, float]
+    """Least and greatest count that a value is sent as."""
+    measured: tuple[float, float]
+    """Least and greatest count that are measurements: one that is sent outside is a value beyond them."""
+    none: float
+    """What is sent where there is no reading."""
+    unread: frozenset[float]
+    """The counts that are no reading."""
+
+    def value(self, count: float) -> float:
+        """NaN for no reading, infinite beyond what the frame can carry."""
+        if math.isnan(count) or count in self.unread:
+            return math.nan
+        low, high = self.measured
+        if not low <= count <= high:
+            return math.copysign(math.inf, (count - low) * self.scale)
+        return count * self.scale + self.offset
+
+    def count(self, value: float, wraps: bool = False) -> float:
+        """The nearest to a value, which `wraps` or is held at the ends."""
+        if math.isnan(value):
+            return self.none
+        count = (value - self.offset) / self.scale
+        low, high = self.sent
+        if math.isinf(high):
+            return count
+        return round(count) % (high + 1) if wraps else round(min(max(count, low), high))
+
+
+@dataclass(frozen=True, slots=True)
 class CanMessage:
     """One DBC message and where its special signals lie. `definition` is cantools' message."""
 
     definition: Any
+    signals: Mapping[str, CanSignal]
     checksum_byte: int | None
     wrap_ns: int
     seq_wrap: int
@@ -84,7 +126,23 @@ def _message(path: Path, definition: Any) -> CanMessage:
         wrap_ns = round(2**stamp.length * stamp.scale * 1e9)
     if (counter := signals.get(COUNTER)) is not None:
         seq_wrap = 2**counter.length
-    return CanMessage(definition, checksum_byte, wrap_ns, seq_wrap)
+    return CanMessage(definition, {n: _signal(s) for n, s in signals.items()}, checksum_byte, wrap_ns, seq_wrap)
+
+
+def _signal(definition: Any) -> CanSignal:
+    scale, offset, bits = float(definition.scale), float(definition.offset), definition.length
+    if definition.is_float:
+        everything = (-math.inf, math.inf)
+        return CanSignal(scale, offset, everything, everything, math.nan, frozenset())
+    low = -(2 ** (bits - 1)) if definition.is_signed else 0
+    high = low + 2**bits - 1
+    is_special = definition.name in (STAMP, COUNTER, CHECKSUM)
+    named = frozenset() if is_special else frozenset(map(float, definition.choices or ()))
+    if is_special or bits < _HAS_ENDS:
+        return CanSignal(scale, offset, (low, high), (low, high), 0, named)
+    if definition.is_signed:
+        return CanSignal(scale, offset, (low + 1, high), (low + 2, high - 1), low, named | {low})
+    return CanSignal(scale, offset, (low, high - 1), (low, high - 2), high, named | {high})
 
 
 def checksum_of(frame_id: int, data: bytes, checksum_byte: int) -> int:
@@ -131,8 +189,8 @@ class CanCodec(Codec):
             self.bad += 1
             return None
         try:
-            values = message.definition.decode(data, decode_choices=False)
-            fields = {name: float(value) for name, value in values.items()}
+            counts = message.definition.decode(data, decode_choices=False, scaling=False)
+            fields = {name: message.signals[name].value(count) for name, count in counts.items()}
         except Exception:  # too short, or a multiplexer value the DBC does not know
             self.bad += 1
             return None
@@ -140,7 +198,7 @@ class CanCodec(Codec):
         return Reading(
             message.definition.name,
             round(stamp * 1e9) if stamp is not None and math.isfinite(stamp) else None,
-            int(values[COUNTER]) if counter is not None and math.isfinite(counter) else None,
+            int(counter) if counter is not None and math.isfinite(counter) else None,
             fields,
             message.wrap_ns,
             message.seq_wrap,
@@ -203,8 +261,8 @@ def encode_slcan(frame_id: int, is_extended: bool, data: bytes) -> bytes:
 def encode_frame(message: CanMessage, values: Mapping[str, float], t_ns: int, seq: int) -> tuple[int, bool, bytes]:
     """Identifier, whether extended, and data of a frame with its stamp, counter and checksum.
 
-    Values are physical, held within what the signal's width can carry; signals not given, or NaN, are sent as 0.
-    `t_ns` and `seq` are taken modulo what the DBC gives them.
+    Values are physical; beyond what the signal's width can carry they say so, and not given, or NaN, they are no
+    reading (0 in a signal too narrow to say it). `t_ns` and `seq` are taken modulo what the DBC gives them.
     """
     definition = message.definition
     given = dict(values)
@@ -212,19 +270,9 @@ def encode_frame(message: CanMessage, values: Mapping[str, float], t_ns: int, se
         given[STAMP] = t_ns % message.wrap_ns * 1e-9
     if message.seq_wrap:
         given[COUNTER] = seq % message.seq_wrap
-    raw = {s.name: _raw(s, given.get(s.name, 0.0), wraps=s.name == STAMP) for s in definition.signals}
+    raw = {name: s.count(given.get(name, math.nan), wraps=name == STAMP) for name, s in message.signals.items()}
     data: bytes = definition.encode(raw, scaling=False, strict=False)
     at = message.checksum_byte
     if at is not None:
         data = data[:at] + bytes((checksum_of(definition.frame_id, data, at),)) + data[at + 1 :]
     return (*message.frame, data)
-
-
-def _raw(signal: Any, value: float, wraps: bool) -> int:
-    """The signal's count on the wire."""
-    if math.isnan(value):
-        value = 0.0
-    low = -(2 ** (signal.length - 1)) if signal.is_signed else 0
-    high = low + 2**signal.length - 1
-    count = float((value - signal.offset) / signal.scale)
-    return int(round(count) % (high + 1) if wraps else round(min(max(count, low), high)))

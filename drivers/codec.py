@@ -12,7 +12,7 @@ from typing import Protocol
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One message of a device, values in the units of the wire.
+    """One message of a device, values in the units of the wire: NaN for none, infinite beyond what it can carry.
 
     `message` is what the rig calls it. `t_device_ns` is the device's own time; where it is counted in a field that
     wraps, it is the bare count and `wrap_ns` its period: the adapter unwraps it with the arrival time at hand, for one

@@ -74,12 +74,11 @@ def serial_encoder(device: SerialDevice) -> Encode:
         from drivers.serial_gnss import encode_nav_pvt
 
         def ubx(m: Outgoing) -> bytes:
-            # The message has no way of saying that one part of a fix is missing: 0 stands for it.
-            lat, lon, height, *velocity = (
-                0.0 if math.isnan(v := m.fields.get(name, 0.0)) else v
-                for name in ("lat", "lon", "hMSL", "velN", "velE", "velD")
+            # What the rig does not read is 0; what the flight lacks is NaN.
+            lat, lon, height, north, east, down = (
+                m.fields.get(name, 0.0) for name in ("lat", "lon", "hMSL", "velN", "velE", "velD")
             )
-            return encode_nav_pvt(m.t_device_ns, lat, lon, height, (velocity[0], velocity[1], velocity[2]))
+            return encode_nav_pvt(m.t_device_ns, lat, lon, height, (north, east, down))
 
         return ubx
     from drivers.serial_gnss import encode_sentence
@@ -118,8 +117,7 @@ def _mavlink_wire(device: MavlinkDevice, rig_dir: Path, folder: Path) -> Wire:
     encoder = MavlinkEncoder(device.system_id or 1, key=read_signing_key(device, rig_dir), utc_ns=utc_now_ns())
 
     def packet(m: Outgoing) -> bytes:
-        known = {name: value for name, value in m.fields.items() if not math.isnan(value)}
-        return encoder.encode(str(m.message), known, m.t_device_ns)
+        return encoder.encode(str(m.message), m.fields, m.t_device_ns)
 
     return Wire(port, packet, {"HEARTBEAT": 1.0}, encoder.answer)
 

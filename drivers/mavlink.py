@@ -173,8 +173,8 @@ class MavlinkEncoder:
     def encode(self, message: str, fields: Mapping[str, float], t_device_ns: int) -> bytes:
         """A packet of a message in the table (MESSAGE or MESSAGE:INSTANCE), fields in its plain units.
 
-        Left out: unknown where the message can say so, otherwise 0 or a usual value. Raises KeyError for names that the
-        table does not have.
+        Left out: unknown where the definitions can say so, otherwise 0 or a usual value; NaN: not known. Raises
+        KeyError for names that the table does not have.
         """
         return self._packer.pack(build(message, fields, t_device_ns))
 

@@ -1,6 +1,8 @@
 """The MAVLink messages the station knows, and their fields in plain units: one table for reading and for writing.
 
-Field names are MAVLink's. Definitions: mavlink.io, common.xml; AOA_SSA is in ardupilotmega.xml only.
+Field names are MAVLink's. Definitions: mavlink.io, common.xml; AOA_SSA is in ardupilotmega.xml only. Where they leave
+open how a number is not known, a float is NaN, and a measurement's integer has its most negative count (the highest of
+an unsigned one); the next one and the other end are a value beyond what it can carry.
 """
 
 from __future__ import annotations
@@ -122,6 +124,13 @@ _DEFAULTS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 _NO_FIX: Final = 1
 _KINDS: Final[Mapping[str, Any]] = {k.msgname: k for k in dialect.mavlink_map.values() if k.msgname in TABLE}
+_WIRES: Final = {name: dict(zip(k.fieldnames, k.fieldtypes, strict=True)) for name, k in _KINDS.items()}
+_ENDS: Final = {
+    "int16_t": (-(1 << 15), 1 - (1 << 15), (1 << 15) - 1),
+    "uint16_t": ((1 << 16) - 1, 0, (1 << 16) - 2),
+    "int32_t": (-(1 << 31), 1 - (1 << 31), (1 << 31) - 1),
+}
+"""Integers that carry measurements: the count for not known, the least and the greatest."""
 _ARRAYS: Final[Mapping[str, int]] = {"actuator": 32, "repr_offset_q": 4}
 
 
@@ -156,7 +165,7 @@ def plain_fields(message: Any) -> dict[str, float]:
             raw = message.actuator[int(field.removeprefix("actuator"))]
         else:
             raw = getattr(message, field)
-        out[field] = math.nan if raw == f.missing else raw / f.counts
+        out[field] = math.nan if raw == f.missing else _measured(raw, _WIRES[name].get(field, "float")) / f.counts
     if name == "ATTITUDE_QUATERNION":
         out |= _euler(out["q1"], out["q2"], out["q3"], out["q4"])
     elif name == "GPS_RAW_INT":
@@ -170,8 +179,9 @@ def plain_fields(message: Any) -> dict[str, float]:
 def build(message: str, fields: Mapping[str, float], t_device_ns: int) -> Any:
     """The pymavlink message that carries the fields (plain units), stamped with the device's time since boot.
 
-    Fields left out are unknown where the message can say so, otherwise 0 or a usual value. Integers are rounded and
-    held within their range. Raises KeyError for a message or field that the table does not have.
+    Fields left out are unknown where the definitions have a way to say so, otherwise 0 or a usual value; NaN is not
+    known. Integers are rounded and held within their range. Raises KeyError for a message or field that the table does
+    not have.
     """
     name, _, instance = message.partition(":")
     layout = TABLE[name]
@@ -201,12 +211,25 @@ def _time_count(field: str, wire: str, t_ns: int) -> int:
     return ((t_ns + unit_ns // 2) // unit_ns) % modulus
 
 
+def _measured(raw: float, wire: str) -> float:
+    """A count: NaN where it is not known, infinite beyond what the integer can carry."""
+    if wire not in _ENDS:
+        return raw
+    unknown, least, most = _ENDS[wire]
+    if raw == unknown:
+        return math.nan
+    if raw == most or raw == least < 0:
+        return math.copysign(math.inf, raw)
+    return raw
+
+
 def _whole(raw: float, wire: str, missing: float | None) -> int:
-    """Rounded and held within an integer type such as int16_t."""
-    if math.isnan(raw):
-        return int(missing or 0)
+    """Rounded and held within an integer type such as int16_t; its count for not known for NaN."""
     bits = int(wire.removeprefix("u").removeprefix("int").removesuffix("_t"))
-    low, high = (0, (1 << bits) - 1) if wire.startswith("u") else (-(1 << bits - 1), (1 << bits - 1) - 1)
+    least = 0 if wire.startswith("u") else -(1 << bits - 1)
+    unknown, low, high = _ENDS.get(wire, (0, least, least + (1 << bits) - 1))
+    if math.isnan(raw) or raw == missing:
+        return int(unknown if missing is None else missing)
     return round(min(max(raw, low), high))
 
 

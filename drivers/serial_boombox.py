@@ -6,7 +6,7 @@ the same meaning and the NMEA checksum.
 
 `id` is the rig's message; the fields are "v0", "v1", ... in counts, which the rig's channels turn into signals. `seq`
 counts the packets of one id. `t_us` is the box's microsecond counter, which wraps after 71.6 min. The count -32768 (an
-empty field in a text line) means that the box has no reading.
+empty field in a text line) means that the box has no reading, -32767 and 32767 that it is beyond what a count carries.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ WRAP_US: Final = 2**32
 WRAP_NS: Final = WRAP_US * 1000
 SEQ_WRAP: Final = 256
 NO_READING: Final = -32768
+_MOST: Final = 32767
 FIELDS: Final = tuple(f"v{i}" for i in range(120))
 """What a rig may name."""
 _HEADER: Final = struct.Struct("<BBI")
@@ -53,11 +54,18 @@ def _read_packet(piece: bytes) -> Sequence[Reading] | None:
         return None
     message, seq, t_us = _HEADER.unpack_from(body)
     counts = struct.unpack_from(f"<{(len(body) - _HEADER.size) // 2}h", body, _HEADER.size)
-    return (_reading(message, seq, t_us, [math.nan if c == NO_READING else float(c) for c in counts]),)
+    return (_reading(message, seq, t_us, counts),)
+
+
+def _value(count: float) -> float:
+    """A count as a field: NaN for no reading, infinite at the ends."""
+    if count == NO_READING:
+        return math.nan
+    return math.copysign(math.inf, count) if abs(count) == _MOST else float(count)
 
 
 def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Reading:
-    fields = dict(zip(FIELDS, counts, strict=False))
+    fields = {name: _value(count) for name, count in zip(FIELDS, counts, strict=False)}
     return Reading(message, t_us * 1000, seq, fields, WRAP_NS, SEQ_WRAP)
 
 
@@ -86,7 +94,7 @@ def _read_line(line: bytes) -> Sequence[Reading] | None:
 
 
 def encode_packet(message: int, seq: int, t_us: int, counts: Sequence[float]) -> bytes:
-    """A binary packet with its delimiter. Counts are rounded and held within int16; NaN is sent as no reading.
+    """A binary packet with its delimiter. Counts are rounded and held within +-32767; NaN is sent as no reading.
 
     `seq` and `t_us` are taken modulo their widths.
     """
@@ -105,4 +113,4 @@ def encode_line(message: int, seq: int, t_us: int, counts: Sequence[float]) -> b
 def _int16(count: float) -> int:
     if math.isnan(count):
         return NO_READING
-    return round(min(max(count, NO_READING + 1), -NO_READING - 1))
+    return round(min(max(count, -_MOST), _MOST))

@@ -2,8 +2,8 @@
 
 Fields keep the names and units of those libraries. NAV-PVT: lat, lon, headMot deg; height, hMSL mm; velN, velE, velD,
 gSpeed mm/s. GGA: lat, lon deg; alt m. RMC: lat, lon, cog deg; spd kt. VTG: cogt deg; sogn kt. RMC and VTG also give
-v_north and v_east in m/s. A message without a fix has no fields. Device time is the time of week (UBX) or of day
-(NMEA), both UTC or GPS time as the receiver says; VTG carries none.
+v_north and v_east in m/s. A message without a fix has no fields, and NAV-PVT no position that it calls invalid. Device
+time is the time of week (UBX) or of day (NMEA), both UTC or GPS time as the receiver says; VTG carries none.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ NMEA_FIELDS: Final = {
 }
 """What a rig may name: message and its fields."""
 
+_POSITION: Final = ("lat", "lon", "height", "hMSL")
 _SYNC: Final = b"\xb5\x62"
 _NAV_PVT: Final = b"\x01\x07"
 _NAV_PVT_LENGTHS: Final = (84, 92)
@@ -126,6 +127,8 @@ def _read_nav_pvt(frame: bytes) -> Reading | None:
     t_ns = (pvt.iTOW * 1_000_000 + below_ms) % WEEK_NS
     has_fix = bool(pvt.gnssFixOk) and pvt.fixType in (2, 3, 4)
     fields = {name: float(getattr(pvt, name)) for name in UBX_FIELDS["NAV-PVT"]} if has_fix else {}
+    if pvt.invalidLlh:
+        fields = {name: value for name, value in fields.items() if name not in _POSITION}
     return Reading("NAV-PVT", t_ns, None, fields, WEEK_NS)
 
 
@@ -176,12 +179,19 @@ def _time_of_day_ns(time: Any) -> int | None:
 
 
 def encode_nav_pvt(
-    t_ns: int, lat: float, lon: float, hmsl_mm: float, vel_ned_mm_s: tuple[float, float, float], fix: bool = True
+    t_ns: int, lat: float, lon: float, hmsl_mm: float, vel_ned_mm_s: tuple[float, float, float]
 ) -> bytes:
-    """A UBX-NAV-PVT frame. `t_ns` is the receiver's time (taken modulo a week); lat and lon in deg."""
+    """A UBX-NAV-PVT frame. `t_ns` is the receiver's time (taken modulo a week); lat and lon in deg.
+
+    Of a position not wholly known (NaN) it says that it is invalid, without a whole velocity that there is no fix.
+    """
     t_ns %= WEEK_NS
     second_of_day = t_ns % DAY_NS // 10**9
-    north, east, down = vel_ned_mm_s
+    has_position = all(math.isfinite(x) for x in (lat, lon, hmsl_mm))
+    if not has_position:
+        lat = lon = hmsl_mm = 0.0
+    fix = all(math.isfinite(v) for v in vel_ned_mm_s)
+    north, east, down = vel_ned_mm_s if fix else (0.0, 0.0, 0.0)
     message = UBXMessage(
         "NAV",
         "NAV-PVT",
@@ -202,6 +212,7 @@ def encode_nav_pvt(
         velD=round(down),
         gSpeed=round(math.hypot(north, east)),
         headMot=math.degrees(math.atan2(east, north)),
+        invalidLlh=int(not has_position),
     )
     frame: bytes = message.serialize()
     return frame

@@ -207,11 +207,13 @@ class Aligner:
             if not low[i] <= value <= high[i]:
                 signal = buffer.stream.signals[i]
                 if not math.isnan(value):
-                    self._count(row.t_ns, buffer.stream.name, Code.RANGE, 1, f"{signal} = {value:.4g} cannot be true")
+                    is_said = math.isfinite(value)
+                    wrong = f"= {value:.4g} cannot be true" if is_said else "is beyond what its message carries"
+                    self._count(row.t_ns, buffer.stream.name, Code.RANGE, 1, f"{signal} {wrong}")
                 masked = masked or list(values)
                 masked[i] = NAN
                 continue
-            if last is not None and abs(value - last[i]) > max_rate[i] * dt + jitter[i]:
+            if last is not None and math.inf > abs(value - last[i]) > max_rate[i] * dt + jitter[i]:
                 suspect_until[i] = t_ns + SUSPECT_AFTER_JUMP_NS
                 detail = f"{buffer.stream.signals[i]} jumped by {value - last[i]:.4g}"
                 self._count(row.t_ns, buffer.stream.name, Code.JUMP, 1, detail)

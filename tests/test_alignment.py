@@ -75,6 +75,19 @@ def test_samples_that_waited_for_a_frame_are_as_good_as_those_of_each_tick():
         )
 
 
+def test_a_saturated_value_is_told_and_missing_and_does_not_doubt_those_behind_it():
+    samples = [
+        Sample(s.t_ns, s.stream, None, s.seq, (math.inf if 2 * S <= s.t_ns < 2.1 * S else s.values[0],))
+        for s in sampled("boom.vanes", 200, 3)
+    ]
+    frames, events = fly(Aligner([stream()], {}), samples, 3)
+    assert events[0].detail == "alpha_vane is beyond what its message carries"
+    assert {e.code for e in events} == {Code.RANGE}
+    missing = [f.t_ns / S for f in frames[10:] if math.isnan(f.values[ALPHA])]
+    assert missing
+    assert 1.97 < min(missing) <= max(missing) < 2.13
+
+
 @pytest.mark.parametrize("drift_ppm", [100.0, -100.0])
 def test_streams_with_clocks_hours_apart_are_aligned_to_2_ms_rms(drift_ppm):
     """5 ms of arrival jitter, device clocks off by hours and drifting apart by 200 ppm."""

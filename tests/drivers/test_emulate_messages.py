@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from drivers import emulated_device
+from drivers.adapter import open_devices
 from drivers.codec import Reading
 from drivers.emulated_device import serial_encoder
 from drivers.emulated_messages import TRUTH_HZ, DeviceScript, Outgoing, Truth
 from drivers.serial_boombox import BoomboxCodec
-from station.profile import Card, Rig, SerialDevice
+from station.clock import ManualClock
+from station.profile import Card, Rig, SerialDevice, load_rig, profiles_dir
 
+RIGS = profiles_dir() / "rigs"
 START_NS = 5_000_000_000_000
 COUNT = math.radians(0.005)
 STEP = 0.1
@@ -191,6 +196,33 @@ def test_signals_the_flight_lacks_are_sent_as_no_reading_or_not_at_all() -> None
     messages = wire_of(script, script.extend(truth))
     assert heard(messages, message=2) == []
     assert all(math.isnan(r.fields["v1"]) and not math.isnan(r.fields["v2"]) for _, r in heard(messages))
+
+
+@pytest.mark.parametrize(
+    ("rig", "device", "message", "absent", "there"),
+    [
+        ("bench", 1, "GYRO", "r", ("p", "q")),
+        ("bench", 1, "AIR", "airspeed", ("dynamic_pressure",)),
+        ("bench", 2, "ATTITUDE", "psi", ("phi", "theta")),
+        ("bench", 2, "GLOBAL_POSITION_INT", "altitude", ("latitude", "longitude")),
+        ("boom_serial", 1, "NAV-PVT", "latitude", ("v_north", "v_east", "v_down")),
+    ],
+)
+def test_a_signal_that_shares_a_message_and_is_absent_is_no_zero(
+    rig: str, device: int, message: str, absent: str, there: tuple[str, ...], tmp_path: Path
+) -> None:
+    own = load_rig(rig).devices[device]
+    wire = emulated_device.wire_of(own, RIGS, tmp_path)
+    wire.port.close()
+    endpoints = {d.name: "nowhere" for d in load_rig(rig).devices}
+    codec = open_devices(load_rig(rig), endpoints, RIGS, ManualClock(), lambda row: None)[device].codec
+    channels = {n: c for s in own.streams if s.message == message for n, c in s.signals.items()}
+    fields = {c.field: math.nan if n == absent else c.from_si(1.0) for n, c in channels.items()}
+    (reading,) = codec.feed(wire.encode(Outgoing(0, 0, message, 0, fields, False, False)))
+    assert isinstance(reading, Reading)
+    assert math.isnan(reading.fields.get(channels[absent].field, math.nan))
+    for name in there:
+        assert channels[name].to_si(reading.fields[channels[name].field]) == pytest.approx(1.0, rel=0.02)
 
 
 def during(readings: list[tuple[float, Reading]], start: float = 1.0, end: float = 2.0) -> list[Reading]:

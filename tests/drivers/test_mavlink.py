@@ -207,8 +207,14 @@ def test_integers_are_held_in_range_and_the_unknown_is_said() -> None:
     encoder, codec = MavlinkEncoder(), MavlinkCodec(device())
     data = encoder.encode("GLOBAL_POSITION_INT", {"vx": 1e6, "vy": -1e6, "vz": math.nan, "hdg": math.nan}, 0)
     (reading,) = readings(codec, data)
-    assert [reading.fields[n] for n in ("vx", "vy", "vz")] == [327.67, -327.68, 0.0]
-    assert math.isnan(reading.fields["hdg"])
+    assert [reading.fields[n] for n in ("vx", "vy")] == [math.inf, -math.inf], "beyond what 16 bits carry"
+    assert all(math.isnan(reading.fields[n]) for n in ("vz", "hdg"))
+    (most,) = readings(codec, encoder.encode("GLOBAL_POSITION_INT", {"vx": 327.66, "vy": -327.66, "lat": math.nan}, 0))
+    assert [most.fields[n] for n in ("vx", "vy", "vz")] == [327.66, -327.66, 0.0]
+    assert math.isnan(most.fields["lat"])
+    (attitude,) = readings(codec, encoder.encode("ATTITUDE", {"roll": 0.25, "yaw": math.nan}, 0))
+    assert attitude.fields["roll"] == 0.25
+    assert math.isnan(attitude.fields["yaw"])
 
 
 @SEEDED
