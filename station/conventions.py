@@ -267,21 +267,23 @@ def from_si(value: float, unit: str) -> float:
     return (value - u.offset) / u.factor
 
 
-def ned_from_body(phi: float, theta: float, psi: float) -> NDArray[np.float64]:
-    """Direction-cosine matrix R_ned_from_body, 3x3, for Euler angles in rad (order 3-2-1: yaw, pitch, roll).
+def ned_from_body(
+    phi: float | NDArray[np.float64], theta: float | NDArray[np.float64], psi: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Direction-cosine matrix R_ned_from_body, 3x3, for Euler angles in rad (order 3-2-1: yaw, pitch, roll); (n, 3, 3)
+    for angles (n,).
 
     Source: Klein and Morelli 2006, eq. 3.29 (transposed).
     """
-    cph, sph = math.cos(phi), math.sin(phi)
-    cth, sth = math.cos(theta), math.sin(theta)
-    cps, sps = math.cos(psi), math.sin(psi)
-    return np.array(
-        [
-            [cth * cps, sph * sth * cps - cph * sps, cph * sth * cps + sph * sps],
-            [cth * sps, sph * sth * sps + cph * cps, cph * sth * sps - sph * cps],
-            [-sth, sph * cth, cph * cth],
-        ]
-    )
+    cph, sph = np.cos(phi), np.sin(phi)
+    cth, sth = np.cos(theta), np.sin(theta)
+    cps, sps = np.cos(psi), np.sin(psi)
+    rows = [
+        [cth * cps, sph * sth * cps - cph * sps, cph * sth * cps + sph * sps],
+        [cth * sps, sph * sth * sps + cph * cps, cph * sth * sps - sph * cps],
+        [-sth, sph * cth, cph * cth],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def wrap_angle(angle: float) -> float:

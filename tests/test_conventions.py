@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from station.conventions import SIGNALS, STREAMS, UNIT_ALIASES, UNITS, from_si, ned_from_body, to_si, unit_named
 
@@ -57,6 +58,13 @@ def test_signs_of_attitude():
     assert right[2] == pytest.approx(math.sin(0.2))
     east = ned_from_body(0.0, 0.0, math.pi / 2) @ [1, 0, 0]
     np.testing.assert_allclose(east, [0, 1, 0], atol=1e-15)
+
+
+def test_three_angles_at_once_turn_as_scipy_turns_them():
+    phi, theta, psi = np.random.default_rng(1).uniform(-1.5, 1.5, (3, 20))
+    expected = Rotation.from_euler("ZYX", np.column_stack([psi, theta, phi])).as_matrix()
+    np.testing.assert_allclose(ned_from_body(phi, theta, psi), expected, atol=1e-15)
+    np.testing.assert_allclose(ned_from_body(phi[3], theta[3], psi[3]), expected[3], atol=1e-15)
 
 
 def test_level_flight_feels_minus_one_g_down():

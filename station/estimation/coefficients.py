@@ -81,24 +81,14 @@ def coefficients(motion: Mapping[str, Array], airframe: Airframe, alpha: Array, 
     Raises KeyError for a missing signal that cannot be done without.
     """
     n = len(alpha)
-    zero = np.zeros(n)
-
-    def signal(name: str) -> Array:
-        column = motion.get(name, zero)
-        return column if np.isfinite(column).any() else zero
-
-    def acceleration(name: str, rate: Array) -> Array:
-        column = motion.get(name)
-        return differentiate(rate, dt) if column is None or not np.isfinite(column).any() else column
-
     v, qbar = motion["airspeed"], motion["dynamic_pressure"]
-    p, q, r = signal("p"), motion["q"], signal("r")
-    pdot, qdot, rdot = acceleration("pdot", p), acceleration("qdot", q), acceleration("rdot", r)
+    p, q, r = signal(motion, "p", n), motion["q"], signal(motion, "r", n)
+    pdot, qdot, rdot = (acceleration(motion, name, w, dt) for name, w in (("pdot", p), ("qdot", q), ("rdot", r)))
     a = airframe
     with np.errstate(divide="ignore", invalid="ignore"):
         force = 1.0 / (qbar * a.area)
-        cx = (a.mass * motion["ax"] - signal("thrust")) * force
-        cy = a.mass * signal("ay") * force
+        cx = (a.mass * motion["ax"] - signal(motion, "thrust", n)) * force
+        cy = a.mass * signal(motion, "ay", n) * force
         cz = a.mass * motion["az"] * force
         cl = (a.ixx * pdot - a.ixz * (p * q + rdot) + (a.izz - a.iyy) * q * r) * force / a.span
         cm = (a.iyy * qdot + a.ixz * (p * p - r * r) + gyroscopic(a) * p * r) * force / a.chord
@@ -119,6 +109,18 @@ def coefficients(motion: Mapping[str, Array], airframe: Airframe, alpha: Array, 
         qhat=qhat,
         rhat=rhat,
     )
+
+
+def signal(motion: Mapping[str, Array], name: str, n: int) -> Array:
+    """A signal's column, (n,); zeros where the record has nothing of it."""
+    column = motion.get(name)
+    return np.zeros(n) if column is None or not np.isfinite(column).any() else column
+
+
+def acceleration(motion: Mapping[str, Array], name: str, rate: Array, dt: float) -> Array:
+    """pdot, qdot or rdot as measured; differentiated from its rate where the record has nothing of it."""
+    column = motion.get(name)
+    return differentiate(rate, dt) if column is None or not np.isfinite(column).any() else column
 
 
 def gyroscopic(airframe: Airframe) -> float | Array:
@@ -153,18 +155,8 @@ def at_centre_of_gravity(
     moved = dict(motion)
     if position == (0.0, 0.0, 0.0):
         return moved
-    n = len(motion["ax"])
-
-    def rate(name: str) -> Array:
-        column = motion.get(name)
-        return np.zeros(n) if column is None or not np.isfinite(column).any() else column
-
-    def slope(name: str, x: Array) -> Array:
-        column = motion.get(name)
-        return differentiate(x, dt) if column is None or not np.isfinite(column).any() else column
-
-    w = np.column_stack([rate("p"), rate("q"), rate("r")])
-    wdot = np.column_stack([slope(f"{s}dot", w[:, i]) for i, s in enumerate("pqr")])
+    w = np.column_stack([signal(motion, name, len(motion["ax"])) for name in "pqr"])
+    wdot = np.column_stack([acceleration(motion, f"{name}dot", w[:, i], dt) for i, name in enumerate("pqr")])
     arm = np.array(position)
     extra = np.cross(wdot, arm) + np.cross(w, np.cross(w, arm))
     for i, name in enumerate(("ax", "ay", "az")):

@@ -29,8 +29,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
 
-from station.conventions import G0
-from station.estimation.inertial_path import rotation
+from station.conventions import G0, ned_from_body
 from station.estimation.regression import NotIdentifiable, autocorrelation
 from station.rows import ParamEstimate, Status
 
@@ -215,7 +214,7 @@ class _Reconstruction:
             ]
         )
         attitude = np.column_stack([m.get("phi", zero), m["theta"], m.get("psi", zero)])
-        earth = np.einsum("nij,nj->ni", rotation(attitude), body)
+        earth = np.einsum("nij,nj->ni", ned_from_body(*attitude.T), body)
         for i, name in enumerate(("v_north", "v_east", "v_down")):
             wind = name.replace("v_", "wind_")
             if wind in self.names:
@@ -232,7 +231,7 @@ class _Reconstruction:
     def _observed(self, x: Array, value: Mapping[str, float]) -> dict[str, Array]:
         """What states (n, 6) would have been measured as."""
         motion = _outputs(x)
-        ground = np.einsum("nij,nj->ni", rotation(x[:, 3:]), x[:, :3])
+        ground = np.einsum("nij,nj->ni", ned_from_body(*x[:, 3:].T), x[:, :3])
         made = {
             "airspeed": value.get("airspeed_scale", 1.0) * motion["airspeed"],
             "beta": value.get("beta_bias", 0.0) + value.get("beta_scale", 1.0) * motion["beta"],

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from station.conventions import G0
+from station.conventions import G0, ned_from_body
 from station.estimation.regression import NotIdentifiable
 
 Array = NDArray[np.float64]
@@ -52,17 +52,6 @@ class InertialPath:
             beta=self.beta[rows],
             speed=self.speed[rows],
         )
-
-
-def rotation(attitude: Array) -> Array:
-    """R_ned_from_body (n, 3, 3) for roll, pitch, yaw (n, 3), rad."""
-    (sph, sth, sps), (cph, cth, cps) = np.sin(attitude).T, np.cos(attitude).T
-    rows = [
-        [cth * cps, sph * sth * cps - cph * sps, cph * sth * cps + sph * sps],
-        [cth * sps, sph * sth * sps + cph * cps, cph * sth * sps - sph * cps],
-        [-sth, sph * cth, cph * cth],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def euler_rates(attitude: Array, rates: Array) -> Array:
@@ -114,7 +103,7 @@ def inertial_path(
     raw = np.column_stack([signal("phi"), signal("theta"), np.unwrap(heading)])
     rates = np.column_stack([signal("p"), signal("q"), signal("r")])
     attitude = _blended(raw, euler_rates(raw, rates), dt)
-    turned = rotation(attitude)
+    turned = ned_from_body(*attitude.T)
     air = air_velocity(signal("airspeed"), alpha, beta)
     through_air = np.einsum("nij,nj->ni", turned, air)
     ground = np.column_stack(

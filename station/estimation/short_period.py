@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.estimation.coefficients import Airframe, Coefficients, gyroscopic
+from station.estimation.coefficients import Airframe, Coefficients, gyroscopic, signal
 from station.estimation.output_error import CONVERGED, Convergence, OutputFit, gauss_newton
 from station.estimation.regression import NotIdentifiable, smoothed_start
 
@@ -66,25 +66,20 @@ class ShortPeriod:
         n = len(alpha)
         if not np.all(np.isfinite(airframe.iyy)):
             raise NotIdentifiable("the aircraft profile gives no iyy")
-
-        def signal(name: str) -> Array:
-            column = motion.get(name)
-            return np.zeros(n) if column is None or not np.isfinite(column).any() else column
-
         a = airframe
-        v, qbar, p, r = motion["airspeed"], motion["dynamic_pressure"], signal("p"), signal("r")
+        v, qbar, p, r = motion["airspeed"], motion["dynamic_pressure"], signal(motion, "p", n), signal(motion, "r", n)
         inputs = np.column_stack(
             [
                 motion["elevator"],
                 v,
-                signal("beta_vane"),
+                signal(motion, "beta_vane", n),
                 p,
                 r,
-                signal("phi"),
+                signal(motion, "phi", n),
                 motion["theta"],
                 qbar * a.area / a.mass,
                 c.CX,
-                signal("thrust") / a.mass,
+                signal(motion, "thrust", n) / a.mass,
                 qbar * a.area * a.chord / a.iyy,
                 -(gyroscopic(a) * p * r + a.ixz * (p * p - r * r)) / a.iyy,
                 c.qhat,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from station.conventions import G0, ned_from_body
-from station.estimation.inertial_path import air_velocity, inertial_path, rotation
+from station.estimation.inertial_path import air_velocity, inertial_path
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.profile import load_aircraft
@@ -83,7 +83,7 @@ def test_attitude_and_velocity_give_the_whole_wind_vector_in_a_turn() -> None:
     path = inertial_path(signals, truth["alpha"], truth["beta"], DT)
     # Velocity over ground less velocity through the air (Martos 2013, equations 2-6, with the full rotation).
     air = air_velocity(signals["airspeed"], truth["alpha"], truth["beta"])
-    found = path.velocity - np.einsum("nij,nj->ni", rotation(path.attitude), air)
+    found = path.velocity - np.einsum("nij,nj->ni", ned_from_body(*path.attitude.T), air)
     assert np.abs(found - truth["wind"]).max() < 0.02
     assert path.wind == pytest.approx(WIND, abs=0.01)
     assert np.abs(path.alpha - truth["alpha_inertial"]).max() < np.radians(0.03)
@@ -98,7 +98,7 @@ def test_coarse_and_noisy_streams_are_smoothed_without_delay() -> None:
     path = inertial_path(signals, truth["alpha"], truth["beta"], DT)
     raw = np.einsum(
         "nij,ni->nj",
-        rotation(np.column_stack([signals[n] for n in ("phi", "theta", "psi")])),
+        ned_from_body(*(signals[n] for n in ("phi", "theta", "psi"))),
         np.column_stack([signals[n] for n in ("v_north", "v_east", "v_down")]) - WIND,
     )
     unsmoothed = np.arctan2(raw[:, 2], raw[:, 0]) - truth["alpha_inertial"]
