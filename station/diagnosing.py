@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from station.conventions import from_si
-from station.log import Table, metadata, points, summarise, table
+from station.log import Table, metadata, points, table, verdict
 from station.postflight import DEGRADED, DONE, check_json, say, write_json
 from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, UsageError
@@ -66,7 +66,7 @@ def diagnose(
     flown = {path: table(path) for path in (*logs, *(hold_out or []))}
     # Judged beside the simulation, which leaves the interpreter idle for half of the time.
     reader = ThreadPoolExecutor(1)
-    complete = reader.submit(lambda: all(summarise(path).verdict == "complete" for path in flown))
+    complete = reader.submit(lambda: all(verdict(path) == "complete" for path in flown))
     reader.shutdown(wait=False)
     lacking = why_not_flown(subject)
     if lacking or not all("elevator" in x.columns for x in flown.values()):

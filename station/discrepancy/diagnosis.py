@@ -11,6 +11,7 @@ from typing import Any, Final, Literal, TypeVar
 
 from station.discrepancy import judge
 from station.discrepancy.checks import Seen, examine
+from station.discrepancy.corrections import instrument_of
 from station.discrepancy.detectable import detectable_sizes
 from station.discrepancy.doubt import Doubted, in_doubt
 from station.discrepancy.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
@@ -20,7 +21,7 @@ from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
 from station.discrepancy.search import FIRST, FURTHER, FURTHER_SHARE, RIVAL, Found, search
 from station.discrepancy.structure import gusts, incomplete, mended
-from station.profile import Aircraft
+from station.profile import Aircraft, Instrument
 from station.rows import UsageError
 
 SCHEMA: Final = "station.diagnose/1"
@@ -172,7 +173,7 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
     A large correction leaves traces that the simulation without it does not have.
     """
     subject = extended(problem.aircraft, found.accepted.values)
-    same = bare(subject).model_dump() == bare(problem.aircraft).model_dump()  # instruments alone: it flies alike
+    same = _flies_alike(subject, problem.aircraft)
     try:
         references = _side_by_side(
             lambda k, r: reference(
@@ -205,6 +206,15 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
             if fit.cost - accepted.cost < RIVAL and frozenset(fit.ids) != frozenset(accepted.ids):
                 rivals.append(fit)
     return again, Found(nothing, accepted, tuple(rivals), found.singles, tried, found.screened)
+
+
+def _flies_alike(one: Aircraft, other: Aircraft) -> bool:
+    """Whether they differ in instruments alone, and not in those that say how the aircraft was flown."""
+    for name in ("airspeed", "elevator"):
+        shown, shown_then = (instrument_of(a, name) or Instrument() for a in (one, other))
+        if (shown.gain, shown.cubic) != (shown_then.gain, shown_then.cubic):
+            return False
+    return bare(one).model_dump() == bare(other).model_dump()
 
 
 def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
@@ -278,7 +288,7 @@ def _without(found: Found, others: frozenset[str]) -> float:
 def as_json(d: Diagnosis) -> dict[str, Any]:
     """station.diagnose/1; more than the contract's fields is there, nothing less."""
     problem, found = d.problem, d.found
-    white = {name: p > judge.LEFT_LOG_P for name, p in d.leftover.by_series}
+    white = {name: p > d.leftover.log_p_limit for name, p in d.leftover.by_series}
     residuals: dict[str, Any] = {}
     for name in white:
         before = [judge.channel_error(r, d.before).get(name, float("nan")) for r in problem.references]
@@ -297,9 +307,11 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
             "signals": list(d.leftover.signals) if d.leftover.present else [],
             "band_hz": list(d.leftover.band_hz) if d.leftover.present else [],
             "series": d.leftover.series if d.leftover.present else "",
-            "like": d.leftover.like if d.leftover.present and d.leftover.score > judge.LEFT_SCORE else "",
+            "like": d.leftover.like if d.leftover.coherent else "",
             "log_p": d.leftover.log_p,
+            "log_p_limit": d.leftover.log_p_limit,
             "score": d.leftover.score,
+            "score_limit": d.leftover.score_limit,
         },
         "with_model_error": _doubted_json(d),
         "residuals": residuals,

@@ -23,10 +23,8 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-LEFT_LOG_P: Final = -15.5
-"""log p of the most unlikely band of a series, beyond which something is left."""
-LEFT_SCORE: Final = 22.0
-"""chi2 of two of the best coherence with a signal of the motion, beyond which something is left."""
+LEFT_CHANCE: Final = 5e-4
+"""Chance that noise makes a test of what is left speak, over everything that it looks at."""
 RIDGE: Final = 0.01
 ORDER: Final = (VANE, THETA, DOWN, NORTH, DRAG, LIFT, MOMENT)
 """Each series is judged given those before it."""
@@ -56,10 +54,17 @@ class Leftover:
     """The signal that it is coherent with, or empty."""
     by_series: tuple[tuple[str, float], ...]
     """log p of each series as a whole."""
+    log_p_limit: float
+    score_limit: float
+    """Beyond which something is left: the more that was looked at, the further out."""
+
+    @property
+    def coherent(self) -> bool:
+        return self.score > self.score_limit
 
     @property
     def present(self) -> bool:
-        return self.log_p < LEFT_LOG_P or self.score > LEFT_SCORE
+        return self.log_p < self.log_p_limit or self.coherent
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +87,14 @@ def left_over(problem: Problem, found: Found) -> Leftover:
     left = [r.differences(aircraft, problem.drift(fit, k)) for k, r in enumerate(problem.references)]
     worst = (0.0, 0, (0.0, 0.0))
     totals: dict[int, tuple[float, float]] = {}
+    looks = 0
     for reference, gust, z in zip(problem.references, fit.gust, left, strict=True):
         power, order = _sequential(reference, gust, z)
         f = reference.setting.frequencies
         edges = np.linspace(0, len(f), min(BANDS, len(f)) + 1).round().astype(int)
         for row, j in enumerate(order):
             x = power[row]
+            looks += len(edges)
             for a, b in itertools.pairwise(edges):
                 log_p = _log_p(float(x[a:b].sum()), b - a)
                 worst = min(worst, (log_p, j, (float(f[a]), float(f[b - 1]))))
@@ -97,13 +104,15 @@ def left_over(problem: Problem, found: Found) -> Leftover:
             total, count = totals.get(j, (0.0, 0.0))
             totals[j] = (total + float(x.sum()), count + len(x))
     score, like, at = _coherence(problem, fit, left)
+    log_p_limit = math.log(LEFT_CHANCE / looks)
+    score_limit = 2 * math.log(len(problem.references[0].setting.judged) * len(_LIKE) / LEFT_CHANCE)
     band = worst[2]
     row = worst[1]
-    if worst[0] >= LEFT_LOG_P and score > LEFT_SCORE:
+    if worst[0] >= log_p_limit and score > score_limit:
         row, f = at, problem.references[0].setting.frequencies
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    return Leftover(worst[0], score, SERIES[row], SIGNALS_OF[row], band, like, by_series)
+    return Leftover(worst[0], score, SERIES[row], SIGNALS_OF[row], band, like, by_series, log_p_limit, score_limit)
 
 
 def _log_p(total: float, count: float) -> float:

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from station.conventions import G0, to_si
+from station.discrepancy.corrections import instrument_of, straightened
 from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record
 from station.discrepancy.residuals import SERIES, VANE, Memo, Spectra, flow_angle, series, series_spectra, spectra
-from station.profile import Actuator, Aircraft, Flight
+from station.profile import Actuator, Aircraft, Flight, Instrument
 from station.rows import ProfileError, UsageError
 from station.simulation.aircraft import constants
 from station.simulation.longitudinal import Simulation
@@ -152,14 +153,15 @@ def bare(aircraft: Aircraft) -> Aircraft:
 
 
 def fly(record: Record, aircraft: Aircraft, seed: int = 0, loading: tuple[float, float] | None = None) -> Flights:
-    """Fly a record's elevator. Raises UsageError where the profile cannot be flown like that."""
+    """Fly a record's elevator at its speed, both as the profile's instruments tell them. Raises UsageError where the
+    profile cannot be flown like that."""
     plain = bare(loaded(aircraft, record, *(loading or shares(aircraft, record))))
-    speed = float(np.mean(record.signals["airspeed"]))
+    speed = float(np.mean(_rescaled(record.signals["airspeed"], instrument_of(aircraft, "airspeed"))))
     try:
         trim = constants(plain, speed, record.height)
     except ProfileError as error:
         raise UsageError(f"{record.name}: {error}\nis it another aircraft's profile? use --aircraft") from error
-    deflection = _deflection(record)
+    deflection = _deflection(record, _rescaled(record.signals["elevator"], instrument_of(aircraft, "elevator")))
     nominal = _fly(plain, record, speed, deflection, 0.0, seed)
     gusts = [_fly(plain, record, speed, deflection, SIGMA, _SEED + seed + k) for k in range(FLIGHTS)]
     turbulent = {name: np.stack([g[name] for g in gusts]) for name in nominal}
@@ -193,7 +195,7 @@ def reference(
     mean = spectra(series(nominal, plain, own), own)
     drift = flights.drift
     gust_part = spectra(series(turbulent, plain, own, drift), own).minus(mean)
-    calm, steady_calm = _of_noise(nominal, noise, plain, own, mean, seed)
+    calm, steady_calm = _of_noise(nominal, _true(noise, flown), plain, own, mean, seed)
     k = len(judged)
     steady_gust = np.atleast_2d(np.cov(gust_part.steady.T)) * (FLIGHTS - 1) / (FLIGHTS - k - 2)
     return Reference(
@@ -215,10 +217,21 @@ def reference(
 def heard_through(r: Reference, aircraft: Aircraft) -> Reference:
     """The same manoeuvre with the sensors' noise as it passes through another aircraft's lift and moment."""
     plain = bare(loaded(aircraft, r.record, r.mass_share, r.iyy_share))
-    middle = spectra(series(r.nominal, plain, r.setting), r.setting)
-    calm, steady = _of_noise(r.nominal, r.noise, plain, r.setting, middle, 0)
+    own = replace(r.setting, nominal=bare(r.setting.nominal))
+    middle = spectra(series(r.nominal, plain, own), own)
+    calm, steady = _of_noise(r.nominal, _true(r.noise, r.setting.nominal), plain, own, middle, 0)
     turbulent, steady_turbulent = spread(r.bins)[1], spread(r.steady)[1]
     return replace(r, bins=Whitener.of(calm, turbulent), steady=Whitener.of(steady, steady_turbulent))
+
+
+def _true(noise: Mapping[str, float], aircraft: Aircraft) -> dict[str, float]:
+    """What is left of each signal's noise once its instrument's gain is taken out."""
+    return {name: sd / _gain(aircraft, name) for name, sd in noise.items()}
+
+
+def _gain(aircraft: Aircraft, name: str) -> float:
+    found = instrument_of(aircraft, name)
+    return found.gain if found else 1.0
 
 
 def _of_noise(
@@ -244,9 +257,16 @@ def _unjudged(name: str, record: Record, aircraft: Aircraft) -> bool:
     return False
 
 
-def _deflection(record: Record) -> Array:
-    """The command (rad from trim, at half steps) that a quick actuator turns into the measured elevator."""
-    elevator = record.signals["elevator"]
+def _rescaled(x: Array, found: Instrument | None) -> Array:
+    """A signal with its instrument's bias, gain and bend taken out, its lateness left."""
+    if found is None:
+        return x
+    x = (x - found.bias) / found.gain
+    return straightened(x, found.cubic) if found.cubic else x
+
+
+def _deflection(record: Record, elevator: Array) -> Array:
+    """The command (rad from trim, at half steps) that a quick actuator turns into that elevator."""
     share = min(2 * _INPUT_PASS_HZ * record.dt, 0.8)
     smooth = signal.sosfiltfilt(signal.butter(4, share, output="sos"), elevator)
     t = record.dt * np.arange(record.n)
@@ -338,7 +358,7 @@ def _levels(
 ) -> tuple[dict[str, float], float]:
     """Noise by signal, and the gust's standard deviation: each allows for the other."""
     measured = series(record.signals, s.nominal, s)[VANE]
-    model = series(flights.turbulent, aircraft, s, flights.drift)[:, VANE]
+    model = series(flights.turbulent, aircraft, replace(s, nominal=aircraft), flights.drift)[:, VANE]
     n = record.n
     f = fft.rfftfreq(n, record.dt)
     band = (f >= 1.0) & (f <= min(5.0, 0.4 / record.dt))
@@ -350,9 +370,9 @@ def _levels(
     mine, theirs = power(measured), power(model) / SIGMA**2
     noise = dict(stated)
     guess = 0.0
-    powers = {name: _signal_powers(name, record, flights) for name in stated if name in record.signals}
+    powers = {name: _signal_powers(name, record, flights, s.nominal) for name in stated if name in record.signals}
     for _ in range(3):
-        white = noise["alpha_vane"] ** 2
+        white = (noise["alpha_vane"] / _gain(s.nominal, "alpha_vane")) ** 2
         guess = math.sqrt(max(mine - 1.3 * white, 0.0) / theirs)
         for name, sd in stated.items():
             if name in record.signals:
@@ -362,9 +382,12 @@ def _levels(
     return {n: v for n, v in noise.items() if n in record.signals}, guess
 
 
-def _signal_powers(name: str, record: Record, flights: Flights) -> tuple[Array, Array, Array]:
-    """Power per band of what was measured, of the motion, and of the answer to gusts of SIGMA."""
-    return _powers(record.signals[name]), _powers(flights.nominal[name]), _powers(flights.turbulent[name]).mean(0)
+def _signal_powers(name: str, record: Record, flights: Flights, aircraft: Aircraft) -> tuple[Array, Array, Array]:
+    """Power per band of what was measured, of the motion, and of the answer to gusts of SIGMA, as the aircraft's
+    instrument shows them."""
+    shown = _gain(aircraft, name) ** 2
+    motion, gusts = _powers(flights.nominal[name]), _powers(flights.turbulent[name]).mean(0)
+    return _powers(record.signals[name]), shown * motion, shown * gusts
 
 
 def _level(name: str, stated: float, record: Record, powers: tuple[Array, Array, Array], gust: float) -> float:

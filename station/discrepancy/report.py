@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from station.conventions import SIGNALS, from_si
-from station.discrepancy import judge
 from station.discrepancy.diagnosis import Diagnosis
 from station.discrepancy.effects import BY_ID
 from station.discrepancy.pictures import (
@@ -110,10 +109,10 @@ def _left(result: Mapping[str, Any]) -> str:
     low, high = left["band_hz"]
     like = f", in step with {left['like']}" if left["like"] else ""
     where = f"{text(', '.join(left['signals']))} from {low:.2f} to {high:.2f} Hz{text(like)}"
-    numbers = f"log p {left['log_p']:.1f} (limit {judge.LEFT_LOG_P:g}), coherence {left['score']:.1f} "
+    numbers = f"log p {left['log_p']:.1f} (limit {left['log_p_limit']:.1f}), coherence {left['score']:.1f} "
     return (
         f"<h2>Unexplained</h2><p>What is left has structure: {where}.</p>"
-        f'<p class="note">{numbers}(limit {judge.LEFT_SCORE:g}).</p>'
+        f'<p class="note">{numbers}(limit {left["score_limit"]:.1f}).</p>'
     )
 
 

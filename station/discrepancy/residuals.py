@@ -248,7 +248,7 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
         wing_series = at_places(back(wing, s), again)
     gust_series = at_places(back(gust + turned, s), again)
-    shown_gust = gain_of(aircraft, "alpha_vane") * _bent_by_gusts(boom, s, v0)
+    shown_gust = _scaled(aircraft, s, "alpha_vane") * _bent_by_gusts(boom, s, v0)
     return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * shown_gust)
 
 
@@ -308,15 +308,20 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         cd_model = value("CD_0") + value("CD_V") * faster + value("CD_alpha") * alpha
 
     nominal = s.nominal.inertia
-    lighter = nominal.mass / mass
-    pressure = gain_of(aircraft, "dynamic_pressure")
-    easier = (nominal.iyy or 1.0) / inertia
+    pressure = _scaled(aircraft, s, "dynamic_pressure")
+    lighter = nominal.mass / mass / pressure
+    easier = (nominal.iyy or 1.0) / inertia / pressure
     out = np.empty((*q.shape[:-1], 3, s.n))
     bent_by_gusts = _bent_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
-    out[..., 0, :] = (cl - cl_model) * (lighter * gain_of(aircraft, "az") / pressure) / bent_by_gusts
-    out[..., 1, :] = (cm - cm_model) * (easier * gain_of(aircraft, "q") / pressure)
-    out[..., 2, :] = (cd - cd_model) * (lighter * gain_of(aircraft, "ax") / pressure)
+    out[..., 0, :] = (cl - cl_model) * lighter * _scaled(aircraft, s, "az") / bent_by_gusts
+    out[..., 1, :] = (cm - cm_model) * easier * _scaled(aircraft, s, "q")
+    out[..., 2, :] = (cd - cd_model) * lighter * _scaled(aircraft, s, "ax")
     return out
+
+
+def _scaled(aircraft: Aircraft, s: Setting, name: str) -> float:
+    """A candidate's gain over that of the aircraft whose flights are beside."""
+    return gain_of(aircraft, name) / gain_of(s.nominal, name)
 
 
 def _bent_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
