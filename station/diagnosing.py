@@ -50,9 +50,9 @@ def diagnose(
     ] = None,
 ) -> int:
     """Compare recordings with the simulation: what is wrong, its cause, the extended model and what it gains."""
-    from station.discrepancy.diagnosis import as_json as to_json
     from station.discrepancy.diagnosis import diagnose as solve
     from station.discrepancy.record import why_not_flown
+    from station.discrepancy.result import as_json as to_json
 
     subject = load_aircraft(aircraft) if aircraft else None
     for path in (*logs, *(hold_out or [])):

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from station.discrepancy.effects import judged_effects
 from station.discrepancy.fit import Problem
-from station.discrepancy.reference import SIGMA, Reference
+from station.discrepancy.noise import SIGMA
+from station.discrepancy.reference import Reference
 from station.discrepancy.residuals import Memo
 from station.discrepancy.search import FIRST, RIVAL, least_judged
 

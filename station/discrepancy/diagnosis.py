@@ -1,4 +1,4 @@
-"""Records and an aircraft's profile -> a diagnosis: the whole of contract.md's station.diagnose/1, without files."""
+"""Records and an aircraft's profile -> a diagnosis, without files."""
 
 from __future__ import annotations
 
@@ -7,24 +7,22 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, TypeVar
+from typing import Final, Literal, TypeVar
 
 from station.discrepancy import judge
 from station.discrepancy.checks import Seen, examine
 from station.discrepancy.corrections import instrument_of
-from station.discrepancy.detectable import detectable_sizes
-from station.discrepancy.doubt import Doubted, in_doubt
+from station.discrepancy.doubt import Doubted, in_doubt, of_vane
 from station.discrepancy.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
 from station.discrepancy.fit import Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
-from station.discrepancy.search import FIRST, FURTHER, FURTHER_SHARE, RIVAL, Found, search
+from station.discrepancy.search import FURTHER, FURTHER_SHARE, RIVAL, Found, search
 from station.discrepancy.structure import gusts, incomplete, mended
 from station.profile import Aircraft, Instrument
 from station.rows import UsageError
 
-SCHEMA: Final = "station.diagnose/1"
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
 PLAY_UNSURE: Final = 0.5
@@ -33,6 +31,8 @@ NOTABLE_GUST: Final = 0.3
 FAR_OFF: Final = 0.5
 """Share by which a derivative differs from the profile's as no handbook does."""
 MOST_FAR_OFF: Final = 2
+AS_MUCH: Final = 0.5
+"""Share of the drop of an effect that another must explain to be as likely, with the model in doubt."""
 UNWITNESSED: Final = {"accelerometer.scale": ("dynamic_pressure.scale", "mass.scale", "aero.CL_alpha")}
 """What the same lift, and the same vane against the integrated acceleration over the airspeed, would come from where no
 vertical velocity is measured and the model is in doubt."""
@@ -129,6 +129,8 @@ def diagnosis_of(
             progress("simulating with the effects")
             problem, found = _second_look(problem, found)
             leftover = judge.left_over(problem, found)
+        if found.accepted.values and not leftover.present:
+            found = replace(found, accepted=problem.undiluted(found.accepted))
         effects = _effects(found, problem)
         before, better = problem.complete(found.null), extended(aircraft, found.accepted.values)
     doubted = None
@@ -249,18 +251,21 @@ def _effects_in_doubt(d: Doubted, aircraft: Aircraft) -> tuple[Effect, ...]:
 
 
 def _as_likely(d: Doubted, e: Effect) -> tuple[str, ...]:
-    """Effects that the instruments among themselves like better than one named."""
+    """Effects that the instruments among themselves like better than one named, or as well if they explain as much of
+    the rest: a likelihood with the model's errors in it does not tell apart what is that near."""
     own = d.support.get(e.term.id)
     if own is None:
         return ()
     named = {*d.found.accepted.values, *e.rivals}
+    drops = {f.ids[0]: d.found.screened - f.cost for f in d.found.singles if math.isfinite(f.cost)}
+    enough = AS_MUCH * drops.get(e.term.id, math.inf)
     return tuple(
-        n for n, v in d.support.items() if v > own + RIVAL and n not in named and _of_vane(n) == _of_vane(e.term.id)
+        n
+        for n, v in d.support.items()
+        if n not in named
+        and of_vane(n) == of_vane(e.term.id)
+        and v > own + (-RIVAL if drops.get(n, 0.0) > enough else RIVAL)
     )
-
-
-def _of_vane(name: str) -> bool:
-    return name.startswith(("alpha_vane.", "boom."))
 
 
 def _far_off(d: Doubted) -> list[str]:
@@ -283,119 +288,3 @@ def _without(found: Found, others: frozenset[str]) -> float:
     """Cost of the best refitted candidate within `others`."""
     costs = [f.cost for ids, f in found.refitted.items() if ids <= others and math.isfinite(f.cost)]
     return min([found.null.cost, *costs])
-
-
-def as_json(d: Diagnosis) -> dict[str, Any]:
-    """station.diagnose/1; more than the contract's fields is there, nothing less."""
-    problem, found = d.problem, d.found
-    white = {name: p > d.leftover.log_p_limit for name, p in d.leftover.by_series}
-    residuals: dict[str, Any] = {}
-    for name in white:
-        before = [judge.channel_error(r, d.before).get(name, float("nan")) for r in problem.references]
-        after = [judge.channel_error(r, d.after).get(name, float("nan")) for r in problem.references]
-        residuals[name] = {"rms_before": _rms(before), "rms_after": _rms(after), "white": white[name]}
-    return {
-        "schema": SCHEMA,
-        "aircraft": d.aircraft.name,
-        "fitted_on": [r.record.name for r in problem.references],
-        "held_out": [r.record.name for r in d.held_out],
-        "verdict": d.verdict,
-        "effects": [*map(_seen_json, d.seen), *(_effect_json(e, _is_suspect(d, e)) for e in d.effects)],
-        "gain": _gain_json(d),
-        "unexplained": {
-            "present": d.leftover.present,
-            "signals": list(d.leftover.signals) if d.leftover.present else [],
-            "band_hz": list(d.leftover.band_hz) if d.leftover.present else [],
-            "series": d.leftover.series if d.leftover.present else "",
-            "like": d.leftover.like if d.leftover.coherent else "",
-            "log_p": d.leftover.log_p,
-            "log_p_limit": d.leftover.log_p_limit,
-            "score": d.leftover.score,
-            "score_limit": d.leftover.score_limit,
-        },
-        "with_model_error": _doubted_json(d),
-        "residuals": residuals,
-        "derivatives": {
-            a.name: {"change_percent": 100 * a.sd * float(m), "in_prior_sd": float(m)}
-            for a, m in zip(problem.allowed, found.accepted.moved, strict=False)
-            if a.relinear
-        },
-        "noise": {r.record.name: dict(r.noise) for r in problem.references},
-        "gust_sigma_mps": {r.record.name: g for r, g in zip(problem.references, found.accepted.gust, strict=True)},
-        "excluded": [
-            {"id": f.ids[0], "value": f.values[f.ids[0]], "drop": max(found.screened - f.cost, 0.0)}
-            for f in found.singles
-            if f.ids[0] not in found.accepted.values and math.isfinite(f.cost)
-        ],
-        "detectable": [
-            {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.rival}
-            for x in detectable_sizes(problem, found.accepted.gust)
-        ],
-        "remarks": list(d.remarks),
-    }
-
-
-def _seen_json(s: Seen) -> dict[str, Any]:
-    return {
-        "id": s.id,
-        "sentence": s.sentence,
-        "value": s.value,
-        "unit": s.unit,
-        "shown": s.unit,
-        "ci95": [s.value, s.value],
-        "evidence": {"p_value": 0.0, "signature": s.signature, "drop": None},
-        "confounded_with": [],
-        "separate_by": s.separate_by,
-        "suspect": False,
-    }
-
-
-def _is_suspect(d: Diagnosis, e: Effect) -> bool:
-    """Whether what is unexplained may have made it: not where the instruments say so among themselves."""
-    sure = d.doubted is not None and d.doubted.support.get(e.term.id, 0.0) > FIRST
-    return d.verdict == "unexplained" and not sure
-
-
-def _doubted_json(d: Diagnosis) -> dict[str, Any] | None:
-    if d.doubted is None:
-        return None
-    return {
-        "missed": dict(d.doubted.shares),
-        "instruments_say": {n: v for n, v in d.doubted.support.items() if v > 0},
-        "with_the_model_taken_for_right": [_effect_json(e, True) for e in d.strict],
-    }
-
-
-def _rms(values: Sequence[float]) -> float:
-    good = [v for v in values if math.isfinite(v)]
-    return math.sqrt(sum(v * v for v in good) / len(good)) if good else float("nan")
-
-
-def _effect_json(e: Effect, suspect: bool) -> dict[str, Any]:
-    target = f"{e.term.target}: -2 log likelihood falls by {e.drop:.1f}"
-    return {
-        "id": e.term.id,
-        "sentence": e.term.words(e.value),
-        "value": e.value,
-        "unit": e.term.unit,
-        "shown": e.term.shown,
-        "ci95": list(e.ci95),
-        "evidence": {"p_value": math.erfc(math.sqrt(0.5 * max(e.drop, 0.0))), "signature": target, "drop": e.drop},
-        "confounded_with": list(e.rivals),
-        "separate_by": e.term.separate_by if e.rivals else "",
-        "suspect": suspect,
-    }
-
-
-def _gain_json(d: Diagnosis) -> dict[str, Any] | None:
-    g = d.gain
-    if g is None:
-        return None
-    return {
-        "metric": "held-out normalised output error",
-        "before": g.before,
-        "after": g.after,
-        "reduction_percent": 100 * g.reduction,
-        "ci95": [100 * g.low, 100 * g.high],
-        "by_record": [{"record": n, "before": b, "after": a} for n, b, a in g.by_record],
-    }

@@ -40,7 +40,7 @@ SUPPORT: Final = 9.0
 APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""
 LEANS: Final = 0.4
-"""Share of its value by which an effect may lean to make up for the model."""
+"""Share of its value by which an effect may lean, at most, to make up for the model."""
 NEXT: Final = 0.3
 """Share of the best chi2 that another effect must have to be a candidate beside it."""
 HIDDEN: Final = ("alpha_vane.delay", "alpha_vane.scale", "alpha_vane.position", "boom.flexure")
@@ -183,6 +183,7 @@ def in_doubt(
         if not accepted.values:
             break
         against = [n for n in accepted.values if n in said and _contradicted(accepted, n, said[n])]
+        against = against or _needless(references, without, gust, accepted)
         instruments = {n: v for n, v in accepted.values.items() if n in said and n not in against}
         beside = supported(references, without, gust, terms, instruments)
         more = [t for t in terms if t not in own and _candidate(t, aircraft, beside, False)]
@@ -196,7 +197,54 @@ def in_doubt(
         if set(found.accepted.values) == set(accepted.values):
             break
     found = replace(found, rivals=(*found.rivals, *_unheard(problem, found, terms, said)))
-    return Doubted(problem, found, parts(problem, found.accepted, named), model.shares, support)
+    wrong = parts(problem, found.accepted, named)
+    found = replace(found, accepted=_valued(references, without, gust, problem, found.accepted))
+    return Doubted(problem, found, wrong, model.shares, support)
+
+
+def of_vane(name: str) -> bool:
+    """Whether an effect is one of what the alpha vane shows."""
+    return name.startswith(("alpha_vane.", "boom."))
+
+
+def _beside(
+    references: Sequence[Reference], problem: Problem, gust: Sequence[float], values: Mapping[str, float], name: str
+) -> tuple[float, float]:
+    """What the instruments among themselves say of an effect with the other `values` there, those as large as it
+    takes."""
+    others = {n: v for n, v in values.items() if n != name and n.split(".")[0] in INSTRUMENTS}
+    return supported(references, problem, gust, [BY_ID[name]], others).get(name, (0.0, math.inf))
+
+
+def _needless(references: Sequence[Reference], problem: Problem, gust: Sequence[float], accepted: Fit) -> list[str]:
+    """The effect at the vane, of several, that the instruments among themselves need least beside the others, if they
+    can do without it: what the model misses is also shaped like a little of each."""
+    vane = [n for n in accepted.values if of_vane(n)]
+    if len(vane) < 2:
+        return []
+    said = {n: _beside(references, problem, gust, accepted.values, n) for n in vane}
+    least = min(vane, key=lambda n: abs(said[n][0] / said[n][1]))
+    return [least] if (said[least][0] / said[least][1]) ** 2 < SUPPORT else []
+
+
+def _valued(
+    references: Sequence[Reference], without: Problem, gust: Sequence[float], problem: Problem, accepted: Fit
+) -> Fit:
+    """The effects with the values that instruments tell among themselves, where they can; elsewhere as sure as a value
+    is that may lean to make up for the model."""
+    values, sds = dict(accepted.values), dict(accepted.sds)
+    for name in accepted.values:
+        if name.split(".")[0] not in INSTRUMENTS:
+            continue
+        value, sd = _beside(references, without, gust, accepted.values, name)
+        if (value / sd) ** 2 >= SUPPORT:
+            values[name], sds[name] = value, sd
+        else:
+            sds[name] = math.hypot(sds[name], 0.5 * LEANS * abs(values[name]))
+    if not values:
+        return accepted
+    fit = problem.fixed(values, accepted.gust)
+    return Fit(values, sds, fit.moved, fit.gust, accepted.cost)
 
 
 def _free(

@@ -176,11 +176,11 @@ class Problem:
         if not self._drifts:
             self._drifts = [
                 whitened(r, r.differences(self._centre, r.drift_sd)) - s - y
-                for r, s, y in zip(self.references, self._shift, here, strict=True)
+                for r, s, y in zip(self.references, self._shift, self._base, strict=True)
             ]
         out = []
         for k, drift in enumerate(self._drifts):
-            own = np.zeros((len(self.references), len(drift)))
+            own = np.zeros((len(self.references), *drift.shape))
             own[k] = drift
             out.append(np.concatenate([np.stack([row[k] for row in rows]), own]))
         return out
@@ -253,6 +253,44 @@ class Problem:
             volume -= 2 * INDEPENDENT * float(np.linalg.slogdet(r.bins.rotate)[1].sum())
             volume -= 2 * float(np.linalg.slogdet(r.steady.rotate)[1].sum())
         return self.cost(left, [g * g for g in gust], moved) + volume
+
+    def undiluted(self, fit: Fit) -> Fit:
+        """A fit with what the sensors' noise makes of its values taken out, and the standard deviations that remain.
+
+        The slopes are made from measured signals: their noise adds to what a value seems to be known by, and where it
+        goes with the noise of the differences it draws the value, mostly towards zero. More noise of the same kind,
+        laid over the measured signals, tells how much of either is noise.
+        """
+        own = [BY_ID[i] for i in fit.values]
+        here = self.at(fit.values)
+        slopes = self._slopes(own, fit.values, here)
+        noisy = Problem([r.with_more_noise() for r in self.references], self.aircraft, self.allowed, self._about)
+        there = noisy.at(fit.values)
+        e, size = len(own), len(slopes[0])
+        x = np.concatenate([np.zeros(e), fit.moved])
+        normal = np.diag(np.concatenate([np.zeros(e), np.ones(size - e)]))
+        noise, drawn = np.zeros((size, size)), np.zeros(size)
+        for k, more in enumerate(noisy._slopes(own, fit.values, there)):
+            weight = self.counts[k] / (1 + fit.gust[k] ** 2 * self.shares[k])
+            slope_noise = more - slopes[k][:, None, :]
+            left_noise = there[k] - here[k] + np.einsum("p,pdn->dn", x, slope_noise)
+            normal += (slopes[k] * weight) @ slopes[k].T
+            noise += np.einsum("pdn,n,qdn->pq", slope_noise, weight, slope_noise) / len(left_noise)
+            drawn += np.einsum("pdn,n,dn->p", slope_noise, weight, left_noise) / len(left_noise)
+        inverse = np.linalg.pinv(normal - noise, rcond=1e-10, hermitian=True)
+        step, covariance = inverse @ drawn, inverse @ normal @ inverse
+        values = {t.id: min(max(fit.values[t.id] + float(step[j]), t.low), t.high) for j, t in enumerate(own)}
+        sds = {t.id: math.sqrt(max(covariance[j, j], 0.0)) for j, t in enumerate(own)}
+        return Fit(values, sds, fit.moved + step[e:], fit.gust, fit.cost)
+
+    def _slopes(self, own: Sequence[Term], values: Mapping[str, float], here: list[Array]) -> list[Array]:
+        """Columns of effects and of what is allowed for, at a candidate; (p, ..., N) by manoeuvre."""
+        columns = [self.effect_columns(t, values, here) for t in own]
+        allowed = self.allowed_columns(values, here)
+        return [
+            np.concatenate([np.array([c[k] for c in columns]).reshape(len(own), *a.shape[1:]), a])
+            for k, a in enumerate(allowed)
+        ]
 
     def refit(self, ids: Sequence[str], start: Mapping[str, float], gust: Sequence[float]) -> Fit:
         """Gauss-Newton for these effects together from a start, each within its physical range."""

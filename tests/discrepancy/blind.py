@@ -17,8 +17,9 @@ from scipy.signal import lfilter, lsim
 from station.conventions import G0, to_si
 from station.discrepancy import effects as catalogue
 from station.discrepancy.diagnosis import Diagnosis, diagnosis_of
+from station.discrepancy.noise import Flights
 from station.discrepancy.record import Record, manoeuvres
-from station.discrepancy.reference import Flights, Reference, fly, reference
+from station.discrepancy.reference import Reference, fly, reference
 from station.profile import Actuator, Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.simulate import DT, Simulation

@@ -1,0 +1,29 @@
+"""Slopes are made from noisy signals: what that does to a value is known, and taken out."""
+
+from __future__ import annotations
+
+import pytest
+from blind import Case, aircraft, prepared
+
+from station.discrepancy.diagnosis import SD_FACTOR
+from station.discrepancy.fit import Problem
+
+NAME = "aero.downwash_lag"
+"""Its slope is the rate of the flow angle, much of which is noise in calm air."""
+
+
+def test_noise_in_the_slopes_draws_no_value():
+    # The same noise under either sign: half the difference is the value without the noise's chance.
+    planted = 0.048
+    found, plain, sds = [], [], []
+    for sign in (-1, 1):
+        case = Case(seed=661, effects={NAME: sign * planted}, fit_on=("multisine",))
+        problem = Problem(prepared(case)[0], aircraft())
+        fit = problem.refit((NAME,), {}, problem.null().gust)
+        better = problem.undiluted(fit)
+        plain.append(sign * fit.values[NAME])
+        found.append(sign * better.values[NAME])
+        sds.append(better.sds[NAME])
+    assert sum(plain) / 2 < 0.85 * planted
+    assert sum(found) / 2 == pytest.approx(planted, rel=0.1)
+    assert all(abs(x - planted) < 2 * SD_FACTOR * sd for x, sd in zip(found, sds, strict=True))
