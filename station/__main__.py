@@ -75,9 +75,10 @@ def run(
     from drivers.adapter import check_devices, open_devices
     from station import live
     from station.alignment import Aligner
+    from station.estimation.instruments import corrector
     from station.log import About, LogWriter
     from station.panel import Board, Callbacks, json_lines, plain_lines, run_panel
-    from station.preparing import compile_apart, estimators
+    from station.preparing import compile_apart, estimators, told_of_instruments
     from station.view import View
 
     profiles = _load(card)
@@ -90,6 +91,9 @@ def run(
     say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
     compile_apart(card)
     estimator, watch = estimators(profiles)
+    correct = corrector(aircraft, rig.frame_noise_si())
+    for words in told_of_instruments(aircraft, correct):
+        say(words)
 
     with ExitStack() as stack:
         emulated = stack.enter_context(emulators(card, devices, bus, clock)) if flight_card.emulate else Emulated()
@@ -125,7 +129,7 @@ def run(
         def loop() -> None:
             try:
                 source = live.beats(bus, clock, flight_card.lag, stop, duration)
-                live.run(source, aligner, estimator, writer, show, note_time, watch)
+                live.run(source, aligner, estimator, writer, show, note_time, watch, correct)
             except BaseException as error:
                 failure.append(error)
             finally:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from station.conventions import LATERAL, SIGNALS, TICK_HZ, TICK_NS
 from station.estimation.cross_spectra import VaneSpectra
+from station.estimation.instruments import Corrector, known
 from station.estimation.methods import MEASURED, Estimator
 from station.estimation.record import FlightRecord
 from station.estimation.results import (
@@ -29,7 +30,7 @@ from station.estimation.results import (
     widened,
 )
 from station.log import Table
-from station.profile import Card
+from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Quality, Status
 
 Array = NDArray[np.float64]
@@ -41,6 +42,8 @@ LEAD_S: Final = 30.0
 HOLD_S: Final = 3.0
 """Without such a flight, trim of this length is put before the record: filters and delay lines start settled."""
 MIN_LIVE_HZ: Final = 25.0
+HELD_AGE_S: Final = 0.1
+"""Age of a held value, whose own is not in the table."""
 DEFAULT_CARD: Final = Card(name="identify", aircraft="", rig="")
 
 
@@ -158,6 +161,32 @@ class Flown:
         return made
 
 
+def corrected(table: Table, aircraft: Aircraft, noise: Mapping[str, float] | None) -> Table:
+    """The table with the instrument errors undone that the profile states, as in flight: without the end, for which
+    late signals have not come, and the begin that early ones lack."""
+    if not known(aircraft).errors or len(table.t_s) < 2:
+        return table
+    undoing = Corrector(aircraft, noise or {}, float(np.median(np.diff(table.t_s))), len(table.t_s))
+    nothing = np.full(len(table.t_s), np.nan)
+    values, ages = [], []
+    for name in undoing.names:
+        x = table.columns.get(name, nothing)
+        held = table.quality.get(name, np.zeros(len(x), dtype=np.uint8)) == Quality.HELD
+        values.append(np.where(held & (x == np.concatenate(([np.nan], x[:-1]))), np.nan, x))
+        ages.append(np.where(held, HELD_AGE_S, 0.0))
+    found, marks = undoing.sweep(table.t_s, np.column_stack(values), np.column_stack(ages))
+    columns, quality = dict(table.columns), dict(table.quality)
+    for j, name in enumerate(undoing.names):
+        if name in table.columns:
+            # A table has no ages: what is held here through a gap would pass for newer than it is.
+            lost = np.isnan(table.columns[name]) & (marks[:, j] != Quality.FRESH)
+            columns[name] = np.where(lost, np.nan, found[:, j])
+            quality[name] = np.where(lost, np.uint8(Quality.MISSING), marks[:, j])
+    made = replace(table, columns=columns, quality=quality)
+    last = max(len(table.t_s) - 1 - undoing.ahead, 0)
+    return made.between(float(table.t_s[0]) + undoing.early_s, float(table.t_s[last]))
+
+
 def fly(
     table: Table,
     record: FlightRecord,
@@ -170,7 +199,8 @@ def fly(
     force: bool,
     spectra: VaneSpectra | None = None,
 ) -> Flown:
-    """Run the live estimator over the interval, its filters settled on the flight before or on a made-up trim."""
+    """Run the live estimator over the interval of a `corrected` table, its filters settled on the flight before or on
+    a made-up trim."""
     if not record.dt <= 1 / MIN_LIVE_HZ:
         return Flown((), record.t_s, {}, {}, f"recorded at {1 / record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
     used = card if card is not None else DEFAULT_CARD
@@ -231,7 +261,7 @@ def _frames(table: Table) -> list[Frame]:
             values[:, i] = columns[name]
             fresh = np.where(np.isnan(values[:, i]), int(Quality.MISSING), int(Quality.FRESH))
             marks[:, i] = quality.get(name, fresh)
-    ages = np.where(np.isnan(values), np.nan, np.where(marks == int(Quality.HELD), 0.1, 0.0))
+    ages = np.where(np.isnan(values), np.nan, np.where(marks == int(Quality.HELD), HELD_AGE_S, 0.0))
     return [
         Frame(table.t0_ns + round(t_s * 1e9), n, v, a, m)
         for t_s, n, v, a, m in zip(

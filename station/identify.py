@@ -20,12 +20,13 @@ from station.conventions import LATERAL
 from station.estimation import cross_spectra, postflight
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.inputs import short_period
+from station.estimation.instruments import known
 from station.estimation.kinematics import kinematics
 from station.estimation.methods import LIVE, MEASURED, METHODS, recommended
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.results import DOF, Axes, MethodResult, names, not_applicable
-from station.flown import DEFAULT_CARD, MIN_LIVE_HZ, WITNESSES, fly
+from station.flown import DEFAULT_CARD, MIN_LIVE_HZ, WITNESSES, corrected, fly
 from station.instruments import instruments_json, structure_json
 from station.log import Table
 from station.profile import Aircraft, Card
@@ -67,6 +68,9 @@ def identify(
     UsageError for an unknown method, an empty interval, or a record that no method can use.
     """
     wanted = _wanted(methods)
+    table = corrected(table, aircraft, noise)
+    if not len(table.t_s):
+        raise UsageError(f"{log or 'log'}: shorter than the delays of the profile's instruments")
     first, last = float(table.t_s[0]), float(table.t_s[-1])
     start, end = first if start_s is None else start_s, last if end_s is None else end_s
     cut = table.between(start, end)
@@ -125,7 +129,7 @@ def identify(
         "interval_s": [float(cut.t_s[0]), float(cut.t_s[-1])],
         "axes": axes,
         "turbulence": {"level": level, "w_std_2_7hz_mps": _number(std)},
-        "remarks": [*record.remarks, *_about_the_band(record, card)],
+        "remarks": [*record.remarks, *_about_instruments(aircraft), *_about_the_band(record, card)],
         "methods": {name: _as_json(r) for name, r in results.items()},
         "recommended": recommended,
         "consistency": _consistency(results, axes),
@@ -151,6 +155,13 @@ def _measured(
         return cross_spectra.measure(whole, band), ""
     except NotIdentifiable as why:
         return None, str(why)
+
+
+def _about_instruments(aircraft: Aircraft) -> list[str]:
+    """What the profile knows its instruments to do wrong."""
+    stated = known(aircraft)
+    done = [f"the profile's instrument errors undone: {'; '.join(stated.words)}"] if stated.words else []
+    return done + [f"an instrument error is not undone: {words}" for words in stated.refused]
 
 
 def _about_the_band(record: FlightRecord, card: Card | None) -> list[str]:

@@ -26,6 +26,7 @@ from station.estimation.kinematics import Kinematics, kinematics
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.vane_calibration import VaneCalibration
+from station.flown import corrected
 from station.identify import flight_record
 from station.instruments import instruments_json
 from station.log import Table
@@ -63,7 +64,7 @@ def judge(name: str, flown: Table, aircraft: Aircraft, rig: Rig | None = None) -
     """The kinematics of a table. Raises UsageError where there is nothing to judge."""
     place, noise = (rig.imu_position, rig.noise_si()) if rig else ((0.0, 0.0, 0.0), None)
     try:
-        record, _ = flight_record(flown, aircraft, place, noise)
+        record, _ = flight_record(corrected(flown, aircraft, noise), aircraft, place, noise)
     except NotIdentifiable as refusal:
         raise UsageError(f"{name}: cannot be diagnosed: {refusal}") from refusal
     made = kinematics(record)

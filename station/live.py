@@ -2,7 +2,8 @@
 
 Order of rows in a recording, which replay relies on: rows drained by tick k, Tick k, the aligner's events and health,
 Frame k, then the estimates made from it and where instruments disagree (events DISAGREE and AGREE; ESTIMATOR, should an
-estimator fail). Every stage is logged before the next one runs.
+estimator fail). Every stage is logged before the next one runs. Frames are logged as measured; where the profile knows
+of instrument errors, estimators get them undone, and where one of those is a delay, estimates are of an earlier frame.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol
 
+import msgspec
+
 from station.alignment import Aligner
 from station.bus import Bus
 from station.clock import Clock
-from station.conventions import TICK_NS
+from station.conventions import SIGNAL_INDEX, TICK_NS
 from station.rows import (
     AlphaEstimate,
     Code,
@@ -31,6 +34,7 @@ from station.rows import (
 
 WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.ESTIMATOR))
 """Events that are made from frames, and not from what was drained."""
+_VANE: Final = SIGNAL_INDEX["alpha_vane"]
 
 
 class Beat(NamedTuple):
@@ -48,6 +52,14 @@ class Estimating(Protocol):
 
     def start_point(self) -> None:
         """Estimate afresh from the next frame on: a test point begins."""
+        ...
+
+
+class Correcting(Protocol):
+    """What the loop asks of what undoes instrument errors. `step` never raises."""
+
+    def step(self, frame: Frame) -> tuple[Frame, Frame] | None:
+        """A frame as measured and as corrected, this one or an earlier; None while late instruments are waited for."""
         ...
 
 
@@ -71,8 +83,9 @@ def run(
     show: Callable[[Sequence[Rows]], None] | None,
     done: Callable[[Beat, Sequence[Rows]], None] | None = None,
     watch: Watching | None = None,
+    correct: Correcting | None = None,
 ) -> None:
-    """Align, log, estimate, log and show each beat of `source` until it ends.
+    """Align, log, correct, estimate, log and show each beat of `source` until it ends.
 
     `done` is handed each beat, and the frame and estimates made of it, when all else is through.
     """
@@ -95,7 +108,7 @@ def run(
         aligned.append(frame)
         if log is not None:
             log.append(aligned)
-        estimates, why = _estimate(frame, estimator, watch)
+        estimates, why = _estimate(frame, estimator, watch, correct)
         if why and why != fault:
             estimates.append(Event(frame.t_ns, "estimator", Code.ESTIMATOR, 1, why))
         fault = why
@@ -108,14 +121,22 @@ def run(
             done(beat, [frame, *estimates])
 
 
-def _estimate(frame: Frame, estimator: Estimating, watch: Watching | None) -> tuple[list[Rows], str]:
+def _estimate(
+    frame: Frame, estimator: Estimating, watch: Watching | None, correct: Correcting | None
+) -> tuple[list[Rows], str]:
     """What is made of a frame, and what went wrong: neither is to raise, but if one does, the recording goes on."""
     made: list[Rows] = []
     try:
-        alpha, methods = estimator.step(frame)
+        pair = (frame, frame) if correct is None else correct.step(frame)
+        if pair is None:
+            return made, ""
+        measured, seen = pair
+        alpha, methods = estimator.step(seen)
+        if correct is not None:
+            alpha = _with_vane(alpha, measured.values[_VANE])
         made += (alpha, *methods)
         if watch is not None:
-            made += watch.step(frame, alpha)
+            made += watch.step(seen, alpha)
     except Exception as error:
         why = f"{type(error).__name__}: {error}"
         unknown = (math.nan,) * 12
@@ -123,6 +144,13 @@ def _estimate(frame: Frame, estimator: Estimating, watch: Watching | None) -> tu
             made.append(AlphaEstimate(frame.t_ns, *unknown, "unknown", *unknown[:3], False, f"estimator failed: {why}"))
         return made, why
     return made, ""
+
+
+def _with_vane(alpha: AlphaEstimate, vane: float) -> AlphaEstimate:
+    """An angle of attack of a corrected vane, told from the one measured."""
+    if not math.isfinite(alpha.vane - vane):
+        return alpha
+    return msgspec.structs.replace(alpha, vane=vane, instrument=alpha.vane - vane)
 
 
 def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_s: float | None) -> Iterator[Beat]:

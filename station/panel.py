@@ -222,6 +222,8 @@ def _alpha_lines(board: Board) -> Iterator[Text]:
         return
     if not a.valid:
         title.append(f"   INVALID: {a.why}", "bold red")
+    elif a.why:
+        title.append(f"   DEGRADED: {a.why}", "yellow")
     yield title
     main = "bold green" if a.valid else "dim"
     yield (
@@ -235,7 +237,8 @@ def _alpha_lines(board: Board) -> Iterator[Text]:
         .append(_deg(a.alpha_gust), "" if a.valid else "dim")
     )
     line = styled("   corrections", "dim")
-    for name in ("zero", "upwash", "rate", "lag", "gust"):
+    own = ("instrument",) if a.instrument else ()
+    for name in (*own, "zero", "upwash", "rate", "lag", "gust"):
         line.append(f"  {name} ", "dim").append(_deg(getattr(a, name)), "" if a.valid else "dim")
     yield line
     yield _air_line(a)

@@ -102,6 +102,7 @@ def replay(
     from station import live
     from station.alignment import Aligner
     from station.estimation.disagreement import Disagreement
+    from station.estimation.instruments import corrector
     from station.estimation.methods import Estimator
     from station.view import View
 
@@ -114,6 +115,7 @@ def replay(
     estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
     estimator.warm_up()
     watch = Disagreement(about.aircraft, about.rig.imu_position, about.rig.frame_noise_si())
+    correct = corrector(about.aircraft, about.rig.frame_noise_si())
     source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
     if rate is not None:
         source = live.paced(source, clock, rate)
@@ -145,7 +147,7 @@ def replay(
                 if rate is None and counts["beats"] % 200 == 0:
                     viewer.flush(10.0)
 
-        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare, watch)
+        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare, watch, correct)
     if counts["beats"] == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
     print(f"{counts['beats']} ticks, {counts['rows']} rows compared, {counts['different']} different")
@@ -244,7 +246,9 @@ def identify(
         sift=sift,
     )
     if report is not None:
-        page = write_report(result, flown, report, card=about.card, imu_position=rig_place, noise=noise)
+        page = write_report(
+            result, flown, report, card=about.card, imu_position=rig_place, noise=noise, aircraft=subject
+        )
         say(str(page))
     if as_json is not None:
         write_json(result, as_json)

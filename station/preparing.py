@@ -11,12 +11,15 @@ import contextlib
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from station.alignment import Aligner
+from station.conventions import TICK_HZ
 from station.estimation.disagreement import Disagreement
+from station.estimation.instruments import Corrector, known
 from station.estimation.methods import Estimator
-from station.profile import Profiles, load_card
+from station.profile import Aircraft, Profiles, load_card
 
 
 def estimators(profiles: Profiles) -> tuple[Estimator, Disagreement]:
@@ -27,6 +30,17 @@ def estimators(profiles: Profiles) -> tuple[Estimator, Disagreement]:
     watch = Disagreement(profiles.aircraft, rig.imu_position, rig.frame_noise_si())
     watch.warm_up()
     return estimator, watch
+
+
+def told_of_instruments(aircraft: Aircraft, correct: Corrector | None) -> Iterator[str]:
+    """For the operator, what of the profile's instrument errors is undone in this flight, and what it costs."""
+    stated = known(aircraft)
+    if stated.words:
+        late = f"; estimates come {1000 * correct.ahead // TICK_HZ} ms later" if correct and correct.ahead else ""
+        count = f"{len(stated.words)} instrument error{'s' if len(stated.words) > 1 else ''}"
+        yield f"{aircraft.name} states {count}, undone: {'; '.join(stated.words)}{late}"
+    for words in stated.refused:
+        yield f"station: {aircraft.name}: an instrument error stays in: {words}"
 
 
 def compile_apart(card: str) -> None:
@@ -43,6 +57,7 @@ def compile_apart(card: str) -> None:
 def main(card: str) -> None:
     profiles = load_card(card)
     estimators(profiles)
+    Corrector(profiles.aircraft, {})  # whether or not this aircraft needs it
     Aligner(profiles.rig.streams(), profiles.rig.noise_si())
 
 

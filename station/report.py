@@ -18,11 +18,11 @@ from station.estimation.methods import LIVE, MEASURED
 from station.estimation.record import FlightRecord
 from station.estimation.regression import autocorrelation
 from station.estimation.results import Axes, equations
-from station.flown import fly
+from station.flown import corrected, fly
 from station.identify import flight_record
 from station.log import Table
 from station.page import BLUE, FAINT, INK, ORANGE, image, text, write_page
-from station.profile import Card
+from station.profile import Aircraft, Card
 from station.report_instruments import instrument_pages
 
 Array = NDArray[np.float64]
@@ -40,14 +40,17 @@ def write_report(
     card: Card | None = None,
     imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     noise: Mapping[str, float] | None = None,
+    aircraft: Aircraft | None = None,
 ) -> Path:
     """Write what `identify` found of `table` into `folder` as identification.html; returns its path.
 
-    The keyword arguments are those that identify was given. Raises LogError if the file cannot be written.
+    The keyword arguments are those that identify was given, `aircraft` where it is not the recording's own. Raises
+    LogError if the file cannot be written.
     """
     start, end = result["interval_s"]
-    cut = table.between(start, end)
-    record, _ = flight_record(cut, table.aircraft, imu_position, noise)
+    subject = aircraft or table.aircraft
+    table = corrected(table, subject, noise)
+    record, _ = flight_record(table.between(start, end), subject, imu_position, noise)
     shown = result["recommended"]
     alpha: Array | None = record.alpha
     if shown in LIVE:

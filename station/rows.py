@@ -171,9 +171,10 @@ class Frame(Row, frozen=True, gc=False):
 class AlphaEstimate(Row, frozen=True, gc=False):
     """Angle of attack at the CG and how it came about; rad, m/s.
 
-    `zero`, `upwash`, `rate`, `lag` and `gust` are the corrections added in turn to `vane`; their sum with it is
-    `alpha`. `lag` is what the vane's dynamics and the wing's memory add; `gust` is what the gust's later arrival at the
-    CG adds.
+    `instrument`, `zero`, `upwash`, `rate`, `lag` and `gust` are the corrections added in turn to `vane`, which is as
+    measured; their sum with it is `alpha`. `instrument` is what the profile's errors of the vane come to; `lag` is what
+    the vane's dynamics and the wing's memory add; `gust` is what the gust's later arrival at the CG adds. A valid
+    estimate with a `why` is degraded: it says what is lacking.
     """
 
     alpha: float
@@ -196,6 +197,7 @@ class AlphaEstimate(Row, frozen=True, gc=False):
     wind_down: float
     valid: bool
     why: str
+    instrument: float = 0.0
 
 
 class Status(StrEnum):

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.discrepancy.play import play
+from station.discrepancy.play import play, straightened
 from station.discrepancy.processing import Setting, back, passed, transform
+from station.estimation.instruments import DITHER
 from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
 
 CORRECTION_STOP_HZ: Final = (6.0, 9.0)
 """Corrections that would raise noise (lags, play) are passed up to the first and stopped from the second."""
-PLAY_DITHER: Final = 4.0
-"""Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
 
 PRESENT: Final = {
     "v_along": "v_north",
@@ -51,20 +49,11 @@ def corrected(x: Array, found: Instrument | None, s: Setting, moved: Array | Non
     if found.cubic:
         x = straightened(x, found.cubic)
     if found.backlash:
-        dither = PLAY_DITHER * s.elevator_noise
+        dither = DITHER * s.elevator_noise
         moved = play(x, found.backlash + dither) - play(x, dither)
         # The play stands between sensor and surface: the surface follows the sensor late.
         x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
     return x
-
-
-def straightened(shown: Array, cubic: float) -> Array:
-    """What a sensor that shows x + cubic x3 has met; beyond where that turns back, the turning point."""
-    size = 2 / math.sqrt(3 * abs(cubic))
-    inside = 3 * shown / size
-    if cubic > 0:
-        return np.asarray(size * np.sinh(np.arcsinh(inside) / 3))
-    return np.asarray(size * np.sin(np.arcsin(np.clip(inside, -1, 1)) / 3))
 
 
 def own_motion(name: str, signals: Mapping[str, Array], s: Setting) -> Array | None:

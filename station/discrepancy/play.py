@@ -1,4 +1,4 @@
-"""Play: what follows a moving part that has slack."""
+"""Play: what follows a moving part that has slack; and what a bent sensor has met."""
 
 from __future__ import annotations
 
@@ -6,19 +6,37 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from station.estimation import instruments
+
+Array = NDArray[np.float64]
+
 
 @njit(cache=True)
-def _play(x: NDArray[np.float64], half: float, out: NDArray[np.float64]) -> None:
+def _play(x: Array, width: float, out: Array) -> None:
     for i in range(x.shape[0]):
         at = x[i, 0]
         for k in range(x.shape[1]):
-            at = min(max(at, x[i, k] - half), x[i, k] + half)
+            at = instruments.follow(at, x[i, k], width)
             out[i, k] = at - x[i, k]
 
 
-def play(x: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+@njit(cache=True)
+def _straighten(x: Array, cubic: float, out: Array) -> None:
+    for k in range(x.shape[0]):
+        out[k] = instruments.straightened(x[k], cubic)
+
+
+def play(x: Array, width: float) -> Array:
     """How far a part with that slack in all stands from x (..., n) that drives it; x starts in the middle."""
     flat = np.ascontiguousarray(x).reshape(-1, x.shape[-1])
     out = np.empty_like(flat)
-    _play(flat, 0.5 * width, out)
+    _play(flat, width, out)
     return out.reshape(x.shape)
+
+
+def straightened(shown: Array, cubic: float) -> Array:
+    """What a sensor that shows x + cubic x3 has met; beyond where that turns back, the turning point."""
+    flat = np.ascontiguousarray(shown).ravel()
+    out = np.empty_like(flat)
+    _straighten(flat, cubic, out)
+    return out.reshape(np.shape(shown))

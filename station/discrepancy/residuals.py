@@ -166,7 +166,7 @@ def _stages(
 
 def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     theta, q, v = x["theta"], x["q"], x["airspeed"]
-    imu = tuple(a + b for a, b in zip(s.imu, aircraft.imu_offset, strict=True))
+    imu = aircraft.imu_at(s.imu)
     qdot = derivative(q, s.dt)
     ax = x["ax"] - qdot * imu[2] + q * q * imu[0]
     az = x["az"] + qdot * imu[0] + q * q * imu[2]

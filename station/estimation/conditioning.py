@@ -182,6 +182,23 @@ class Conditioner:
             )
         return ""
 
+    @property
+    def has_attitude(self) -> bool:
+        return math.isfinite(self.u[ATTITUDE + 1])
+
+    @property
+    def has_velocity(self) -> bool:
+        return math.isfinite(self.u[VELOCITY]) and math.isfinite(self.u[VELOCITY + 2])
+
+    def degraded(self, is_split: bool) -> str:
+        """What a valid angle of attack lacks; "" if nothing. `is_split`: motion and gust are told apart in it."""
+        if is_split and not self.has_attitude:
+            return "no attitude: by the rates alone, inertial and gust parts drift"
+        if is_split:
+            return "" if self.has_velocity else "no velocity: by air data, slow gusts count as motion"
+        lost = next((f"no {INPUTS[i]}" for i in (AX, AZ) if not math.isfinite(self.u[i])), "settling")
+        return f"{lost if self.has_attitude else 'no attitude'}: motion and gust not told apart"
+
     def lacking(self, code: int) -> str:
         """What the derivatives wait for, if a signal has been away for a second."""
         for i in range(ELEVATOR + 1 if code != FRESH else 0):

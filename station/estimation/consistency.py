@@ -339,7 +339,7 @@ def parameters(aircraft: Aircraft, imu: tuple[float, float, float]) -> tuple[Arr
     par = np.zeros(PARAMETERS)
     par[: _IYY + 1] = aircraft.geometry.wing_area, chord, mass, iyy or mass * (1.5 * chord) ** 2
     par[_CL0 : _CMD + 1] = values
-    par[_IX], par[_IZ] = imu[0] + aircraft.imu_offset[0], imu[2] + aircraft.imu_offset[2]
+    par[_IX], _, par[_IZ] = aircraft.imu_at(imu)
     par[_ARM] = aircraft.boom.vane_x if aircraft.boom else 0.0
     par[_RHO] = aircraft.air_density if aircraft.air_density is not None else math.nan
     return par, known
@@ -363,7 +363,8 @@ class Window:
 
     def add(self, frame: Frame, a: AlphaEstimate) -> None:
         """One tick's frame and what was made of its vane."""
-        rest = (a.vane + a.zero + a.upwash + a.lag, a.alpha_inertial - a.rate, a.alpha) if a.valid else self._nothing
+        vane = a.vane + a.instrument + a.zero + a.upwash + a.lag
+        rest = (vane, a.alpha_inertial - a.rate, a.alpha) if a.valid else self._nothing
         u = np.array(self._pick(frame.values) + rest)
         age = np.array(self._pick_ages(frame.age_s))
         step(self._par, self._state, self._ring, u, age, self._dt)

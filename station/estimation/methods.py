@@ -95,6 +95,8 @@ WAIT_TICKS: Final = 150
 WARMED: Final = tuple(dict.fromkeys((*cond.INPUTS, *lateral.MEASURED)))
 WARM_TICKS: Final = 2000
 """Of the made-up flight that compiles: every method closes a segment of its transforms in it."""
+GUST_LEFT: Final = 0.4
+"""What the split leaves in the angle of attack, as a share of the gusts' incidence at 2-7 Hz (simulated flights)."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -121,7 +123,7 @@ class Estimator:
         forgetting_s: float = math.inf,
         spectra: VaneSpectra | None = None,
     ) -> None:
-        """`imu_position`: m from the CG, body axes. `noise`: standard deviation of each signal, SI.
+        """`imu_position`: m from the CG, body axes, by the rig. `noise`: standard deviation of each signal, SI.
 
         Raises UsageError for a method that does not run live, or IV without `spectra`.
         """
@@ -137,17 +139,18 @@ class Estimator:
         self._force = force
         names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
         self._conditioner = Conditioner(given)
-        self._inertial = Inertial(imu_position, dt)
+        place = aircraft.imu_at(imu_position)
+        self._inertial = Inertial(place, dt)
         self._vane = Vane(aircraft, dt)
         self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
-        self._sides = Sides(aircraft, imu_position, dt, axes == "body")
+        self._sides = Sides(aircraft, place, dt, axes == "body")
         simple = tuple(name for name in methods if name != "physical")
         self._derivatives = Derivatives(aircraft, card, self._noise, simple, names, dt, forgetting_s, spectra)
         self._physical = (
             Physical(aircraft, card, self._noise, names, dt, forgetting_s) if "physical" in methods else None
         )
         self._lateral = (
-            Lateral(aircraft, card, imu_position, self._noise, dt, forgetting_s)
+            Lateral(aircraft, card, place, self._noise, dt, forgetting_s)
             if card.asks_lateral and set(lateral.METHODS) & set(methods)
             else None
         )
@@ -318,12 +321,12 @@ class Estimator:
             why = "calm air: the delay would do harm" if level == "calm" else "turbulence not known yet"
             reasons = {name: why for name in self._methods if METHODS[name].turbulence_only}
         if not self._seen[cg.READY] > 0.0:
-            reasons |= {name: "no inertial angle of attack" for name in self._methods if name.startswith("split")}
+            why = self._conditioner.degraded(False)
+            reasons |= {name: why for name in self._methods if name.startswith("split")}
         elif level == "calm" and self._unexplained[1] > self._calm_limit():
             rms = math.degrees(math.sqrt(self._unexplained[1]))
-            why = (
-                f"in calm air the motion leaves {rms:.2f} deg of the vane unexplained: check its delay and calibration"
-            )
+            left = f"in calm air the motion leaves {rms:.2f} deg of the vane unexplained: check delay and calibration"
+            why = self._conditioner.degraded(True) or left
             reasons |= {name: why for name in self._methods if name.startswith("split")}
         return reasons
 
@@ -347,21 +350,22 @@ class Estimator:
         steady = vane + zero + upwash + rate
         noise = self._noise
         by_rate = self._arm * noise["q"] / speed
+        band = (level if level == level else 0.0) / speed
         if out[cg.READY] > 0.0:
             fast, gust = out[cg.FAST], out[cg.GUST]
             alpha, lag, arrival = out[cg.SPLIT], fast - steady, out[cg.SPLIT] - fast
             inertial = wind[0]
-            # Streams smoothed over half a second; 5 % of the gust for what the upwash model leaves.
+            # Streams smoothed over half a second; 5 % of the gust, and what its way from boom to CG leaves of the band.
             parts = [
                 noise["alpha_vane"] / self._upwash,
                 0.2 * noise["theta"],
                 0.2 * noise["v_down"] / speed,
-                0.05 * gust,
+                math.hypot(0.05 * gust, GUST_LEFT * band),
             ]
         else:
             alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
             # Twice the band's gust for what the delays make of it.
-            parts = [noise["alpha_vane"] * self._scale, by_rate, 2.0 * (level if level == level else 0.0) / speed]
+            parts = [noise["alpha_vane"] * self._scale, by_rate, 2.0 * band]
         parts.append(0.01 * steady)
         return AlphaEstimate(
             t_ns=t_ns,
@@ -382,7 +386,7 @@ class Estimator:
             wind_east=wind[4],
             wind_down=wind[5],
             valid=not why,
-            why=why,
+            why=why or self._conditioner.degraded(out[cg.READY] > 0.0),
         )
 
 

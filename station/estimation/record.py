@@ -90,7 +90,9 @@ class FlightRecord:
         if slow.all():
             raise NotIdentifiable(f"airspeed stays below {MIN_SPEED:g} m/s")
         usable = np.all([np.isfinite(motion[n]) for n in (*NEEDED, "dynamic_pressure")], axis=0) & ~slow
-        motion = at_centre_of_gravity(motion, imu_position, dt)
+        motion = at_centre_of_gravity(motion, aircraft.imu_at(imu_position), dt)
+        # Beside a gap of the rates the angular acceleration is not known, nor what it does to an imu off the CG.
+        usable &= np.isfinite(motion["ax"]) & np.isfinite(motion["az"])
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
         alpha, beta = _flow_angles(motion, aircraft)
         if "thrust" not in motion:

@@ -42,7 +42,7 @@ _NAN: Final = math.nan
 _NAMES: Final = tuple(SIGNALS)
 
 ESTIMATE_UNITS: Final[Mapping[str, str]] = {
-    **dict.fromkeys(("alpha", "alpha_sd", "vane", "zero", "upwash", "rate", "lag", "gust"), "rad"),
+    **dict.fromkeys(("alpha", "alpha_sd", "vane", "instrument", "zero", "upwash", "rate", "lag", "gust"), "rad"),
     **dict.fromkeys(("alpha_inertial", "alpha_gust"), "rad"),
     **dict.fromkeys(("gust_vertical", "turbulence_level", "wind_north", "wind_east", "wind_down"), "m/s"),
 }
@@ -352,7 +352,8 @@ def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
         named = {n: _number(v) for n, v in body["values"].items()}
         return Truth(t_ns, named) if kind == "Truth" else Extra(t_ns, named)
     if kind == "AlphaEstimate":
-        body.update({n: _number(body[n]) for n in _ALPHA_FLOATS})
+        # A recording made before the profile's instruments were undone lacks what that came to.
+        body.update({n: _number(body[n]) for n in _ALPHA_FLOATS if n in body})
         return AlphaEstimate(**body)
     if kind == "Health":
         for stream in body["streams"]:

@@ -223,6 +223,10 @@ class Aircraft(Frozen):
                 )
         return self
 
+    def imu_at(self, stated: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Where the imu is from the CG, body axes, m, by the rig's statement and what is known beyond it."""
+        return (stated[0] + self.imu_offset[0], stated[1] + self.imu_offset[1], stated[2] + self.imu_offset[2])
+
     def value(self, name: str) -> float:
         """A derivative's value; 0 where the profile has none."""
         found = self.derivatives.get(name)

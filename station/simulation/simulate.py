@@ -26,8 +26,7 @@ def source_of(
     """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder, or
     JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises ProfileError.
     """
-    offset = aircraft.imu_offset
-    place = (imu_position[0] + offset[0], imu_position[1] + offset[1], imu_position[2] + offset[2])
+    place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":
         return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed)
     if any(m.surface != "elevator" for m in card.manoeuvres):

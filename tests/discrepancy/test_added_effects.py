@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from blind import DEG, FT, SIGMAS, Case, covered, diagnosed, planted, score
 
-from station.discrepancy.corrections import straightened
 from station.discrepancy.effects import extended
+from station.discrepancy.play import straightened
 from station.profile import Flight, load_aircraft
 from station.simulation import Simulation
 from station.simulation.instruments import Installed
