@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from station.conventions import to_si
-from station.discrepancy.corrections import instrument_of, straightened
+from station.discrepancy.corrections import instrument_of
 from station.discrepancy.noise import SIGMA, Flights, levels, noisy, stated_noise, true_noise
+from station.discrepancy.play import straightened
 from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record
 from station.discrepancy.residuals import SERIES, Memo, Spectra, flow_angle, series, series_spectra, spectra
