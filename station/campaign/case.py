@@ -16,7 +16,7 @@ from station.campaign import physical
 from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
 from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
 from station.conventions import SIGNAL_INDEX, TICK_HZ
-from station.estimation import lift_memory, physical_signals, spectra
+from station.estimation import lift_memory, physical_signals, regressor_error, spectra
 from station.estimation.alpha import parameters
 from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
@@ -168,6 +168,8 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
         remembered=lift_memory.known(known),
         sears_k=SEARS_K,
         sears=SEARS,
+        paths=regressor_error.lengths(known),
+        noisy=regressor_error.noises(known, NOISE),
         vane_noise=NOISE["alpha_vane"],
         warm_up=campaign.warm_up,
         step=campaign.step,

@@ -20,8 +20,9 @@ from station.conventions import SIGNAL_INDEX, TICK_HZ, TICK_NS
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
 from station.estimation import equation_error as ee
-from station.estimation import inertial, lift_memory, spectra, tick
-from station.estimation.derivatives import KINDS, SLACK_S, weights
+from station.estimation import inertial, lift_memory, regressor_error, spectra, tick
+from station.estimation import physical_signals as gusts
+from station.estimation.derivatives import KINDS, SLACK_S, moved, weights
 from station.estimation.methods import SETTLE_TICKS
 from station.simulation import aircraft as ac
 from station.simulation.boom import SecondOrder, VaneConstants
@@ -111,6 +112,10 @@ class Estimation(NamedTuple):
     sears_k: Array
     sears: Array
     """derivatives.lengths and Sears' function over reduced frequency: what weights gain and delay."""
+    paths: tuple[float, float, float]
+    """regressor_error.lengths."""
+    noisy: tuple[float, float, float]
+    """regressor_error.noises."""
     vane_noise: float
     """Standard deviation, rad."""
     warm_up: float
@@ -206,7 +211,7 @@ def estimate(
     inertial_out = np.full(inertial.OUT, math.nan)
     vane_state, vane_ring, vane_out = np.zeros(cg.STATE), np.zeros((cg.RING, 4)), np.full(cg.OUT, math.nan)
     u, motion, air, ages = np.empty(len(_INPUTS)), np.empty(6), np.empty(3), np.zeros(3)
-    row, history, thrust = np.zeros(ee.ROW), np.full((3, ee.ROW), math.nan), np.zeros(2)
+    row, history, means = np.zeros(ee.ROW), np.full((3, ee.ROW), math.nan), np.zeros(4)
     made = np.full(4 + ee.EXTRAS, math.nan)
     sections = e.sos.shape[0]
     channels = (e.channels, 6, 2)
@@ -225,11 +230,16 @@ def estimate(
     solved = np.zeros((_KINDS, 2), dtype=np.bool_)
     scale, tail = np.ones(lines), np.zeros(lines)
     memory = np.zeros((lift_memory.ROWS, lines), dtype=np.complex128)
+    wrong = np.zeros((regressor_error.ROWS, lines), dtype=np.complex128)
+    doubt = (memory, wrong, np.zeros((4, 4)))
+    wind_state = np.zeros(gusts.STATE)
     unmeasured = np.ones((2, lines), dtype=np.complex128)
     zero, calibration, arm = e.boom
-    speed, steady_from, split_from, split_run = math.nan, 0.0, 0.0, 0
+    speed, density = math.nan, math.nan
+    steady_from, split_from, split_run = 0.0, 0.0, 0
     if own is not None:
         kept = physical.begin(own, sections, lines)
+        wind_state = kept.state
 
     for k in range(n):
         t = (k * TICK_NS) * 1e-9
@@ -250,8 +260,13 @@ def estimate(
         if own is not None:
             gust, ground, theta = vane_out[cg.BOOM_GUST], inertial_out[2], inertial_out[7]
             physical.follow(own, kept, vane_out[cg.READY] > 0.0, gust, alpha_i, air[0], ground, theta)
+        elif vane_out[cg.READY] > 0.0:
+            gusts.watch_wind(wind_state, _DT, air[0], inertial_out[2])
+            wind_state[gusts.COUNT] += 1.0
+        else:
+            wind_state[gusts.COUNT] = 0.0
         is_split = tick.assemble(u, motion, u[cond.QBAR], u[cond.MASS], vane_out, row)
-        has_sample = ee.sides(e.sides, history, thrust, _DT, row, made)
+        has_sample = ee.sides(e.sides, history, means, _DT, row, made)
         if has_sample and k + 1 > SETTLE_TICKS:
             due = t >= e.warm_up
             late = t - e.warm_up + SLACK_S
@@ -273,26 +288,30 @@ def estimate(
             if own is not None and split_run > SETTLE_TICKS:
                 filter_, card, left = (e.sos, e.rest), (e.warm_up, e.step), n - 1 - k
                 physical.add(
-                    own, kept, filter_, e.frequencies, e.turn, e.derivative, card, made, t, inertial_out[2], left
-                )
+                    own, kept, filter_, e.frequencies, e.turn, e.derivative, card, made, t, inertial_out[2], means[2],
+                    left,
+                )  # fmt: skip
         split_run = split_run + 1 if is_split else 0
 
         mean = vane_out[cg.SPEED_MEAN]
         if counts[0, 1] + closed[0] == 0.0 or not mean > 0.0:
             continue
-        if not abs(mean - speed) < 0.001 * mean:
-            speed = mean
+        if moved(mean, speed) or moved(means[2], density):
+            speed, density = mean, means[2]
         for i in range(2):
             independent[i] = counts[i, 1] * _DT * e.step
             close[i] = counts[i, 1] * _DT >= e.segment
         if not (k + 1 == n or close[0] or close[1]):
             continue
         weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, scale, tail)
-        lift_memory.weights(e.remembered, speed, e.frequencies, memory)
-        ridge = lines * (counts[1, 1] + closed[1]) * e.vane_noise**2
+        lift_memory.weights(e.remembered, speed, density, e.frequencies, memory)
+        regressor_error.weights(e.paths, speed, e.frequencies, e.noisy, wrong, doubt[2])
+        samples = counts[1, 1] + closed[1]
+        ridge = lines * samples * e.vane_noise**2
+        wind = regressor_error.wind_share(gusts.wind_sd(wind_state, _DT), mean, samples * _DT)
         ee.fit_methods(
-            spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, memory, ridge, independent, close, past,
-            out, model, solved,
+            spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, doubt, wind, samples, ridge, independent,
+            close, past, out, model, solved,
         )  # fmt: skip
         if e.has_benchmarks:
             _fit_benchmarks(e, spectrum[0], spectrum[2], counts[2, 1], extra_past, close[0], results, run)
@@ -352,5 +371,8 @@ def compile_fits(e: Estimation) -> None:
     solved, close, whole = np.zeros((_KINDS, 2), dtype=np.bool_), np.zeros(2, dtype=np.bool_), np.ones(2)
     memory = np.zeros((lift_memory.ROWS, lines), dtype=np.complex128)
     weights(e.lengths, 50.0, e.frequencies, e.sears_k, e.sears, ones.copy(), ones.copy())
-    lift_memory.weights(e.remembered, 50.0, e.frequencies, memory)
-    ee.fit_methods(none, none, ones, ones, none, ones, memory, 1.0, whole, close, past, out, model, solved)
+    wrong = np.zeros((regressor_error.ROWS, lines), dtype=np.complex128)
+    doubt = (memory, wrong, np.zeros((4, 4)))
+    lift_memory.weights(e.remembered, 50.0, 1.0, e.frequencies, memory)
+    regressor_error.weights(e.paths, 50.0, e.frequencies, e.noisy, wrong, doubt[2])
+    ee.fit_methods(none, none, ones, ones, none, ones, doubt, 0.0, 1.0, 1.0, whole, close, past, out, model, solved)

@@ -105,12 +105,14 @@ def add(
     made: Array,
     t: float,
     ground: float,
+    density: float,
     left: int,
 ) -> None:
     """One sample and, where an update is due that the end of the flight (`left` ticks on) or a segment needs, the
     estimate.
 
-    `filters`: high-pass sections and rest; `card`: warm-up, s, and step, Hz; `made`: what equation_error.sides gave.
+    `filters`: high-pass sections and rest; `card`: warm-up, s, and step, Hz; `made`: what equation_error.sides gave;
+    `ground`: inertial speed, m/s; `density`: of the air, kg/m3.
     """
     m.row[: ps.SIGNALS] = m.out[0]
     m.row[ps.SIGNALS :] = made[:4]
@@ -128,7 +130,7 @@ def add(
     if not close and (samples % UPDATE_TICKS != 0.0 or left >= UPDATE_TICKS):
         return
     speed = m.sums[1] / samples
-    pc.set_wind(m.regressors, m.sums[3] / speed)
+    pc.set_air(m.regressors, density, m.sums[3] / speed)
     solved = physical_fit.fit(
         m.spectrum,
         2.0 * np.pi * frequencies,

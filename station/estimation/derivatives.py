@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
-from station.estimation import lift_memory
+from station.estimation import lift_memory, regressor_error
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
 from station.estimation.spectra import Transform, central_difference_factor, grid, step
@@ -80,6 +80,12 @@ def lengths(aircraft: Aircraft) -> tuple[float, float, float]:
     boom = aircraft.boom
     upwash = boom.upwash_body + boom.upwash_wing if boom else 0.0
     return aircraft.geometry.chord / 2, aircraft.unsteady.tail_arm, upwash
+
+
+@njit(cache=True)
+def moved(mean: float, before: float) -> bool:
+    """Whether a mean of the flight is so far from what weights were made for (NaN: never) that they want a change."""
+    return not abs(mean - before) < 0.001 * mean
 
 
 @njit(cache=True)
@@ -207,8 +213,8 @@ class Derivatives:
         forgetting_s: float,
         spectra: VaneSpectra | None = None,
     ) -> None:
-        """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives. `spectra`: of
-        IV."""
+        """`noise`: standard deviations of alpha_vane, q and elevator, SI. `names`: of the six derivatives. `spectra`:
+        of IV."""
         self._dt = dt
         self._warm_up_s = card.warm_up
         self._step_hz = card.step
@@ -253,10 +259,16 @@ class Derivatives:
         self._has_tail = aircraft.unsteady.tail_arm > 0.0
         self._lengths = lengths(aircraft)
         self._remembered = lift_memory.known(aircraft)
-        self._speed = math.nan
+        self._paths = regressor_error.lengths(aircraft)
+        self._noisy = regressor_error.noises(aircraft, noise)
+        self._speed = self._density = math.nan
         self._scale = np.ones(len(self._frequencies))
         self._tail = np.zeros(len(self._frequencies))
-        self._memory = np.zeros((lift_memory.ROWS, len(self._frequencies)), dtype=np.complex128)
+        self._doubt = (
+            np.zeros((lift_memory.ROWS, len(self._frequencies)), dtype=np.complex128),
+            np.zeros((regressor_error.ROWS, len(self._frequencies)), dtype=np.complex128),
+            np.zeros((4, 4)),
+        )
         self._by_frequency = spectra.at(self._frequencies) if spectra else None
         self._arm = aircraft.boom.vane_x if aircraft.boom else 0.0
         self._measured = np.ones((2, len(self._frequencies)), dtype=np.complex128)
@@ -290,11 +302,17 @@ class Derivatives:
             splits,
         )
 
-    def estimate(self, t_ns: int, mean_speed: float, applicable: Mapping[str, str]) -> tuple[MethodEstimate, ...]:
-        """What every method makes of the spectra now. `applicable`: for a method that is not, why."""
+    def estimate(
+        self, t_ns: int, air: tuple[float, float, float], applicable: Mapping[str, str]
+    ) -> tuple[MethodEstimate, ...]:
+        """What every method makes of the spectra now.
+
+        `air`: mean airspeed, m/s, density, kg/m3, and standard error of the mean wind, m/s. `applicable`: for a method
+        that is not, why.
+        """
         self._samples = [g.samples + c for g, c in zip(self._groups, self._closed[:, 0].tolist(), strict=True)]
-        if self._samples[0] > 0 and mean_speed > 0:
-            self._fit(mean_speed)
+        if self._samples[0] > 0 and air[0] > 0:
+            self._fit(*air)
         of_groups = (self._blocked(0), self._blocked(1))
         for i, method in enumerate(self._methods):
             is_lost = method == "split+gust" and not self._has_tail
@@ -328,12 +346,14 @@ class Derivatives:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
         return _WORDS[verdict]
 
-    def _fit(self, mean_speed: float) -> None:
+    def _fit(self, mean_speed: float, density: float, wind_sd: float) -> None:
         steady, split = self._steady, self._split
-        if not abs(mean_speed - self._speed) < 0.001 * mean_speed:
-            self._speed = mean_speed
+        if moved(mean_speed, self._speed) or moved(density, self._density):
+            self._speed, self._density = mean_speed, density
             weights(self._lengths, mean_speed, self._frequencies, SEARS_K, SEARS, self._scale, self._tail)
-            lift_memory.weights(self._remembered, mean_speed, self._frequencies, self._memory)
+            memory, wrong, noise = self._doubt
+            lift_memory.weights(self._remembered, mean_speed, density, self._frequencies, memory)
+            regressor_error.weights(self._paths, mean_speed, self._frequencies, self._noisy, wrong, noise)
             if self._by_frequency:
                 upwash = self._lengths[2]
                 measured_factors(self._frequencies, *self._by_frequency, upwash, self._arm / mean_speed, self._measured)
@@ -347,7 +367,9 @@ class Derivatives:
             self._scale,
             self._measured,
             self._tail,
-            self._memory,
+            self._doubt,
+            regressor_error.wind_share(wind_sd, mean_speed, self._samples[1] * self._dt),
+            self._samples[1],
             # What the vane's noise alone leaves in d on all lines.
             len(self._frequencies) * self._samples[1] * self._noise["alpha_vane"] ** 2,
             self._independent,

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.estimation import lift_memory
+from station.estimation import lift_memory, regressor_error
 from station.estimation.regression import invert
 from station.profile import Aircraft
 
@@ -34,11 +34,15 @@ NEXT_ORDER: Final = 0.5
 GUST_STANDS_OUT: Final = 2.5
 """Energy of d over the ridge, which the sensors' noise alone makes."""
 MAX_PARAMETERS: Final = 4
+MEAN_S: Final = 30.0
+"""Over which thrust and density are averaged."""
 
 # Sums over closed segments: normal matrix, score products (each places x places), right side, next order of the gust's
-# lag (places), energy, lines; then those of lift_memory. Where `next order` begins with four places, and lift_memory's:
+# lag (places), energy, lines; then those of lift_memory and regressor_error. Where `next order` begins with four
+# places, and theirs:
 _NEXT: Final = 36
 _MEMORY: Final = 42
+_WRONG: Final = _MEMORY + lift_memory.SUMS
 
 
 def past_size(places: int) -> int:
@@ -46,7 +50,7 @@ def past_size(places: int) -> int:
     return 2 * places * places + 2 * places + 2
 
 
-PAST: Final = past_size(MAX_PARAMETERS) + lift_memory.SUMS
+PAST: Final = past_size(MAX_PARAMETERS) + lift_memory.SUMS + regressor_error.SUMS
 
 # One row of the history that a tick's coefficients are made from.
 _P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = range(13)
@@ -57,13 +61,21 @@ _S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _V0, _XA, _YA, _ZA = ra
 
 
 @njit(cache=True)
-def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array, out: Array) -> bool:
+def _average(means: Array, at: int, dt: float, value: float) -> None:
+    """One sample more into a running mean, `means[at]`, whose count is the next."""
+    means[at + 1] += 1.0
+    means[at] += max(dt / MEAN_S, 1.0 / means[at + 1]) * (value - means[at])
+
+
+@njit(cache=True)
+def sides(constant: Array, history: Array, means: Array, dt: float, row: Array, out: Array) -> bool:
     """Left and right sides of both equations, one tick ago: the middle of three rows of history.
 
     `row` (ROW,): p q r, ax ay az at the IMU, V, dynamic pressure, mass, thrust (NaN: unknown), elevator, angle of
     attack at the CG, then signals that are passed on. `out`: q c/2V, elevator, CL (or CZ), Cm, then those signals.
-    Angular accelerations are central differences. `thrust` (2,): mean of what the drag polar leaves over, and its
-    count. Returns False while there are fewer than three rows; `history` (3, ROW) starts as NaN.
+    Angular accelerations are central differences. `means` (4,) over MEAN_S: of what the drag polar leaves over, N, and
+    its count; of the air's density, 2 qbar/V^2, kg/m3, and its count. Returns False while there are fewer than three
+    rows; `history` (3, ROW) starts as NaN.
     """
     # By element: numba takes seconds to compile the check of two arrays' shapes.
     for i in range(ROW):
@@ -82,6 +94,9 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
     ww = p * p + q * q + r * r
     ax = h[_AX] - (qdot * z - rdot * y) - (p * wr - ww * x)
     az = h[_AZ] - (pdot * y - qdot * x) - (r * wr - ww * z)
+    density = 2.0 * h[_QBAR] / (h[_V] * h[_V])
+    if math.isfinite(density):
+        _average(means, 2, dt, density)
     force = h[_QBAR] * constant[_S]
     sin, cos = math.sin(h[_ALPHA]), math.cos(h[_ALPHA])
     cz = h[_MASS] * az / force
@@ -92,9 +107,8 @@ def sides(constant: Array, history: Array, thrust: Array, dt: float, row: Array,
             # Unknown thrust: what ax shows beyond the drag polar, averaged; left in, it adds T/(qbar S) to CL_alpha.
             cd = constant[_CD0] + constant[_CDI] * cz * cz
             surplus = h[_MASS] * ax + force * (cd * cos + cz * sin)
-            thrust[1] += 1.0
-            thrust[0] += max(dt / 30.0, 1.0 / thrust[1]) * (surplus - thrust[0])
-            push = thrust[0]
+            _average(means, 0, dt, surplus)
+            push = means[0]
     cx = (h[_MASS] * ax - push) / force
     out[0] = q * constant[_C] / (2.0 * (constant[_V0] if constant[_V0] > 0.0 else h[_V]))
     out[1] = h[_DE]
@@ -211,7 +225,9 @@ def fit_methods(
     scale: Array,
     measured: Complex,
     tail: Array,
-    memory: Complex,
+    doubt: tuple[Complex, Complex, Array],
+    wind: float,
+    samples: float,
     ridge: float,
     independent: Array,
     close: Flags,
@@ -224,18 +240,21 @@ def fit_methods(
 
     `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for
     its central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `measured`: factors of
-    the delayed vane and rate parts in IV, (2, frequencies). `memory`: see lift_memory.weights. `ridge`:
-    of the gust regressor. `independent` and `close`, (2,): of either group, as in `fit`. Edits `past` (kinds, 2, PAST);
+    the delayed vane and rate parts in IV, (2, frequencies). `doubt`: what lift_memory.weights and
+    regressor_error.weights made; `wind`: see regressor_error.off; `samples`: of split, on which `ridge`, of the gust
+    regressor, is too. `independent` and `close`, (2,): of either group, as in `fit`. Edits `past` (kinds, 2, PAST);
     fills `out` (kinds, 2, 3, MAX_PARAMETERS + 1), as `fit` does, `model` (kinds, 2, 3) and `solved` (kinds, 2); kinds
     is 5, or 6 with IV.
 
     `model` is what the structure leaves, in each parameter. The gust meets wing and tail late, and d carries the first
     order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V and a
-    coefficient NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters), and by what the lift's memory does to
-    it where the gust stands out of the noise. Any other method may be wrong by as much as it lies off split+gust
-    besides.
+    coefficient NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters), by what the lift's memory does to it
+    where the gust stands out of the noise, and by what wrong regressors do to it. Any other method may be wrong by as
+    much as it lies off split+gust besides.
     """
     lines = steady.shape[1]
+    memory, wrong, noise = doubt
+    left = np.empty((2, 3))
     z = np.empty(lines, dtype=np.complex128)
     x = np.empty((4, lines), dtype=np.complex128)
     ridges = np.zeros(4)
@@ -284,8 +303,13 @@ def fit_methods(
                         model[4, equation, j] += inverse[j, i] * next_order
                 for j in range(3):
                     model[4, equation, j] = NEXT_ORDER * abs(model[4, equation, j] * out[4, equation, 0, 3])
+        if kind == 4 and solved[4, 0] and solved[4, 1]:
+            sums = past[4, 0, _WRONG:]
+            regressor_error.off(wrong, noise, samples, wind, x, out[4, :, 0, :4], inverse, sums, close[side], left)
+            for equation in range(2):
+                for j in range(3):
+                    model[4, equation, j] = math.hypot(model[4, equation, j], left[equation, j])
         if kind == 4 and solved[4, 0] and solved[4, 1] and memory[lift_memory.RELATIVE, 0].real > 0.0:
-            left = np.empty((2, 3))
             lift_memory.left_out(memory, x, out[4, :, 0, :3], inverse, past[4, :, _MEMORY:], close[side], left)
             # The normal matrix without the ridge, from its inverse.
             d = out[4, 0, 2, 3] / inverse[3, 3] - ridge
@@ -318,10 +342,15 @@ class Sides:
         )
         self._dt = dt
         self._history = np.full((3, ROW), math.nan)
-        self._thrust = np.zeros(2)
+        self._means = np.zeros(4)
         self.out = np.full(4 + EXTRAS, math.nan)
-        self.arrays = (self.constant, self._history, self._thrust, self.out)
+        self.arrays = (self.constant, self._history, self._means, self.out)
         """As tick.advance takes them."""
+
+    @property
+    def density(self) -> float:
+        """Of the air flown in, kg/m3, averaged; 0 before the first sample."""
+        return float(self._means[2])
 
     def restart(self) -> None:
         """Forget the last two ticks: there is a gap."""
@@ -329,4 +358,4 @@ class Sides:
 
     def step(self, row: Array) -> bool:
         """One tick, `row` (ROW,); whether `out` holds a new sample."""
-        return bool(sides(self.constant, self._history, self._thrust, self._dt, row, self.out))
+        return bool(sides(self.constant, self._history, self._means, self._dt, row, self.out))

@@ -38,8 +38,6 @@ first row only, the normal matrix of these."""
 _CHORD, _LENGTH, _EDGE, _TAIL, _SHARE, _WASH, _LATE, _HEAVY, _PITCHING, _NW, _NK, _WA, _WB, _KA, _KB, KNOWN = (
     *range(11), 11, 15, 19, 23, 27
 )  # fmt: skip
-DENSITY: Final = 1.1
-"""kg/m3 where the profile fixes none."""
 
 
 def known(aircraft: Aircraft) -> Array:
@@ -51,8 +49,8 @@ def known(aircraft: Aircraft) -> Array:
     made[_CHORD], made[_LENGTH], made[_EDGE] = g.chord, u.reference_chord or g.chord, g.chord / 4
     made[_TAIL], made[_SHARE] = u.tail_arm, u.tail_lift_slope
     made[_WASH], made[_LATE] = u.downwash, u.downwash_delay
-    air = (aircraft.air_density or DENSITY) * g.wing_area * g.chord
-    made[_HEAVY], made[_PITCHING] = 4 * aircraft.inertia.mass / air, 4 * aircraft.inertia.iyy / (air * g.chord)
+    swept = g.wing_area * g.chord
+    made[_HEAVY], made[_PITCHING] = 4 * aircraft.inertia.mass / swept, 4 * aircraft.inertia.iyy / (swept * g.chord)
     for response, terms, a, b in ((u.lift_motion, _NW, _WA, _WB), (u.lift_gust, _NK, _KA, _KB)):
         if response is not None:
             count = min(len(response.a), 4)
@@ -71,8 +69,11 @@ def _remembered(k: Array, a: int, b: int, terms: int, s: complex) -> complex:
 
 
 @njit(cache=True, error_model="numpy")
-def weights(k: Array, speed: float, frequencies: Array, memory: Complex) -> None:
-    """`memory` (ROWS, frequencies) at a mean airspeed (m/s) and each frequency (Hz); `k`: see `known`."""
+def weights(k: Array, speed: float, density: float, frequencies: Array, memory: Complex) -> None:
+    """`memory` (ROWS, frequencies) at a mean airspeed (m/s), density of the air (kg/m3) and each frequency (Hz).
+
+    `k`: see `known`.
+    """
     if not k[_HEAVY] > 0.0:
         return
     for i in range(frequencies.shape[0]):
@@ -88,8 +89,9 @@ def weights(k: Array, speed: float, frequencies: Array, memory: Complex) -> None
         memory[WX, i], memory[WD, i] = w - 1.0, (met - w) / since
         memory[TX, i], memory[TD, i] = k[_SHARE] * motion, k[_SHARE] * (gust - motion) / since
         memory[TQ, i], memory[ARM, i] = -2.0 * k[_SHARE] * k[_WASH] * arm, arm
-        memory[MASS, i], memory[INERTIA, i] = 0.5 * s * k[_HEAVY] * k[_CHORD], s * k[_PITCHING]
-        memory[RELATIVE, i] = k[_HEAVY]
+        memory[MASS, i] = 0.5 * s * k[_HEAVY] * k[_CHORD] / density
+        memory[INERTIA, i] = s * k[_PITCHING] / density
+        memory[RELATIVE, i] = k[_HEAVY] / density
 
 
 @njit(cache=True, error_model="numpy")

@@ -232,7 +232,8 @@ class Estimator:
         self._derivatives.lacking = self._conditioner.lacking(code)
         alpha = self._alpha(frame.t_ns, u, usable, why)
         applicable = self._not_applicable()
-        estimates = self._derivatives.estimate(frame.t_ns, self._mean_speed(), applicable)
+        air = (self._mean_speed(), self._sides.density, self._signals.wind_sd())
+        estimates = self._derivatives.estimate(frame.t_ns, air, applicable)
         if self._physical:
             estimates += (self._physical.estimate(frame.t_ns),)
         if self._lateral:
@@ -307,7 +308,8 @@ class Estimator:
             self._derivatives.add(self._sides.out, t, self._split_run > 0)
             if self._physical and self._split_run > SETTLE_TICKS:
                 wind_sd = self._signals.wind_sd()
-                self._physical.add(self._signals.out[0], self._sides.out[:4], t, self._wind[2], wind_sd)
+                density = self._sides.density
+                self._physical.add(self._signals.out[0], self._sides.out[:4], t, self._wind[2], density, wind_sd)
         self._split_run = self._split_run + 1 if done & tick.SPLIT else 0
 
     def _mean_speed(self) -> float:

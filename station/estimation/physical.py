@@ -88,16 +88,23 @@ class Equations:
         self._preference *= keep
 
     def solve(
-        self, spectrum: Complex, samples: float, share: float, speed: float, wind_sd: float, close: bool = False
+        self,
+        spectrum: Complex,
+        samples: float,
+        share: float,
+        speed: float,
+        density: float,
+        wind_sd: float,
+        close: bool = False,
     ) -> Solution | None:
         """Estimate from the spectra (CHANNELS, frequencies) of `samples` ticks; None where there is no solution.
 
-        `share`: T df, of independent lines; `speed`: mean, m/s; `wind_sd`: standard error of the mean wind, m/s;
-        `close` adds the segment to those before.
+        `share`: T df, of independent lines; `speed`: mean, m/s; `density`: of the air, kg/m3; `wind_sd`: standard
+        error of the mean wind, m/s; `close` adds the segment to those before.
         """
         theta, stat, total = np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS)
         quality, rho = np.zeros(pf.QUALITY), np.zeros(len(self._omega))
-        pc.set_wind(self._constants, wind_sd / speed)
+        pc.set_air(self._constants, density, wind_sd / speed)
         solved = pf.fit(
             spectrum,
             self._omega,
@@ -193,10 +200,13 @@ class Physical:
         """Whether there is a segment under way, through which an error of the mean wind must stay the same."""
         return self._transform.samples > 0.0
 
-    def add(self, signals: Array, sides: Array, since_start_s: float, speed: float, wind_sd: float) -> None:
+    def add(
+        self, signals: Array, sides: Array, since_start_s: float, speed: float, density: float, wind_sd: float
+    ) -> None:
         """One sample: `signals` (SIGNALS,) and, of the same tick, `sides`: q c/2V, elevator, CL, Cm.
 
-        `speed`: inertial, m/s; `wind_sd`: standard error of the mean wind in it.
+        `speed`: inertial, m/s; `density`: of the air, averaged, kg/m3; `wind_sd`: standard error of the mean wind in
+        the speed.
         """
         if self._equations is None:
             return
@@ -218,7 +228,7 @@ class Physical:
         spectrum = self._transform.spectrum
         share = samples * self._dt * self._step_hz
         mean_speed = self._speed_sum / samples
-        self.solution = self._equations.solve(spectrum, samples, share, mean_speed, self._wind_sd, close)
+        self.solution = self._equations.solve(spectrum, samples, share, mean_speed, density, self._wind_sd, close)
         self._judged = None
         if close:
             self._input = self._keep * (self._input + self._elevator_energy())

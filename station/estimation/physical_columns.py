@@ -66,11 +66,8 @@ KNOWN_AT: Final = LEARNT_AT + N
 _NW, _NK, _NM, _NG = range(KNOWN_AT + N, KNOWN_AT + N + 4)
 _TABLES: Final = KNOWN_AT + N + 4
 NOISE_AT: Final = _TABLES + 32
-_SPAN, _LIFT, _MOMENT = range(NOISE_AT + len(SOURCES), NOISE_AT + len(SOURCES) + 3)
-CONSTANTS: Final = _MOMENT + 1
-
-DENSITY: Final = 1.1
-"""kg/m3 where the profile fixes none: only the correction for noise in az uses it."""
+_SPAN, _LIFT, _MOMENT, _DENSITY = range(NOISE_AT + len(SOURCES), NOISE_AT + len(SOURCES) + 4)
+CONSTANTS: Final = _DENSITY + 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -215,10 +212,10 @@ def noise_spectrum(
         elif source == 1:
             x = 0.5 * attitude
             q = 1.0 + 0.0j
-            f[CM, i] = s * con[_MOMENT] / (speed * speed * derivative[i])
+            f[CM, i] = s * con[_MOMENT] / (con[_DENSITY] * speed * speed * derivative[i])
         elif source == 2:
             x = s / blend / speed
-            f[CL, i] = -con[_LIFT] / (speed * speed)
+            f[CL, i] = -con[_LIFT] / (con[_DENSITY] * speed * speed)
         elif source == 3:
             x = (1.4 * corner * s + corner * corner) / blend / speed
         else:
@@ -282,7 +279,7 @@ def design(
 LEARNT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 0.67, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """How much of each nuisance's prior standard deviation turbulence is let move: there the rest, which stands for errors
 of another shape than the nuisance's own, is only considered. In calm air everything is learnt. The mean wind's share is
-`set_wind`'s."""
+`set_air`'s."""
 NOISE: Final = {
     "alpha_vane": to_si(0.05, "deg"),
     "theta": to_si(0.03, "deg"),
@@ -321,10 +318,9 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
     sd = {**NOISE, **(noise or {})}
     vane = sd["alpha_vane"] / (1.0 + boom.upwash_body)
     con[NOISE_AT : NOISE_AT + len(SOURCES)] = [(sd[name] / vane) ** 2 for name in SOURCES]
-    pressure = 0.5 * (aircraft.air_density or DENSITY)
     con[_SPAN] = g.span
-    con[_LIFT] = aircraft.inertia.mass / (pressure * g.wing_area)
-    con[_MOMENT] = (aircraft.inertia.iyy or 0.0) / (pressure * g.wing_area * g.chord)
+    con[_LIFT] = 2.0 * aircraft.inertia.mass / g.wing_area
+    con[_MOMENT] = 2.0 * (aircraft.inertia.iyy or 0.0) / (g.wing_area * g.chord)
     for k, response in enumerate(
         (unsteady.lift_motion, unsteady.lift_gust, unsteady.upwash_motion, unsteady.upwash_gust)
     ):
@@ -337,13 +333,14 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
 
 
 @njit(cache=True, error_model="numpy")
-def set_wind(con: Array, share: float) -> None:
-    """Let the mean wind be known to this share of the speed (standard deviation).
+def set_air(con: Array, density: float, share: float) -> None:
+    """Let the air have this density, kg/m3, and its mean wind be known to this share of the speed (standard deviation).
 
-    It stretches the time to the tail, as a wrong tail arm does, which is only considered: what the data show of the
-    stretch is the wind's in the ratio of the two prior variances, all of it if the arm is known exactly.
+    The wind stretches the time to the tail, as a wrong tail arm does, which is only considered: what the data show of
+    the stretch is the wind's in the ratio of the two prior variances, all of it if the arm is known exactly.
     """
     arm = con[KNOWN_AT + ARM_LENGTH]
+    con[_DENSITY] = density
     con[KNOWN_AT + WIND] = share
     con[LEARNT_AT + WIND] = share / math.sqrt(share * share + arm * arm + 1e-18)
 

@@ -127,6 +127,19 @@ def _rise(s: Array, which: int, since: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def watch_wind(s: Array, dt: float, speed: float, inertial_speed: float) -> None:
+    """One tick of the means that `wind_sd` goes by; the caller counts it in `s[COUNT]`."""
+    if s[COUNT] == 0.0:
+        s[_VF] = speed
+        s[_UG] = 0.0
+        s[_UU] = 0.0
+    gain = 1.0 - math.exp(-dt / SMOOTH_S)
+    s[_VF] += gain * (speed - s[_VF])
+    s[_UG] += gain * (speed - inertial_speed - s[_UG])
+    s[_UU] += max(dt / WIND_S, 1.0 / (s[COUNT] + 1.0)) * (s[_UG] ** 2 - s[_UU])
+
+
+@njit(cache=True, error_model="numpy")
 def step(
     par: Array,
     table: Array,
@@ -153,9 +166,6 @@ def step(
     sinking = (alpha_i - theta) * slowness
     if count == 0:
         # As if the present state had lasted, with no gust.
-        s[_VF] = speed
-        s[_UG] = 0.0
-        s[_UU] = 0.0
         s[_XIN] = alpha_i
         s[_WIN], s[_KIN] = sinking, -sinking
         for j in range(3):
@@ -174,10 +184,7 @@ def step(
             ring[i, _RTHETA] = theta
     for i in range(SIGNALS):
         out[0, i] = out[1, i]
-    gain = 1.0 - math.exp(-dt / SMOOTH_S)
-    s[_VF] += gain * (speed - s[_VF])
-    s[_UG] += gain * (speed - inertial_speed - s[_UG])
-    s[_UU] += max(dt / WIND_S, 1.0 / (count + 1.0)) * (s[_UG] ** 2 - s[_UU])
+    watch_wind(s, dt, speed, inertial_speed)
     v = s[_VF]
     carried = max(inertial_speed, 1.0) * dt
     headwind = speed - inertial_speed

@@ -115,8 +115,8 @@ def advance(
     density, mass = body
     mass = u[cond.MASS] if u[cond.MASS] > 0.0 else mass
     assemble(u, motion, cond.dynamic_pressure(u, density), mass, out, row)
-    constant, history, thrust, made = sides
-    good = ee.sides(constant, history, thrust, dt, row, made)
+    constant, history, means, made = sides
+    good = ee.sides(constant, history, means, dt, row, made)
     for i in range(made.shape[0]):
         good = good and math.isfinite(made[i])
     return (MADE if good else 0) + (SPLIT if is_split else 0)

@@ -15,7 +15,7 @@ from station.profile import Indicial, load_aircraft
 DOUBLET = {"kind": "doublet", "start": "2 s", "width": "1.3 s", "amplitude": "3.5 deg"}
 MULTISINE = {"kind": "multisine", "start": "0 s", "duration": "30 s", "amplitude": "2 deg"}
 SETS = {"A": "twin_otter_martos", "B": "twin_otter"}
-SPEED = 56.6
+SPEED, DENSITY = 56.6, 0.9
 
 
 def response(fit: Indicial | None, s: np.ndarray, chord: float) -> np.ndarray:
@@ -39,7 +39,7 @@ def test_what_is_left_out_is_what_least_squares_makes_of_wing_and_tail() -> None
     s = 2j * np.pi * frequencies
     rng = np.random.default_rng(3)
     memory = np.zeros((lift_memory.ROWS, len(frequencies)), dtype=complex)
-    lift_memory.weights(lift_memory.known(aircraft), SPEED, frequencies, memory)
+    lift_memory.weights(lift_memory.known(aircraft), SPEED, DENSITY, frequencies, memory)
     theta = np.array([[5.7, 12.0, 0.6], [-1.1, -39.0, -1.8]])
     late = np.exp(-s * u.tail_arm / SPEED)
     wagner = response(u.lift_motion, s, u.reference_chord or g.chord)
@@ -54,7 +54,7 @@ def test_what_is_left_out_is_what_least_squares_makes_of_wing_and_tail() -> None
         return [theta[0, 0] * own + share * tail, theta[1, 0] * own - share * lc * tail]
 
     # Short period: (m V/qbar S) d alpha/dt = (m V/qbar S) q - CL, (Iyy/qbar S c) dq/dt = Cm.
-    pressure = 0.5 * lift_memory.DENSITY * SPEED**2 * g.wing_area
+    pressure = 0.5 * DENSITY * SPEED**2 * g.wing_area
     heave, pitch = aircraft.inertia.mass * SPEED / pressure, (aircraft.inertia.iyy or 0.0) / (pressure * g.chord)
     per_rate = 2 * SPEED / g.chord
     past, out = np.zeros((2, lift_memory.SUMS)), np.zeros((2, 3))
@@ -96,7 +96,9 @@ def test_an_aircraft_without_memory_leaves_nothing_out() -> None:
         assert not lift_memory.known(other).any()
 
 
-def flights(which: str, sigma: float, kind: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def flights(
+    which: str, sigma: float, kind: str, count: int, **flight: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of split+gust, (runs, 6): errors from what the manoeuvre gives in calm air, statistical and model errors."""
     campaign = Campaign.model_validate(
         {
@@ -107,7 +109,7 @@ def flights(which: str, sigma: float, kind: str, count: int) -> tuple[np.ndarray
             "warm_up": "60 s",
             "record": "30 s",
             "inputs": {"m": [DOUBLET if kind == "doublet" else MULTISINE]},
-            "flight": {"aircraft": SETS[which], "turbulence": f"{sigma} ft/s"},
+            "flight": {"aircraft": SETS[which], "turbulence": f"{sigma} ft/s", **flight},
         }
     )
     plan = Plan(campaign, (Case(0, {}, campaign.flight),), "")
@@ -131,10 +133,19 @@ def test_cm_q_of_a_doublet_in_light_turbulence_is_within_its_error() -> None:
     assert np.mean(np.abs(off[:, 4]) < 2 * error[:, 4]) < 0.8
 
 
+def test_at_altitude_the_error_knows_how_thin_the_air_is() -> None:
+    """At 40,000 ft Cm_alpha of calm air is nearly the quasi-steady one, and the estimate 0.6 % off it; reckoned with
+    the density near the ground it would be 12 %."""
+    off, _, model = flights("B", 10.0, "doublet", 8, speed="200 kt", altitude="40000 ft")
+    wanted = abs(off[:, 3].mean())
+    assert 0.003 * 1.1 < wanted < 0.012 * 1.1
+    # The other errors of the model add to it.
+    assert 0.5 * wanted < np.median(model[:, 3]) < 4 * wanted
+
+
 @pytest.mark.slow
 def test_two_standard_errors_cover_calm_air_s_values_at_every_level() -> None:
-    """60 flights a case: 0.8 is three standard deviations of a count below 0.92. CL_q of a multisine at 10 ft/s
-    scatters more than its residuals tell: covered in 0.88 (A) and 0.83 (B) of 160 flights."""
+    """60 flights a case: 0.8 is three standard deviations of a count below 0.92."""
     shares = []
     for which, kind, sigma in itertools.product("AB", ("doublet", "multisine"), (0.0, 2.5, 5.0, 10.0)):
         off, error, model = flights(which, sigma, kind, 60)
@@ -144,7 +155,4 @@ def test_two_standard_errors_cover_calm_air_s_values_at_every_level() -> None:
             assert np.all(np.median(model, axis=0) < 0.1 * np.median(error, axis=0))
     found = np.array(shares)
     assert found.mean() > 0.94
-    poor = found[[7, 15], 1]
-    assert poor.min() > 0.68
-    found[[7, 15], 1] = 1.0
     assert found.min() > 0.8

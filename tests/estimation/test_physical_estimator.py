@@ -124,13 +124,13 @@ def test_streaming_equals_batch() -> None:
     kept, speeds, opens = [], [], None
     add = physical.add
 
-    def watched(row: np.ndarray, sides: np.ndarray, t: float, speed: float, wind_sd: float) -> None:
+    def watched(row: np.ndarray, sides: np.ndarray, t: float, speed: float, density: float, wind_sd: float) -> None:
         nonlocal opens
         if opens is None and t >= c.warm_up:
             opens = len(kept)
         kept.append(np.concatenate((row, sides)))
-        speeds.append((speed, wind_sd))
-        add(row, sides, t, speed, wind_sd)
+        speeds.append((speed, wind_sd, density))
+        add(row, sides, t, speed, density, wind_sd)
 
     physical.add = watched  # type: ignore[method-assign]
     last(estimator, given)
@@ -138,9 +138,10 @@ def test_streaming_equals_batch() -> None:
     streamed = physical.solution
     n = round(SEGMENT / c.step / DT)
     spectrum = transform(np.array(kept[: opens + n]).T, grid(c.low, c.high, c.step), DT, opens)
-    mean, wind_sd = np.mean([v for v, _ in speeds[opens : opens + n]]), speeds[opens][1]
+    mean, wind_sd = np.mean([v for v, *_ in speeds[opens : opens + n]]), speeds[opens][1]
     equations = Equations(aircraft, grid(c.low, c.high, c.step), DT, {"alpha_vane": math.radians(0.05)})
-    batch = equations.solve(spectrum, n, n * DT * c.step, float(mean), wind_sd)
+    density = speeds[opens + n - 1][2]
+    batch = equations.solve(spectrum, n, n * DT * c.step, float(mean), density, wind_sd)
     assert batch is not None
     assert streamed is not None
     np.testing.assert_allclose(streamed.theta, batch.theta, rtol=1e-9, atol=1e-12)

@@ -1,0 +1,138 @@
+"""What wrong regressors do to the estimates of split+gust: a mean wind that is known from a minute, and noise.
+
+Of a regression z = X theta on regressors that are wrong by dX, the estimates are off by -M^-1 Re(X^H dX theta), which
+the residuals do not show. By a share e of the speed
+
+    the mean wind is wrong: the inertial angle of attack is off by e (alpha_i - pitch); the gust, read from the vane
+        less the motion, makes up for it, but comes x/V later: d alpha = e (1 - e^{-s x/V}) (alpha_i - pitch)
+    the gusts' u has a mean over the record: what it takes from alpha_i is read as a gust, and carried x/V; and gusts
+        travel at another speed than the airspeed: d alpha = e (1 - e^{-s x/V}) alpha_i + e s (x/V) g
+
+and d alike. Both have the standard error of a mean wind over that time, and are taken as independent. White noise of
+vane, pitch rate and elevator, of known size, adds its own energy to M, not to X^H z. SI, rad.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+PITCH, GUST, MOTION_A, MOTION_D, GUST_A, GUST_D = range(6)
+ROWS: Final = 6
+"""Of `weights`: pitch for a unit of q c/2V; g for one of d; errors of alpha and d for one of a motion that is carried
+with the gust, and for one of g that travels at another speed."""
+SUMS: Final = 16
+"""Over closed segments: each of four regressors times alpha's and d's errors, by the mean wind, then by u."""
+MINUTE: Final = 60.0
+"""s: mean winds of times so far apart err independently."""
+
+
+def lengths(aircraft: Aircraft) -> tuple[float, float, float]:
+    """Half the chord, the vane's lead and the tail's arm, m, which `weights` depend on."""
+    lead = max(aircraft.boom.vane_x, 0.0) if aircraft.boom else 0.0
+    return aircraft.geometry.chord / 2, lead, aircraft.unsteady.tail_arm
+
+
+def noises(aircraft: Aircraft, noise: Mapping[str, float]) -> tuple[float, float, float]:
+    """Standard deviations that `weights` depend on: of the vane behind the body's upwash, q and elevator, SI."""
+    body = aircraft.boom.upwash_body if aircraft.boom else 0.0
+    return noise["alpha_vane"] / (1.0 + body), noise["q"], noise["elevator"]
+
+
+@njit(cache=True, error_model="numpy")
+def weights(
+    about: tuple[float, float, float],
+    speed: float,
+    frequencies: Array,
+    sd: tuple[float, float, float],
+    wrong: Complex,
+    noise: Array,
+) -> None:
+    """`wrong` (ROWS, frequencies) and the energy `noise` (4, 4) of a sample's noise in the regressors, on all lines, at
+    a mean airspeed (m/s) and frequencies (Hz).
+
+    `about`: see `lengths`; `sd`: see `noises`.
+    """
+    half, lead, arm = about
+    noise[:] = 0.0
+    for i in range(frequencies.shape[0]):
+        s = 2j * math.pi * frequencies[i]
+        to_tail = np.exp(-s * arm / speed)
+        early = np.exp(-s * lead / speed)
+        wrong[PITCH, i] = speed / (half * s)
+        wrong[GUST, i] = 1.0 / (1.0 - to_tail) if arm > 0.0 else 0.0
+        wrong[MOTION_A, i], wrong[MOTION_D, i] = 1.0 - early, -early * (1.0 - to_tail)
+        wrong[GUST_A, i] = s * lead / speed
+        wrong[GUST_D, i] = wrong[GUST_A, i] * (1.0 - to_tail) - s * arm / speed * to_tail
+        step = 1.0 - to_tail.real
+        noise[0, 0] += sd[0] ** 2
+        noise[0, 3] += sd[0] ** 2 * step
+        noise[3, 3] += 2.0 * sd[0] ** 2 * step
+        noise[1, 1] += (sd[1] * half / speed) ** 2
+        noise[2, 2] += sd[2] ** 2
+    noise[3, 0] = noise[0, 3]
+
+
+@njit(cache=True, error_model="numpy")
+def off(
+    wrong: Complex,
+    noise: Array,
+    samples: float,
+    wind: float,
+    x: Complex,
+    theta: Array,
+    inverse: Array,
+    past: Array,
+    close: bool,
+    out: Array,
+) -> None:
+    """Standard deviations `out` (2, 3) by which the estimates of both equations, `theta` (2, 4), are off.
+
+    `samples`: of all segments; `wind`: standard deviation of the mean wind, share of the speed. `inverse` (4, 4): of
+    the normal matrix of `x` (4, frequencies): alpha, q c/2V, elevator, d. `past` (SUMS,): sums over closed segments;
+    `close` adds this one.
+    """
+    sums = np.zeros((4, 4))
+    for f in range(x.shape[1]):
+        gust = wrong[GUST, f] * x[3, f]
+        motion = x[0, f] - gust
+        path = motion - wrong[PITCH, f] * x[1, f]
+        errors = (
+            wrong[MOTION_A, f] * path,
+            wrong[MOTION_D, f] * path,
+            wrong[MOTION_A, f] * motion + wrong[GUST_A, f] * gust,
+            wrong[MOTION_D, f] * motion + wrong[GUST_D, f] * gust,
+        )
+        for k, error in enumerate(errors):
+            for i in range(4):
+                sums[k, i] += x[i, f].real * error.real + x[i, f].imag * error.imag
+    for k in range(4):
+        for i in range(4):
+            sums[k, i] += past[4 * k + i]
+            if close:
+                past[4 * k + i] = sums[k, i]
+    for e in range(2):
+        for j in range(3):
+            by_mean, by_headwind, noisy = 0.0, 0.0, 0.0
+            for i in range(4):
+                by_mean += inverse[j, i] * (theta[e, 0] * sums[0, i] + theta[e, 3] * sums[1, i])
+                by_headwind += inverse[j, i] * (theta[e, 0] * sums[2, i] + theta[e, 3] * sums[3, i])
+                for k in range(4):
+                    noisy += inverse[j, i] * noise[i, k] * theta[e, k]
+            out[e, j] = math.sqrt((wind * by_mean) ** 2 + (wind * by_headwind) ** 2 + (samples * noisy) ** 2)
+
+
+@njit(cache=True, error_model="numpy")
+def wind_share(sd: float, speed: float, seconds: float) -> float:
+    """Of `off`: from the standard error of a mean wind over a minute, m/s, for a record of so many seconds."""
+    return sd / speed / math.sqrt(max(seconds / MINUTE, 1.0))
