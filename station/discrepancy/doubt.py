@@ -41,6 +41,8 @@ APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""
 LEANS: Final = 0.4
 """Share of its value by which an effect may lean, at most, to make up for the model."""
+LIKE_SLOPE: Final = ("alpha_vane.scale", "boom.flexure")
+"""What acts on a gust as a wrong lift slope does, which is free: these may lean as far as that twice as often."""
 NEXT: Final = 0.3
 """Share of the best chi2 that another effect must have to be a candidate beside it."""
 HIDDEN: Final = ("alpha_vane.delay", "alpha_vane.scale", "alpha_vane.position", "boom.flexure")
@@ -240,7 +242,8 @@ def _valued(
         if (value / sd) ** 2 >= SUPPORT:
             values[name], sds[name] = value, sd
         else:
-            sds[name] = math.hypot(sds[name], 0.5 * LEANS * abs(values[name]))
+            leans = LEANS if name in LIKE_SLOPE else 0.5 * LEANS
+            sds[name] = math.hypot(sds[name], leans * abs(values[name]))
     if not values:
         return accepted
     fit = problem.fixed(values, accepted.gust)

@@ -43,6 +43,28 @@ _MEASURED: Final = {
 }
 
 
+def _figure(height: float, title: str = "") -> Figure:
+    """A figure as wide as the page, in inches."""
+    figure = Figure(figsize=(10, height), dpi=90)
+    if title:
+        figure.suptitle(title, x=0.01, y=1 - 0.08 / height, ha="left", va="top", fontsize=10)
+    return figure
+
+
+def _space(
+    figure: Figure, rows: int = 1, columns: int = 1, top: float = 0.55, bottom: float = 0.5, left: float = 0.75,
+    down: float = 0.5, across: float = 0.6,
+) -> dict[str, float]:  # fmt: skip
+    """Margins and gaps of axes, given in inches: laying them out by their labels takes longer than drawing them."""
+    width, height = figure.get_size_inches()
+    wide = (width - left - 0.15 - (columns - 1) * across) / columns
+    high = (height - top - bottom - (rows - 1) * down) / rows
+    return {
+        "left": left / width, "right": 1 - 0.15 / width, "bottom": bottom / height, "top": 1 - top / height,
+        "wspace": across / wide, "hspace": down / high,
+    }  # fmt: skip
+
+
 def _most_changed(found: Diagnosis, before: Aircraft, after: Aircraft) -> Reference:
     """The manoeuvre that the accepted effects change most, held-out ones first if there are any."""
     pool = found.held_out or found.problem.references
@@ -62,9 +84,8 @@ def spectra_before_and_after(found: Diagnosis, before: Aircraft, after: Aircraft
     r = _most_changed(found, before, after)
     names = [SERIES[j] for j in r.setting.judged]
     rows = math.ceil(len(names) / 2)
-    figure = Figure(figsize=(10, 0.4 + 2.1 * rows), layout="constrained", dpi=90)
-    figure.suptitle(f"{r.record.name}: amplitude against frequency", x=0.01, ha="left", fontsize=10)
-    grid = figure.subplots(rows, 2, squeeze=False)
+    figure = _figure(0.4 + 2.1 * rows, f"{r.record.name}: amplitude against frequency")
+    grid = figure.subplots(rows, 2, squeeze=False, gridspec_kw=_space(figure, rows, 2))
     f = r.setting.frequencies
     one, other = r.differences(before), r.differences(after)
     variance = _expected(found, r)
@@ -91,8 +112,9 @@ def spectra_before_and_after(found: Diagnosis, before: Aircraft, after: Aircraft
 def by_record(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
     """Error of each manoeuvre, fitted and held out, before and after, by series."""
     records = [(r, "fitted") for r in found.problem.references] + [(r, "held out") for r in found.held_out]
-    figure = Figure(figsize=(10, 2.4), layout="constrained", dpi=90)
-    grid = figure.subplots(1, len(records), sharey=True, squeeze=False)[0]
+    figure = _figure(2.5)
+    space = _space(figure, 1, len(records), top=0.25, bottom=0.75, across=0.15)
+    grid = figure.subplots(1, len(records), sharey=True, squeeze=False, gridspec_kw=space)[0]
     for axes, (r, use) in zip(grid, records, strict=True):
         one, other = _over_expected(found, r, before), _over_expected(found, r, after)
         at = np.arange(len(one))
@@ -154,9 +176,8 @@ def series_in_time(
 
 def times(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
     title, plots = series_in_time(found, before, after, 3)
-    figure = Figure(figsize=(10, 1.6 + 1.9 * (len(plots) - 1)), layout="constrained", dpi=90)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
-    grid = figure.subplots(len(plots), 1, sharex=True)
+    figure = _figure(1.6 + 1.9 * (len(plots) - 1), title)
+    grid = figure.subplots(len(plots), 1, sharex=True, gridspec_kw=_space(figure, len(plots), down=0.3))
     colours = {"measured": INK, "before": BLUE, "after": ORANGE}
     for axes, (name, lines) in zip(grid, plots.items(), strict=True):
         for label, (t, y) in lines.items():
@@ -212,9 +233,9 @@ def measured_and_predicted(found: Diagnosis, before: Aircraft, after: Aircraft) 
     middle = t[inside[int(np.argmax(change))]]
     start = min(max(middle - 0.5 * _ZOOM_S, t[inside[0]]), max(t[inside[-1]] - _ZOOM_S, t[inside[0]]))
     shown = inside[(t[inside] >= start) & (t[inside] <= start + _ZOOM_S)]
-    figure = Figure(figsize=(10, 0.5 + 1.8 * len(names)), layout="constrained", dpi=90)
-    figure.suptitle(f"{r.record.name}: measured and predicted", x=0.01, ha="left", fontsize=10)
-    grid = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+    figure = _figure(0.5 + 1.8 * len(names), f"{r.record.name}: measured and predicted")
+    space = _space(figure, len(names), down=0.3)
+    grid = figure.subplots(len(names), 1, sharex=True, squeeze=False, gridspec_kw=space)[:, 0]
     for axes, name in zip(grid, names, strict=True):
         j = SERIES.index(name)
         axes.plot(t[shown], whole[j, shown] * _scale(name), color=INK, lw=1.6, label="measured")
@@ -235,8 +256,8 @@ def drops(found: Diagnosis) -> Figure:
     rivals = {x for e in found.effects for x in e.rivals}
     accepted = {e.term.id for e in found.effects}
     colours = [ORANGE if n in accepted else _YELLOW if n in rivals else FAINT for n in names]
-    figure = Figure(figsize=(10, 0.8 + 0.24 * len(names)), layout="constrained", dpi=90)
-    axes = figure.subplots()
+    figure = _figure(0.8 + 0.24 * len(names))
+    axes = figure.subplots(gridspec_kw=_space(figure, top=0.1, left=1.9))
     axes.barh(names[::-1], drops[::-1], color=colours[::-1])
     axes.axvline(FIRST, color=INK, lw=0.8, ls=":")
     axes.set_xscale("log")
