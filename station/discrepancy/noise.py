@@ -25,6 +25,10 @@ SIGMA: Final = to_si(5, "ft/s")
 COLOURED_SHARE: Final = 0.25
 """Part of a sensor's variance that is slow: its spectrum is not known below the motion's, so this is allowed for."""
 COLOUR_S: Final = 0.3
+THRUST_SHARE: Final = 0.05
+THRUST_S: Final = 1.0
+"""Where thrust is not recorded: by how much of its trim it changes unseen, and how slowly. A propeller's thrust changes
+with the speed by about as much as that, and so do small corrections by hand."""
 STATED: Final[Mapping[str, float]] = {
     "alpha_vane": to_si(0.05, "deg"),
     "q": to_si(0.03, "deg/s"),
@@ -74,7 +78,6 @@ def noisy(
 ) -> dict[str, Array]:
     """Each signal (n,) with `draws` draws of its sensor's noise, (draws, n); airspeed and pressure share a sensor."""
     n = len(next(iter(signals.values())))
-    decay = math.exp(-dt / COLOUR_S)
     out: dict[str, Array] = {}
     for name in sorted(signals):
         x = signals[name]
@@ -82,11 +85,13 @@ def noisy(
         if not sd:
             out[name] = np.broadcast_to(x, (draws, n))
             continue
+        share, lag = (1.0, THRUST_S) if name == "thrust" else (COLOURED_SHARE, COLOUR_S)
+        decay = math.exp(-dt / lag)
         white = rng.standard_normal((draws, n))
         kicks = rng.standard_normal((draws, n)) * math.sqrt(1 - decay**2)
         kicks[:, 0] /= math.sqrt(1 - decay**2)
         slow = signal.lfilter([1.0], [1.0, -decay], kicks, axis=-1)
-        out[name] = x + sd * (math.sqrt(1 - COLOURED_SHARE) * white + math.sqrt(COLOURED_SHARE) * slow)
+        out[name] = x + sd * (math.sqrt(1 - share) * white + math.sqrt(share) * slow)
     speed = signals["airspeed"]
     out["dynamic_pressure"] = signals["dynamic_pressure"] * (out["airspeed"] / speed) ** 2
     return out

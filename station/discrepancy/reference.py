@@ -17,7 +17,7 @@ from scipy import signal
 
 from station.conventions import to_si
 from station.discrepancy.corrections import instrument_of
-from station.discrepancy.noise import SIGMA, Flights, levels, noisy, stated_noise, true_noise
+from station.discrepancy.noise import SIGMA, THRUST_SHARE, Flights, levels, noisy, stated_noise, true_noise
 from station.discrepancy.play import straightened
 from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record
@@ -169,6 +169,8 @@ def reference(
         )  # fmt: skip
 
     noise, guess = levels(record, flights, stated, plain, setting(True, flown, stated["elevator"]))
+    if "thrust" not in record.signals:
+        noise["thrust"] = THRUST_SHARE * flights.trim_thrust
     gusty = guess > CALM_BELOW
     own = setting(gusty, plain, noise["elevator"])
     mean = spectra(series(nominal, plain, own), own)
@@ -248,7 +250,7 @@ def _deflection(record: Record, elevator: Array) -> Array:
 def _fly(
     aircraft: Aircraft, record: Record, speed: float, deflection: Array, sigma: float, seed: int
 ) -> dict[str, Array]:
-    """The record's signals, flown without noise."""
+    """The record's signals and the thrust, flown without noise."""
     quick = aircraft.model_copy(update={"elevator": _QUICK_ACTUATOR})
     flight = Flight().model_copy(
         update={"speed": speed, "altitude": max(record.height, 0.0), "gust_sigma": sigma, "seed": seed}
@@ -263,7 +265,8 @@ def _fly(
             return np.array(column[::every][: record.n])
         return np.asarray(np.interp(t, truth["time"], column))
 
-    out = {name: sampled(truth["v_north" if name == "v_along" else name]) for name in record.signals}
+    names = dict.fromkeys((*record.signals, "thrust"))
+    out = {name: sampled(truth["v_north" if name == "v_along" else name]) for name in names}
     out[_THROUGH] = np.hypot(sampled(truth["v_north"]), sampled(truth["v_down"]))
     return out
 

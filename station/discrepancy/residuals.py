@@ -233,7 +233,7 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
 
     gust = np.zeros(along.shape, dtype=complex)
-    ahead = np.exp(0.25j * w * chord / v0)
+    ahead = np.exp(1j * w * aircraft.gust_edge / v0)
     if s.gusty:
         met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
         met = (met + boom.upwash_wing * gust_upwash * ahead) * given

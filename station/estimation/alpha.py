@@ -197,7 +197,7 @@ def parameters(aircraft: Aircraft, dt: float) -> Array:
     frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (1000.0, 0.7)
     if boom is not None:
         par[[_ZERO, _KF, _KW, _X, _Y]] = boom.zero, boom.upwash_body, boom.upwash_wing, boom.vane_x, boom.vane_y
-        par[_LE] = max(boom.vane_x - aircraft.geometry.chord / 4, 0.0)
+        par[_LE] = max(boom.vane_x - aircraft.gust_edge, 0.0)
     omega = 2.0 * math.pi * frequency
     par[_VANE_LAG] = 2.0 * damping / omega
     # Second order, input linear between ticks: exponential of the system with its input and the input's slope.

@@ -139,8 +139,8 @@ class GustModel:
         share = 2 / (float(flown[-1]) / GUST_M + 2)
         self.wind_sd = float(np.std(headwind)) / v * math.sqrt(share / (1 - share)) + 1e-6
         self._arm = boom.vane_x
-        self._quarter = chord / 4
-        # A wing with memory begins to feel a gust at its leading edge; one without takes it where the CG is.
+        self._quarter = aircraft.gust_edge
+        # A wing whose lift has no memory takes a gust where the CG is.
         self._edge = self._quarter if is_lagging else 0.0
         self._chord = chord
         slope, self._downwash, self._late = (

@@ -46,7 +46,7 @@ def known(aircraft: Aircraft) -> Array:
     made = np.zeros(KNOWN)
     if not (u.memory and u.tail_arm > 0.0 and aircraft.inertia.iyy):
         return made
-    made[_CHORD], made[_LENGTH], made[_EDGE] = g.chord, u.reference_chord or g.chord, g.chord / 4
+    made[_CHORD], made[_LENGTH], made[_EDGE] = g.chord, u.reference_chord or g.chord, aircraft.gust_edge
     made[_TAIL], made[_SHARE] = u.tail_arm, u.tail_lift_slope
     made[_WASH], made[_LATE] = u.downwash, u.downwash_delay
     swept = g.wing_area * g.chord

@@ -301,7 +301,7 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
     assert boom is not None
     con[A_H], con[E] = unsteady.tail_lift_slope, unsteady.downwash
     con[ARM], con[_LT] = unsteady.tail_arm / g.chord, unsteady.tail_arm
-    con[_BOOM], con[_LE] = boom.vane_x, g.chord / 4
+    con[_BOOM], con[_LE] = boom.vane_x, aircraft.gust_edge
     con[_CHORD], con[_HALF] = unsteady.reference_chord or g.chord, g.chord / 2
     con[_KF], con[_KW] = boom.upwash_body, boom.upwash_wing
     con[_WASH] = unsteady.downwash_delay

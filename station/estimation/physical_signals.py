@@ -243,7 +243,7 @@ def parameters(aircraft: Aircraft) -> Array:
     par = np.zeros(PARAMS)
     unsteady = aircraft.unsteady
     par[_BOOM] = aircraft.boom.vane_x if aircraft.boom else 0.0
-    par[_LE] = aircraft.geometry.chord / 4
+    par[_LE] = aircraft.gust_edge
     par[_TAIL], par[_WASH] = unsteady.tail_arm, unsteady.downwash_delay
     par[_CHORD] = unsteady.reference_chord or aircraft.geometry.chord
     par[_SPAN] = aircraft.geometry.span

@@ -192,6 +192,13 @@ class Aircraft(Frozen):
     imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     """How far from the rig's place the imu is, body axes."""
 
+    @property
+    def gust_edge(self) -> float:
+        """How far ahead of the CG, at a quarter of the chord, the wing meets a gust, m: its leading edge, where its
+        memories of gusts begin; without such, the CG."""
+        remembers = self.unsteady.lift_gust or self.unsteady.upwash_gust
+        return self.geometry.chord / 4 if remembers else 0.0
+
     @model_validator(mode="before")
     @classmethod
     def _sources(cls, raw: Any) -> Any:

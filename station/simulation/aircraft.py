@@ -84,6 +84,8 @@ class Constants(NamedTuple):
     tail_arm: float
     gust_arm: float
     """How far behind the CG the tail meets a gust, m."""
+    gust_edge: float
+    """How far ahead of the CG the wing does, m."""
     downwash: float
     downwash_delay: float
     actuator_lag: float
@@ -247,6 +249,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         tail_slope=unsteady.tail_lift_slope,
         tail_arm=unsteady.tail_arm,
         gust_arm=unsteady.tail_arm * unsteady.tail_penetration,
+        gust_edge=aircraft.gust_edge,
         downwash=unsteady.downwash,
         downwash_delay=unsteady.downwash_delay,
         actuator_lag=aircraft.elevator.time_constant,

@@ -148,7 +148,7 @@ class JsbsimFlight:
         self._vane_y = boom.vane_y
         self._tables = indicial_tables(aircraft)
         self._chord = unsteady.reference_chord or aircraft.geometry.chord
-        self._nose = 0.25 * aircraft.geometry.chord
+        self._nose = aircraft.gust_edge
         self._ahead = max(boom.gust_x, self._nose) + 1.0
         self._site = site(flight, imu_position)
         self._field = GustField(

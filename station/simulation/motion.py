@@ -93,7 +93,7 @@ def at_rest(c: ac.Constants, tables: Tables, behind: float, field: NDArray[np.fl
     """
     nm, ng = tables.lift_motion.shape[1], tables.lift_gust.shape[1]
     x = ac.trimmed_state(c, nm + ng)
-    nose = 0.25 * c.chord
+    nose = c.gust_edge
     ug, wg = gust_at(field, first, nose, 0), gust_at(field, first, nose, 2)
     met = math.atan2(x[ac.W] + wg, x[ac.U] + ug) - math.atan2(x[ac.W], x[ac.U])
     x[ac.LAGS + nm :] = met
@@ -144,7 +144,7 @@ def stage_rates(
     """The state's derivative with the gusts and the downwash where each part of the aircraft is. `side`: the sideways
     velocity relative to the air, m/s."""
     s = x[ac.DISTANCE]
-    nose, tail = s + 0.25 * c.chord, s - c.tail_arm
+    nose, tail = s + c.gust_edge, s - c.tail_arm
     late = s - c.gust_arm
     gust = (
         gust_at(field, first, s, 0),

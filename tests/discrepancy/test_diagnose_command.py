@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 
 import pytest
@@ -53,7 +54,7 @@ def test_names_measures_extends_and_reports(late, tmp_path):
     assert better.instruments["alpha_vane"].latency == pytest.approx(0.03, abs=0.004)
     page = (report / "diagnosis.html").read_text()
     assert "data:image/png;base64," in page
-    assert "http" not in page
+    assert "http" not in re.sub(r"base64,[^\"]*", "", page)
     assert (report / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
 
 
