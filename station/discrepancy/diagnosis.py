@@ -19,7 +19,7 @@ from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
 from station.discrepancy.search import FURTHER, FURTHER_SHARE, RIVAL, Found, search
-from station.discrepancy.structure import gusts, incomplete, mended
+from station.discrepancy.structure import beyond, gusts, incomplete, mended
 from station.profile import Aircraft, Instrument
 from station.rows import UsageError
 
@@ -131,8 +131,14 @@ def diagnosis_of(
             leftover = judge.left_over(problem, found)
         if found.accepted.values and not leftover.present:
             found = replace(found, accepted=problem.undiluted(found.accepted))
-        effects = _effects(found, problem)
+        far = beyond(problem, found.accepted)
+        effects = (*_effects(found, problem), *(Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in far))
+        effects = tuple(sorted(effects, key=lambda e: -e.drop))
         before, better = problem.complete(found.null), extended(aircraft, found.accepted.values)
+        for part in far:
+            # What the data say of it is what is gained.
+            before = _as_stated(before, aircraft, part.term.id)
+            better = part.term.extend(better, part.value)
     doubted = None
     if incomplete(aircraft) or leftover.present:
         strict = () if incomplete(aircraft) else effects
@@ -167,6 +173,12 @@ def diagnosis_of(
         aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks), better,
         before, after, tuple(seen), doubted, strict,
     )  # fmt: skip
+
+
+def _as_stated(aircraft: Aircraft, profile: Aircraft, effect: str) -> Aircraft:
+    """An aircraft with one derivative as the profile has it."""
+    name = effect.removeprefix("aero.")
+    return aircraft.model_copy(update={"derivatives": {**aircraft.derivatives, name: profile.derivatives[name]}})
 
 
 def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:

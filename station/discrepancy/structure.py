@@ -45,6 +45,8 @@ NAMED: Final = 18.0
 """(value / standard deviation)2 from which a part of the model is named as wrong."""
 LEAST_CHANGE: Final = 2.0
 """Stated standard deviations by which a derivative must have moved to be named as wrong."""
+BEYOND: Final = 3.5
+"""The same, with the model's structure not in doubt, within the price that they put on it."""
 SHARES: Final = (1.0, 0.5, 0.25)
 """Of a step, tried in turn."""
 ROUNDS: Final = 4
@@ -247,6 +249,19 @@ def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, 
             continue
         out.append(Part(term, float(moved * allowance.sd), float(sd * allowance.sd), float((moved / sd) ** 2)))
     return tuple(sorted(out, key=lambda p: -p.drop))
+
+
+def beyond(problem: Problem, fit: Fit) -> tuple[Part, ...]:
+    """Derivatives that the data put where the profile takes them to be impossible, though nothing is left over."""
+    far = {
+        a.name for a, x in zip(problem.allowed, fit.moved, strict=False) if a.name in DERIVATIVES and abs(x) > BEYOND
+    }
+    if not far:
+        return ()
+    loose = [replace(a, sd=LOOSER * a.sd) if a.name in far else a for a in problem.allowed]
+    freer = Problem(problem.references, problem.aircraft, loose)
+    own = freer.refit(fit.ids, fit.values, fit.gust) if fit.values else freer.null()
+    return parts(freer, own, {name: _derivative_term(name, problem.aircraft) for name in far})
 
 
 BIASES: Final = ("theta bias", "az bias", "ax bias", "q bias")

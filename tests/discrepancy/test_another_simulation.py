@@ -25,3 +25,15 @@ def diagnosed(case: Case, folder: Path) -> Diagnosis:
 def test_nothing_is_found_where_nothing_is_hidden(sigma: float, tmp_path: Path) -> None:
     found = diagnosed(Case(seed=1, sigma=sigma), tmp_path)
     assert found.verdict == "no_effect", (found.effects, found.leftover)
+
+
+def test_a_derivative_far_from_the_profile_s_is_named_and_mended(tmp_path: Path) -> None:
+    """Nothing is left over: the data can have what they want, at a price that the profile says is too high."""
+    found = diagnosed(Case(seed=2, derivatives={"Cm_q": -20.0}), tmp_path)
+    (effect,) = found.effects
+    assert (found.verdict, effect.term.id) == ("effect_found", "aero.Cm_q")
+    share = -20.0 / flown.NAVION["Cm_q"] - 1
+    assert abs(effect.value - share) < 3 * effect.sd < 0.1  # seed 2 is one of 1000 to lie beyond three
+    assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
+    assert found.gain is not None
+    assert found.gain.reduction > 0.5  # its moment is nearly all that there was
