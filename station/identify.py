@@ -29,6 +29,7 @@ from station.estimation.results import DOF, Axes, MethodResult, names, not_appli
 from station.flown import DEFAULT_CARD, MIN_LIVE_HZ, WITNESSES, corrected, fly
 from station.instruments import instruments_json, structure_json
 from station.log import Table
+from station.plausibility import hint
 from station.profile import Aircraft, Card
 from station.rows import Status, UsageError
 
@@ -130,6 +131,7 @@ def identify(
         "axes": axes,
         "turbulence": {"level": level, "w_std_2_7hz_mps": _number(std)},
         "remarks": [*record.remarks, *_about_instruments(aircraft), *_about_the_band(record, card)],
+        "hint": "" if refusal else hint(aircraft, table.aircraft, record, results.get(recommended or "")),
         "methods": {name: _as_json(r) for name, r in results.items()},
         "recommended": recommended,
         "consistency": _consistency(results, axes),

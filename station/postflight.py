@@ -245,6 +245,8 @@ def identify(
         noise=noise,
         sift=sift,
     )
+    if result["hint"]:
+        say(f"station: {result['hint']}")
     if report is not None:
         page = write_report(
             result, flown, report, card=about.card, imu_position=rig_place, noise=noise, aircraft=subject

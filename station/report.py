@@ -90,7 +90,7 @@ def _summary(result: Mapping[str, Any]) -> str:
         "Recommended": advice,
     }
     lines = "".join(f"<tr><td>{k}</td><td style='text-align:left'>{v}</td></tr>" for k, v in rows.items())
-    remarks = "".join(f'<p class="note">{text(r)}</p>' for r in result.get("remarks", ()))
+    remarks = "".join(f'<p class="note">{text(r)}</p>' for r in (*result["remarks"], result["hint"]) if r)
     return f"<table>{lines}</table>{remarks}"
 
 
