@@ -29,9 +29,3 @@ class Uncertainty(Frozen):
     vane_delay: Seconds = 0.004
     """Of the vane against the inertial data."""
     vane_scale: float = Field(default=0.0115, ge=0)
-
-
-EXACT = Uncertainty.model_validate(
-    {name: "0 s" if name in ("downwash_delay", "vane_x", "vane_delay") else 0.0 for name in Uncertainty.model_fields}
-)
-"""Every constant is right."""

@@ -16,13 +16,17 @@ from station.estimation.methods import Estimator
 from station.estimation.physical import SEGMENT, Equations, transform
 from station.estimation.spectra import grid
 from station.profile import Aircraft, Card, load_aircraft
-from station.profile.uncertainty import EXACT, Uncertainty
+from station.profile.uncertainty import Uncertainty
 from station.rows import Frame, MethodEstimate, Status
 from station.simulation import fly
 from station.simulation.sensors import STANDARD
 
 DT = 0.02
 NAMES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
+EXACT = Uncertainty.model_validate(
+    {name: "0 s" if name in ("downwash_delay", "vane_x", "vane_delay") else 0.0 for name in Uncertainty.model_fields}
+)
+"""Every constant is right."""
 
 
 def card(sigma: float = 5.0, warm_up: float = 40.0, **keys: object) -> Card:

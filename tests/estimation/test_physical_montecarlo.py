@@ -15,7 +15,7 @@ import pytest
 from station.campaign import case
 from station.campaign.spec import METHODS, Campaign, Case, Plan
 from station.profile import Aircraft, Indicial, load_aircraft
-from station.profile.uncertainty import EXACT
+from station.profile.uncertainty import Uncertainty
 
 NAMES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 FOUR = [0, 3, 4, 5]
@@ -24,6 +24,10 @@ SETS = {"A": "twin_otter_martos", "B": "twin_otter"}
 SEEDS = int(os.environ.get("STATION_SEEDS", "200"))
 FIRST = int(os.environ.get("STATION_FIRST_SEED", "7000"))
 DOUBLET = {"kind": "doublet", "start": "2 s", "width": "1.3 s", "amplitude": "3.5 deg"}
+EXACT = Uncertainty.model_validate(
+    {name: "0 s" if name in ("downwash_delay", "vane_x", "vane_delay") else 0.0 for name in Uncertainty.model_fields}
+)
+"""Every constant is right."""
 MULTISINE = {"kind": "multisine", "start": "0 s", "duration": "30 s", "amplitude": "2 deg"}
 
 
