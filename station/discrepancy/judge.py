@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import windows
-from scipy.special import gammaincc
+from scipy.special import betainc
 
 from station.discrepancy.effects import BY_ID
 from station.discrepancy.fit import INDEPENDENT, Fit, Problem, gust_variance, trust, turbulent_share, whitened
@@ -23,8 +23,10 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-LEFT_CHANCE: Final = 5e-4
+LEFT_CHANCE: Final = 2e-4
 """Chance that noise makes a test of what is left speak, over everything that it looks at."""
+LEVEL_DOF: Final = 200
+"""Independent values that a sensor's noise level is estimated from, which is as uncertain as that."""
 RIDGE: Final = 0.01
 ORDER: Final = (VANE, THETA, DOWN, NORTH, DRAG, LIFT, MOMENT)
 """Each series is judged given those before it."""
@@ -99,7 +101,7 @@ def left_over(problem: Problem, found: Found) -> Leftover:
                 log_p = _log_p(float(x[a:b].sum()), b - a)
                 worst = min(worst, (log_p, j, (float(f[a]), float(f[b - 1]))))
             k = int(np.argmax(x))
-            single = math.log(len(x)) - float(x[k])
+            single = math.log(len(x)) - 0.5 * LEVEL_DOF * math.log1p(2 * float(x[k]) / LEVEL_DOF)
             worst = min(worst, (single, j, (float(f[max(k - 1, 0)]), float(f[min(k + 1, len(f) - 1)]))))
             total, count = totals.get(j, (0.0, 0.0))
             totals[j] = (total + float(x.sum()), count + len(x))
@@ -116,8 +118,9 @@ def left_over(problem: Problem, found: Found) -> Leftover:
 
 
 def _log_p(total: float, count: float) -> float:
-    """log probability that `count` powers of mean 1 sum to more."""
-    share = float(gammaincc(count * INDEPENDENT, total * INDEPENDENT))
+    """log probability that `count` powers of mean 1, by an estimated level, sum to more: Fisher's distribution."""
+    values = 2 * count * INDEPENDENT
+    share = float(betainc(0.5 * LEVEL_DOF, 0.5 * values, LEVEL_DOF / (LEVEL_DOF + values * total / count)))
     return math.log(share) if share > 0 else -math.inf
 
 

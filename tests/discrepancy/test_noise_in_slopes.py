@@ -1,12 +1,14 @@
-"""Slopes are made from noisy signals: what that does to a value is known, and taken out."""
+"""Noise in slopes and in levels: what it does to a value, and to how unlikely a leftover is."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from blind import Case, aircraft, prepared
 
 from station.discrepancy.diagnosis import SD_FACTOR
-from station.discrepancy.fit import Problem
+from station.discrepancy.fit import INDEPENDENT, Problem
+from station.discrepancy.judge import LEVEL_DOF, _log_p
 
 NAME = "aero.downwash_lag"
 """Its slope is the rate of the flow angle, much of which is noise in calm air."""
@@ -27,3 +29,14 @@ def test_noise_in_the_slopes_draws_no_value():
     assert sum(plain) / 2 < 0.85 * planted
     assert sum(found) / 2 == pytest.approx(planted, rel=0.1)
     assert all(abs(x - planted) < 2 * SD_FACTOR * sd for x, sd in zip(found, sds, strict=True))
+
+
+@pytest.mark.parametrize("count", [5, 20, 100])
+def test_leftovers_are_as_unlikely_as_told_with_an_estimated_level(count):
+    rng = np.random.default_rng(count)
+    shape = count * INDEPENDENT
+    level = rng.chisquare(LEVEL_DOF, 20000) / LEVEL_DOF
+    totals = rng.gamma(shape, 1 / INDEPENDENT, 20000) / level
+    told = np.exp([_log_p(float(t), count) for t in totals])
+    for chance in (0.5, 0.01):
+        assert np.mean(told < chance) == pytest.approx(chance, abs=4 * np.sqrt(chance / 20000))
