@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
@@ -41,8 +42,8 @@ def _is_recording(word: str) -> bool:
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """While a verb is carried out: a signal to end closes what is open on the way out, and letters that the terminal
-    does not have become question marks."""
+    """While a verb is carried out: a signal to end closes what is open on the way out, letters that the terminal does
+    not have become question marks, and numpy's warnings are not for the user: a number that is none has its status."""
     _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -52,7 +53,10 @@ def guarded() -> Iterator[None]:
         for number in ENDING[1:]:
             if before[number] is signal.SIG_DFL:
                 signal.signal(number, _leave)
-        yield
+        with warnings.catch_warnings():
+            if not sys.warnoptions:
+                warnings.simplefilter("ignore", RuntimeWarning)
+            yield
         sys.stdout.flush()
     finally:
         for number, handler in before.items():

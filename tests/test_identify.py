@@ -148,6 +148,17 @@ def test_collinear_regressors_are_refused() -> None:
     assert p["CL_q"]["status"] == p["CL_de"]["status"] == "invalid"
 
 
+def test_an_elevator_that_follows_q_is_no_input_for_the_methods_that_integrate() -> None:
+    """Process noise fits what the model cannot: VI said Cm_q -1100 ± 83, fe -1700 ± 53."""
+    columns = flight()
+    columns["elevator"] = -0.8 * columns["q"]
+    found = identify(record(columns), AIRCRAFT, ["VI", "oe", "fe"])
+    sound(found)
+    for method in found["methods"]:
+        p = parameters(found, method)
+        assert all(p[n]["status"] == "invalid" for n in ("CL_q", "CL_de", "Cm_q", "Cm_de")), method
+
+
 def test_a_profile_without_inertia_gives_lift_but_no_moment() -> None:
     bare = AIRCRAFT.model_copy(update={"inertia": AIRCRAFT.inertia.model_copy(update={"iyy": None})})
     found = identify(record(flight(), bare), bare)

@@ -92,6 +92,7 @@ def bends(aircraft: Aircraft, alpha: Sequence[Array], elevator: Sequence[Array])
 def _knots(x: Array) -> tuple[Array, Array]:
     """Knots over the range of a signal, and how much of the time is spent about each."""
     low, high = np.quantile(x, [0.001, 0.999])
+    high = max(high, low + 1e-3 * SPACING)  # a signal that stands still
     count = int(np.clip(math.ceil((high - low) / SPACING) + 1, 3, MOST_KNOTS))
     knots = np.linspace(low, high, count)
     place = np.clip((x - low) / (high - low), 0, 1) * (count - 1)

@@ -25,6 +25,7 @@ from station.estimation.results import (
     MethodResult,
     equations,
     excited,
+    inflation_of,
     judge,
     names,
     regress,
@@ -69,7 +70,8 @@ def method_oe(record: FlightRecord, axes: Axes) -> MethodResult:
     fit = model.estimate(start, free)
     wanted = {f"{force}_{d}": f"force_{d}" for d in DOF} | {f"Cm_{d}": f"Cm_{d}" for d in DOF}
     at = [free.index(n) for n in wanted.values()]
-    parameters = judge(record, list(wanted), fit.estimate[at], fit.se_coloured[at], None, *_verdict(fit))
+    inflation = np.tile(_inflation(record), 2)
+    parameters = judge(record, list(wanted), fit.estimate[at], fit.se_coloured[at], inflation, *_verdict(fit))
     settings = {
         "model": "short period: alpha and q integrated, the rest as measured",
         "outputs": ["alpha", "q", "az"],
@@ -83,6 +85,13 @@ def method_fe(record: FlightRecord, axes: Axes) -> MethodResult:
     """fe: filter error of the longitudinal motion, process-noise amplitudes estimated."""
     _require_length(record)
     return _longitudinal(record, axes, "fe")
+
+
+def _inflation(record: FlightRecord) -> Array:
+    """How much alpha, q c/2V and elevator move together (DOF). A model with noise of its own puts numbers to what an
+    elevator that follows q leaves open, and its sensitivities do not tell."""
+    x = np.column_stack([record.alpha, record.coefficients.qhat, record.motion["elevator"]])
+    return inflation_of(x[np.isfinite(x).all(axis=1)])
 
 
 def _verdict(fit: OutputFit) -> tuple[Status, str]:
@@ -207,6 +216,7 @@ def _derivatives(
     """The model's parameters as the axes' derivatives. Body axes by CZ_a = -(CL_a + CD_0), CZ_q = -CL_q, CZ_de = -CL_de
     at small angles of attack, good to 1 %."""
     found = dict(zip(free, zip(values.tolist(), errors.tolist(), strict=True), strict=True))
+    together = dict(zip(DOF, _inflation(record), strict=True))
     out = []
     for name in names(axes):
         source = name.replace("CZ_", "CL_")
@@ -217,7 +227,8 @@ def _derivatives(
         if name.startswith("CZ_"):
             trim = found.get("CD_0", (0.0, 0.0))[0] if name == "CZ_alpha" else 0.0
             value = -(value + trim)
-        out += judge(record, [name], np.array([value]), np.array([sd]), None, status, why)
+        inflation = np.array([together[name.split("_")[1]]])
+        out += judge(record, [name], np.array([value]), np.array([sd]), inflation, status, why)
     return tuple(out)
 
 

@@ -15,6 +15,7 @@ from station.estimation.regression import NotIdentifiable
 from station.estimation.results import (
     MIN_R2,
     Axes,
+    Equation,
     EquationFit,
     MethodResult,
     blocked,
@@ -41,7 +42,7 @@ def method_i(record: FlightRecord, axes: Axes) -> MethodResult:
                 raise NotIdentifiable(why)
             fit, inflation = regress(record, equation)
         except NotIdentifiable as refusal:
-            parameters += unknown(equation.parameters, Status.INVALID, str(refusal))
+            parameters += _refused(equation, status, why, refusal)
             continue
         m = len(equation.parameters)
         if status is Status.ESTIMATED and fit.r2 < MIN_R2:
@@ -78,7 +79,7 @@ def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
                 found = published.recursive_fourier(x, z, record.dt, published.grid(lines))
             except NotIdentifiable as refusal:
                 if mine:
-                    parameters += unknown(equation.parameters, Status.INVALID, str(refusal))
+                    parameters += _refused(equation, status, why, refusal)
                 continue
             history[label][equation.name] = {
                 "parameters": list(equation.parameters),
@@ -98,6 +99,11 @@ def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
         "standard_errors": "as published: not corrected for coloured residuals",
     }
     return result_of(parameters, fits, settings, history)
+
+
+def _refused(equation: Equation, status: Status, why: str, refusal: NotIdentifiable) -> tuple[ParamEstimate, ...]:
+    """Every parameter of an equation without a solution: for what was the matter before, if anything was."""
+    return unknown(equation.parameters, status if why else Status.INVALID, why or str(refusal))
 
 
 POSTFLIGHT: Final[Mapping[str, Callable[[FlightRecord, Axes], MethodResult]]] = {
