@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from station.discrepancy.effects import judged_effects
 from station.discrepancy.fit import Problem
-from station.discrepancy.noise import SIGMA
 from station.discrepancy.reference import Reference
 from station.discrepancy.residuals import Memo
 from station.discrepancy.search import FIRST, RIVAL, least_judged
@@ -72,6 +71,6 @@ def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable
 
 def _quiet(r: Reference, gust: float) -> Reference:
     """A manoeuvre as it would be without noise, in one of its simulated gust fields of that strength (m/s)."""
-    share = gust / SIGMA
+    share = gust / r.flights.sigma
     signals = {n: x + share * (r.flights.turbulent[n][0] - x) for n, x in r.flights.nominal.items()}
     return replace(r, record=replace(r.record, signals=signals), memo=Memo())

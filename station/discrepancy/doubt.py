@@ -16,7 +16,7 @@ import numpy as np
 from station.discrepancy.bent import bends
 from station.discrepancy.effects import BY_ID, DERIVATIVES, NEEDS_MEMORY, Term
 from station.discrepancy.fit import Fit, Problem, moved_by
-from station.discrepancy.reference import Reference, Whitener, heard_through, spread
+from station.discrepancy.reference import CALM_BELOW, TURBULENT, Reference, Whitener, heard_through, spread
 from station.discrepancy.residuals import DOWN, DRAG, NORTH, SERIES, THETA, VANE, Memo, Spectra
 from station.discrepancy.search import RIVAL, Found, search
 from station.discrepancy.structure import (
@@ -166,6 +166,8 @@ def in_doubt(
     progress("what instruments say of each other")
     without = alone(references, aircraft)
     gust = without.null().gust
+    if all(g < CALM_BELOW * r.flights.sigma / TURBULENT for g, r in zip(gust, references, strict=True)):
+        terms = [t for t in terms if not t.gust_only]  # a vane that nothing is said of looked like turbulence
     said = supported(references, without, gust, terms, {})
     support = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
     progress("freeing the model")

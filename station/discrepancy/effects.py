@@ -379,6 +379,8 @@ def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held
             continue
         if term.id == "velocity.delay" and held:
             continue  # shifting a staircase always finds a few milliseconds
+        if term.id == "gust.lead" and aircraft.boom is None:
+            continue  # a share of a distance that is not known
         if term.id in ("alpha_vane.upwash_memory",) and aircraft.unsteady.upwash_motion is None:
             continue
         if term.id in NEEDS_MEMORY and not aircraft.unsteady.memory:

@@ -160,7 +160,6 @@ class Problem:
         return self._columns_of_allowed(values, here, True) if relinear else base
 
     def _columns_of_allowed(self, values: Mapping[str, float], here: list[Array], anew: bool) -> list[Array]:
-        candidate = extended(self._centre, values)
         rows = []
         for allowance, x in zip(self.allowed, self._about, strict=True):
             key = f"allowed {allowance.name}"
@@ -168,7 +167,9 @@ class Problem:
                 rows.append(self._columns[key])
                 continue
             step = allowance.step / (1 + allowance.sd * float(x)) if allowance.relative else allowance.step
-            moved = self._differences(allowance.extend(candidate, step * allowance.sd))
+            # First what is allowed for, then the effects, as in `complete`: a shifted CG leaves little of Cm_alpha
+            # to be a share of.
+            moved = self._differences(extended(allowance.extend(self._centre, step * allowance.sd), values))
             row = [(a - b) / allowance.step for a, b in zip(moved, here, strict=True)]
             if not anew:
                 self._columns[key] = row

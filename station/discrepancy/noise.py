@@ -20,8 +20,6 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
-SIGMA: Final = to_si(5, "ft/s")
-"""Vertical gust that the flights in turbulence are flown in, m/s."""
 COLOURED_SHARE: Final = 0.25
 """Part of a sensor's variance that is slow: its spectrum is not known below the motion's, so this is allowed for."""
 COLOUR_S: Final = 0.3
@@ -45,6 +43,8 @@ SMOOTHED: Final = 0.5
 _ALIAS: Final = {"v_along": "v_north"}
 _BANDS: Final = ((0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.98))
 """Shares of half the sampling rate."""
+CLEAR: Final = (10.0, 2.0)
+"""Power over that of the motion from which a band shows the noise, tried in turn: the motion is known in part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,8 @@ class Flights:
     drift: Array
     """(FLIGHTS, 1): speed through the air mass less the mean airspeed, m/s."""
     trim_thrust: float
+    sigma: float
+    """Standard deviation of the vertical gust in turbulence, m/s."""
 
 
 def stated_noise(record: Record) -> dict[str, float]:
@@ -121,23 +123,26 @@ def levels(
     def power(x: Array) -> float:
         return float((np.abs(fft.rfft(signal.detrend(x) * window)) ** 2)[..., band].mean() / (window**2).sum())
 
-    mine, theirs = power(measured), power(model) / SIGMA**2
+    mine, theirs = power(measured), power(model) / flights.sigma**2
     noise = dict(stated)
-    guess = 0.0
+    guess, speed = 0.0, float(np.mean(flights.nominal["airspeed"]))
     powers = {name: _signal_powers(name, record, flights, s.nominal) for name in stated if name in record.signals}
     for _ in range(3):
-        white = (noise["alpha_vane"] / _gain(s.nominal, "alpha_vane")) ** 2
+        true = true_noise(noise, s.nominal)
+        # The flow angle that the motion shows has noise, too: the slower the aircraft, the more of it.
+        climbing = 0.0 if s.rebuilt else true["v_down"] / speed
+        white = true["alpha_vane"] ** 2 + true["theta"] ** 2 + climbing**2
         guess = math.sqrt(max(mine - 1.3 * white, 0.0) / theirs)
         for name, sd in stated.items():
             if name in record.signals:
                 # Below that a record has been smoothed, and its noise above the motion's band says nothing.
                 least = sd * (SMOOTHED if record.stated.get(_ALIAS.get(name, name)) else 1.0)
-                noise[name] = max(_level(name, sd, record, powers[name], guess), least)
+                noise[name] = max(_level(name, sd, record, powers[name], guess / flights.sigma), least)
     return {n: v for n, v in noise.items() if n in record.signals}, guess
 
 
 def _signal_powers(name: str, record: Record, flights: Flights, aircraft: Aircraft) -> tuple[Array, Array, Array]:
-    """Power per band of what was measured, of the motion, and of the answer to gusts of SIGMA, as the aircraft's
+    """Power per band of what was measured, of the motion, and of the answer to the gusts flown, as the aircraft's
     instrument shows them."""
     shown = _gain(aircraft, name) ** 2
     motion, gusts = _powers(flights.nominal[name]), _powers(flights.turbulent[name]).mean(0)
@@ -145,15 +150,15 @@ def _signal_powers(name: str, record: Record, flights: Flights, aircraft: Aircra
 
 
 def _level(name: str, stated: float, record: Record, powers: tuple[Array, Array, Array], gust: float) -> float:
-    """Noise of one signal: the power where neither the motion nor the gust reaches."""
+    """Noise of one signal: the power where neither the motion nor the gust (over that flown) reaches."""
     if name in record.held:
         return stated
     if name == "elevator":
         return _between_steps(record.signals[name]) / math.sqrt(1 - COLOURED_SHARE)
     mine, motion, gusts = powers
-    expected = motion + gusts * (gust / SIGMA) ** 2
-    clear = np.flatnonzero(mine > 2 * expected)
-    if not len(clear):
+    expected = motion + gusts * gust**2
+    clear = next((bands for much in CLEAR if len(bands := np.flatnonzero(mine > much * expected))), None)
+    if clear is None:
         return min(stated, math.sqrt(float(mine.min())))
     # The lowest clear band is the nearest to what is judged: interpolation between samples takes noise from the others.
     return math.sqrt(float((mine - expected)[clear[0]]) / (1 - COLOURED_SHARE))

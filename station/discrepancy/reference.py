@@ -17,7 +17,7 @@ from scipy import signal
 
 from station.conventions import to_si
 from station.discrepancy.corrections import instrument_of
-from station.discrepancy.noise import SIGMA, THRUST_SHARE, Flights, levels, noisy, stated_noise, true_noise
+from station.discrepancy.noise import THRUST_SHARE, Flights, levels, noisy, stated_noise, true_noise
 from station.discrepancy.play import straightened
 from station.discrepancy.processing import Setting, bridge_of
 from station.discrepancy.record import Record
@@ -35,7 +35,10 @@ FLIGHTS: Final = 40
 DRAWS: Final = 96
 MORE_DRAWS: Final = 6
 """Draws of noise laid over what was measured: each says it at hundreds of frequencies."""
-CALM_BELOW: Final = to_si(1, "ft/s")
+TURBULENT: Final = to_si(5, "ft/s") / to_si(110, "kt")
+"""Vertical gust that the flights in turbulence are flown in, rad of flow angle."""
+CALM_BELOW: Final = to_si(1, "ft/s") / to_si(110, "kt")
+"""The same below which air is calm."""
 SMOOTHING: Final = (1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0)
 """Weights of neighbouring frequencies in a covariance."""
 _SEED: Final = 7_340_001
@@ -142,11 +145,12 @@ def fly(record: Record, aircraft: Aircraft, seed: int = 0, loading: tuple[float,
         raise UsageError(f"{record.name}: {error}\nis it another aircraft's profile? use --aircraft") from error
     deflection = _deflection(record, _rescaled(record.signals["elevator"], instrument_of(aircraft, "elevator")))
     nominal = _fly(plain, record, speed, deflection, 0.0, seed)
-    gusts = [_fly(plain, record, speed, deflection, SIGMA, _SEED + seed + k) for k in range(FLIGHTS)]
+    sigma = TURBULENT * speed
+    gusts = [_fly(plain, record, speed, deflection, sigma, _SEED + seed + k) for k in range(FLIGHTS)]
     turbulent = {name: np.stack([g[name] for g in gusts]) for name in nominal}
     drift = (turbulent.pop(_THROUGH) - turbulent["airspeed"]).mean(-1, keepdims=True)
     del nominal[_THROUGH]
-    return Flights(nominal, turbulent, drift, trim.trim_thrust)
+    return Flights(nominal, turbulent, drift, trim.trim_thrust, sigma)
 
 
 def reference(
@@ -171,7 +175,7 @@ def reference(
     noise, guess = levels(record, flights, stated, plain, setting(True, flown, stated["elevator"]))
     if "thrust" not in record.signals:
         noise["thrust"] = THRUST_SHARE * flights.trim_thrust
-    gusty = guess > CALM_BELOW
+    gusty = guess > CALM_BELOW * float(np.mean(nominal["airspeed"]))
     own = setting(gusty, plain, noise["elevator"])
     mean = spectra(series(nominal, plain, own), own)
     drift = flights.drift
@@ -183,12 +187,12 @@ def reference(
         record,
         setting(gusty, flown, noise["elevator"]),
         mean,
-        Whitener.of(calm, _covariance(gust_part.bins / SIGMA)),
-        Whitener.of(steady_calm, (steady_gust[None] / SIGMA**2).astype(complex)),
+        Whitener.of(calm, _covariance(gust_part.bins / flights.sigma)),
+        Whitener.of(steady_calm, (steady_gust[None] / flights.sigma**2).astype(complex)),
         nominal,
         noise,
         guess,
-        LEAST_DRIFT + float(drift.std()) * guess / SIGMA,
+        LEAST_DRIFT + float(drift.std()) * guess / flights.sigma,
         own_shares[0],
         own_shares[1],
         flights,

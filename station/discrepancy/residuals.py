@@ -178,7 +178,7 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     along = integral(ax * cos + az * sin * level, s.dt)
     down = without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
     out = np.zeros((*q.shape[:-1], 3, s.n))
-    out[..., THETA, :] = theta - integral(turned, s.dt)
+    out[..., THETA, :] = (theta - integral(turned, s.dt)) * _scaled(aircraft, s, "theta")
     out[..., DOWN, :] = down - climb
     ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
     if ground is not None:

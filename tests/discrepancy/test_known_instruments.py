@@ -33,4 +33,5 @@ def test_a_record_is_judged_alike_through_instruments_whose_scales_are_known():
     seen = reference(shown(record), known)
     assert seen.nominal["airspeed"].mean() == pytest.approx(true.nominal["airspeed"].mean(), rel=1e-9)
     a, b = whitened(true, true.differences(aircraft())), whitened(seen, seen.differences(known))
-    np.testing.assert_allclose(b, a, atol=1e-6 * float(np.abs(a).max()))
+    # The sign of an eigenvector is anybody's.
+    np.testing.assert_allclose(np.abs(b), np.abs(a), atol=1e-6 * float(np.abs(a).max()))
