@@ -31,6 +31,7 @@ from station.instruments import instruments_json, structure_json
 from station.log import Table
 from station.plausibility import hint
 from station.profile import Aircraft, Card
+from station.remarks import about_columns
 from station.rows import Status, UsageError
 
 Array = NDArray[np.float64]
@@ -129,14 +130,28 @@ def identify(
         "aircraft": aircraft.name,
         "interval_s": [float(cut.t_s[0]), float(cut.t_s[-1])],
         "axes": axes,
-        "turbulence": {"level": level, "w_std_2_7hz_mps": _number(std)},
-        "remarks": [*record.remarks, *_about_instruments(aircraft), *_about_the_band(record, card)],
+        "turbulence": {"level": level if level != "unknown" else None, "w_std_2_7hz_mps": _number(std)},
+        "remarks": [
+            *about_columns(cut),
+            *record.remarks,
+            *_about_gusts(results, level),
+            *_about_instruments(aircraft),
+            *_about_the_band(record, card),
+        ],
         "hint": "" if refusal else hint(aircraft, table.aircraft, record, results.get(recommended or "")),
         "methods": {name: _as_json(r) for name, r in results.items()},
         "recommended": recommended,
         "consistency": _consistency(results, axes),
         **instruments,
     }
+
+
+def _about_gusts(results: Mapping[str, MethodResult], level: str) -> list[str]:
+    """Where nothing tells the gusts from the motion, nothing tells what they did to the estimates."""
+    apart = [n for n in ("split", "split+gust") if n in results]
+    if level in ("calm", "unknown") or not apart or any(results[n].status == "ok" for n in apart):
+        return []
+    return [f"{level} turbulence, and {results[apart[0]].why}: the errors do not hold what gusts do to the estimates"]
 
 
 def _measured(

@@ -280,7 +280,7 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
     console = Console()
     console = console if console.is_terminal else Console(width=100)
     console.print(
-        f"{result['aircraft']}, {start:.2f} to {end:.2f} s, turbulence {result['turbulence']['level']}; "
+        f"{result['aircraft']}, {start:.2f} to {end:.2f} s, turbulence {result['turbulence']['level'] or 'unknown'}; "
         f"recommended: {result['recommended'] or 'none'}. Estimate ± 2 standard errors; - is not estimated."
     )
     known = list(dict.fromkeys(n for m in methods.values() for n in m["parameters"]))

@@ -81,7 +81,7 @@ def _summary(result: Mapping[str, Any]) -> str:
     start, end = result["interval_s"]
     air = result["turbulence"]
     std = air["w_std_2_7hz_mps"]
-    level = text(air["level"]) + ("" if std is None else f" ({std:.3f} m/s vertical gust, 2 to 7 Hz)")
+    level = text(air["level"] or "unknown") + ("" if std is None else f" ({std:.3f} m/s vertical gust, 2 to 7 Hz)")
     advice = "nothing could be estimated" if result["recommended"] is None else text(result["recommended"])
     rows = {
         "Recording": text(result["log"] or "–"),

@@ -148,6 +148,22 @@ def test_collinear_regressors_are_refused() -> None:
     assert p["CL_q"]["status"] == p["CL_de"]["status"] == "invalid"
 
 
+def test_what_is_the_matter_with_a_column_is_said() -> None:
+    columns = flight(10.0)
+    assert not [r for r in identify(record(columns), AIRCRAFT, ["I"])["remarks"] if "repeats" in r or "unit" in r]
+    columns["q"] = columns["q"][np.arange(len(columns["q"])) // 10 * 10]
+    columns["theta"] = np.degrees(columns["theta"]) + 90
+    told = identify(record(columns), AIRCRAFT, ["I"])["remarks"]
+    assert any(r.startswith("q repeats its last value in 90% of the rows") for r in told), told
+    assert any(r.startswith("theta: ") and "is its unit right?" in r for r in told), told
+
+
+def test_the_level_of_turbulence_is_one_of_four_or_null() -> None:
+    found = identify(record(flight(1.0)), AIRCRAFT, ["I"])
+    assert found["turbulence"] == {"level": None, "w_std_2_7hz_mps": None}
+    assert identify(record(flight(10.0)), AIRCRAFT, ["I"])["turbulence"]["level"] == "calm"
+
+
 def test_an_elevator_that_follows_q_is_no_input_for_the_methods_that_integrate() -> None:
     """Process noise fits what the model cannot: VI said Cm_q -1100 ± 83, fe -1700 ± 53."""
     columns = flight()
