@@ -31,7 +31,7 @@ def about_columns(table: Table) -> list[str]:
         same = float((np.diff(known) == 0).mean())
         if name in MOVING and REPEATING < same < 1.0:
             told.append(
-                f"{name} repeats its last value in {same:.0%} of the rows: held between slower samples, it is late, and "
-                "no estimate allows for that"
+                f"{name} repeats its last value in {same:.0%} of the rows: held between slower samples, it is late, "
+                "and no estimate allows for that"
             )
     return told
