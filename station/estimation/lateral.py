@@ -312,8 +312,17 @@ class Lateral:
         off = np.abs(steady.out[:, 0] - split.out[:, 0]) * split.solved[:, None]
         return {
             "II": self._judge(steady, blocked[0], *made[0], off),
-            "split": self._judge(split, blocked[1], *made[1], LEFT_OF_GUST * off),
+            "split": self._judge(split, blocked[1], *made[1], self._left(off, split.energy())),
         }
+
+    @staticmethod
+    def _left(off: Array, energy: Array) -> Array:
+        """What a side gust wrongly carried does to split, of which II lies `off` (3, PARAMETERS + 1): an error of the
+        sideslip, of any phase, goes to sideslip, roll and yaw rate by the square root of their `energy`."""
+        left = LEFT_OF_GUST * off
+        motions = energy[: len(MOTIONS)]
+        left[:, : len(MOTIONS)] = left[:, :1] * np.sqrt(motions[0] / np.maximum(motions, 1e-30))
+        return left
 
     def _solve(self, spectra: Spectra) -> tuple[list[str], Array]:
         """Fit, and tell which surfaces have not moved, and the share of noise in each regressor, (PARAMETERS,). Those
