@@ -42,6 +42,7 @@ LEAD_S: Final = 30.0
 HOLD_S: Final = 3.0
 """Without such a flight, trim of this length is put before the record: filters and delay lines start settled."""
 MIN_LIVE_HZ: Final = 25.0
+SHORTEST_STEP_S: Final = 1e-4
 HELD_AGE_S: Final = 0.1
 """Age of a held value, whose own is not in the table."""
 DEFAULT_CARD: Final = Card(name="identify", aircraft="", rig="")
@@ -166,7 +167,8 @@ def corrected(table: Table, aircraft: Aircraft, noise: Mapping[str, float] | Non
     late signals have not come, and the begin that early ones lack."""
     if not known(aircraft).errors or len(table.t_s) < 2:
         return table
-    undoing = Corrector(aircraft, noise or {}, float(np.median(np.diff(table.t_s))), len(table.t_s))
+    dt = max(float(np.median(np.diff(table.t_s))), SHORTEST_STEP_S)
+    undoing = Corrector(aircraft, noise or {}, dt, len(table.t_s))
     nothing = np.full(len(table.t_s), np.nan)
     values, ages = [], []
     for name in undoing.names:

@@ -222,6 +222,7 @@ def test_the_operator_is_told_what_is_undone_and_what_it_costs() -> None:
     assert "an instrument error stays in: v_down 900 ms late" in words
 
 
+@pytest.mark.slow
 def test_the_kinematic_diagnosis_of_a_profile_that_knows_its_errors_finds_nothing_more() -> None:
     unknown = load_aircraft("unknown")
     stated = unknown.model_copy(update={"instruments": {"alpha_vane": errs(latency=0.06, gain=1.3, bias=0.03)}})

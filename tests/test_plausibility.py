@@ -66,6 +66,7 @@ def test_a_wrong_mass_is_told_from_the_lift_it_would_need() -> None:
     assert "Cm_de is 3" in said(flown(), changed(iyy=3 * inertia))
 
 
+@pytest.mark.slow
 def test_an_aircraft_without_aerodynamic_data_contradicts_nothing() -> None:
     found = identify(flown(), load_aircraft("unknown"), imu_position=RIG.imu_position)
     assert found["hint"] == ""
