@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import math
 import sys
@@ -101,6 +100,7 @@ def replay(
     """Run the same estimators over a recording."""
     from station import live
     from station.alignment import Aligner
+    from station.comparing import Comparison
     from station.estimation.disagreement import Disagreement
     from station.estimation.instruments import corrector
     from station.estimation.methods import Estimator
@@ -119,21 +119,7 @@ def replay(
     source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
     if rate is not None:
         source = live.paced(source, clock, rate)
-    counts = {"beats": 0, "rows": 0, "different": 0}
-    first: list[str] = []
-
-    def compare(beat: live.Beat, made: Sequence[Rows]) -> None:
-        counts["beats"] += 1
-        if not beat.recorded:
-            return  # the station died between the tick and its estimates
-        counts["rows"] += len(beat.recorded)
-        # A crash may have cut the last beat's rows short: what was recorded must match.
-        for was, now in itertools.zip_longest(beat.recorded, made[: len(beat.recorded)]):
-            if now is None or not same_bits(was, now):
-                counts["different"] += 1
-                if not first:
-                    first.append(f"first difference at tick {beat.tick.k}: {type(was).__name__}\n{was}\n{now}")
-
+    found = Comparison()
     with ExitStack() as stack:
         show = None
         if view is not ViewMode.none:
@@ -144,23 +130,18 @@ def replay(
             def show(rows: Sequence[Rows]) -> None:
                 viewer.show(rows)
                 # Faster than it can be drawn: wait, or ticks would be dropped.
-                if rate is None and counts["beats"] % 200 == 0:
+                if rate is None and found.beats % 200 == 0:
                     viewer.flush(10.0)
 
-        live.run(source, Aligner(about.streams, noise), estimator, None, show, compare, watch, correct)
-    if counts["beats"] == 0:
+        live.run(source, Aligner(about.streams, noise), estimator, None, show, found.take, watch, correct)
+    if found.beats == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
-    print(f"{counts['beats']} ticks, {counts['rows']} rows compared, {counts['different']} different")
-    if verify and counts["different"]:
-        say("\n".join(line[:300] for line in first[0].splitlines()))
+    print(f"{found.beats} ticks, {found.rows} rows compared, {found.different} different")
+    if verify and found.different:
+        say(found.first)
         return ERROR
     whole = judged(log)
     return DONE if verify else whole
-
-
-def same_bits(one: Rows, other: Rows) -> bool:
-    """Whether two rows are equal to the last bit (NaN equals NaN, -0.0 differs from 0.0)."""
-    return msgspec.msgpack.encode(one) == msgspec.msgpack.encode(other)
 
 
 def _positive(text: str, option: str) -> float:
