@@ -29,6 +29,7 @@ from station.emulators import Emulated, emulators, streams_flown
 from station.postflight import DEGRADED, DONE, ERROR, USAGE, ViewMode, finite, say
 from station.process import discard_output, guarded, line_writer, spread, stop_on_signals, write_line
 from station.profile import CanDevice, Profiles, Rig, load_aircraft, load_card
+from station.remarks import about_air
 from station.rows import Code, Event, ProfileError, Rows, StationError, UsageError
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -92,7 +93,7 @@ def run(
     compile_apart(card)
     estimator, watch = estimators(profiles)
     correct = corrector(aircraft, rig.frame_noise_si())
-    for words in told_of_instruments(aircraft, correct):
+    for words in (*about_air(rig, aircraft), *told_of_instruments(aircraft, correct)):
         say(words)
 
     with ExitStack() as stack:
@@ -265,6 +266,8 @@ def check(
     devices = {d.name for d in profiles.rig.devices}
     rig_dir = Path(profiles.rig_dir)
     check_devices(profiles.rig, rig_dir)
+    for words in about_air(profiles.rig, profiles.aircraft):
+        say(words)
     clock, bus, stop = SystemClock(), Bus(), threading.Event()
     board = Board(profiles, clock)
     told: list[Event] = []

@@ -1,4 +1,4 @@
-"""What a recording's columns say of themselves before anything is estimated from them."""
+"""What a rig lacks for estimates, and what a recording's columns say of themselves before anything is estimated."""
 
 from __future__ import annotations
 
@@ -8,10 +8,23 @@ import numpy as np
 
 from station.conventions import SIGNALS
 from station.log import Table
+from station.profile import Aircraft, Rig
 
 REPEATING: Final = 0.6
 """Share of rows that repeat the value before, above which a signal that noise moves is held between its samples."""
 MOVING: Final = ("alpha_vane", "q", "az")
+
+
+def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
+    """Where nothing tells the dynamic pressure: the derivatives in flight are then too small by the air's density."""
+    has = {name for stream in rig.streams() for name in stream.signals}
+    known = "dynamic_pressure" in has or {"static_pressure", "air_temperature"} <= has or "altitude" in has
+    if known or aircraft.air_density is not None:
+        return []
+    return [
+        f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: derivatives\n"
+        "are those of standard air at sea level; give one of them, or air_density in the aircraft's profile"
+    ]
 
 
 def about_columns(table: Table) -> list[str]:

@@ -13,6 +13,7 @@ import pytest
 from station.identify import identify
 from station.log import Table
 from station.profile import Aircraft, Card, Doublet, Flight, Geometry, Inertia, load_aircraft, load_rig
+from station.remarks import about_air
 from station.rows import UsageError
 from station.simulation.simulate import fly
 
@@ -156,6 +157,14 @@ def test_what_is_the_matter_with_a_column_is_said() -> None:
     told = identify(record(columns), AIRCRAFT, ["I"])["remarks"]
     assert any(r.startswith("q repeats its last value in 90% of the rows") for r in told), told
     assert any(r.startswith("theta: ") and "is its unit right?" in r for r in told), told
+
+
+def test_a_rig_without_a_way_to_the_dynamic_pressure_is_told() -> None:
+    bench, aircraft = load_rig("bench"), load_aircraft("twin_otter")
+    assert about_air(bench, aircraft) == []
+    boom = bench.model_copy(update={"devices": bench.devices[:1]})
+    assert "sea level" in about_air(boom, aircraft)[0]
+    assert about_air(boom, aircraft.model_copy(update={"air_density": 1.1})) == []
 
 
 def test_the_level_of_turbulence_is_one_of_four_or_null() -> None:
