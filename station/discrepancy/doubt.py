@@ -187,7 +187,7 @@ def in_doubt(
         if not accepted.values:
             break
         against = [n for n in accepted.values if n in said and _contradicted(accepted, n, said[n])]
-        against = against or _needless(references, without, gust, accepted)
+        against = against or _needless(references, without, gust, found)
         instruments = {n: v for n, v in accepted.values.items() if n in said and n not in against}
         beside = supported(references, without, gust, terms, instruments)
         more = [t for t in terms if t not in own and _candidate(t, aircraft, beside, False)]
@@ -220,15 +220,17 @@ def _beside(
     return supported(references, problem, gust, [BY_ID[name]], others).get(name, (0.0, math.inf))
 
 
-def _needless(references: Sequence[Reference], problem: Problem, gust: Sequence[float], accepted: Fit) -> list[str]:
-    """The effect at the vane, of several, that the instruments among themselves need least beside the others, if they
-    can do without it: what the model misses is also shaped like a little of each."""
-    vane = [n for n in accepted.values if of_vane(n)]
+def _needless(references: Sequence[Reference], problem: Problem, gust: Sequence[float], found: Found) -> list[str]:
+    """Of several effects at the vane that one which the instruments among themselves can do without beside the others,
+    and which explains least alone: what the model misses is also shaped like a little of each."""
+    values = found.accepted.values
+    vane = [n for n in values if of_vane(n)]
     if len(vane) < 2:
         return []
-    said = {n: _beside(references, problem, gust, accepted.values, n) for n in vane}
-    least = min(vane, key=lambda n: abs(said[n][0] / said[n][1]))
-    return [least] if (said[least][0] / said[least][1]) ** 2 < SUPPORT else []
+    said = {n: _beside(references, problem, gust, values, n) for n in vane}
+    alone = {f.ids[0]: f.cost for f in found.singles}
+    needless = [n for n in vane if (said[n][0] / said[n][1]) ** 2 < SUPPORT]
+    return [max(needless, key=lambda n: alone.get(n, math.inf))] if needless else []
 
 
 def _valued(
