@@ -34,7 +34,8 @@ class Detectable:
 
 
 def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable]:
-    """Sizes found (and named alone) nine times in ten with a problem's manoeuvres in gusts (m/s, by manoeuvre)."""
+    """Sizes found (and named alone) nine times in ten with a problem's manoeuvres in gusts (m/s, by manoeuvre), of the
+    effects that can be so large."""
     # A correction moves a signal's noise too, which is no information: the flights are those of the simulation.
     references = [_quiet(r, g) for r, g in zip(problem.references, gust, strict=True)]
     problem = Problem(references, problem.aircraft, problem.allowed)
@@ -60,6 +61,8 @@ def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable
     apart = math.sqrt(RIVAL) + NINE_IN_TEN
     out = []
     for i, term in enumerate(terms):
+        if found[i] > term.high - term.low:
+            continue
         others = np.abs(alike[i]).copy()
         others[i] = -1.0
         j = int(np.argmax(others))

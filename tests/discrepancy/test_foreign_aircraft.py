@@ -11,6 +11,7 @@ from blind import KINDS, NOISE, Case, aircraft, diagnosed, flights, fly_case, pr
 from foreign import SCENES, flying, sizes
 from matrices import SEED, confusion
 
+from station.discrepancy.detectable import detectable_sizes
 from station.discrepancy.effects import BY_ID, extended
 from station.discrepancy.fit import Fit, Problem
 from station.discrepancy.reference import reference
@@ -54,6 +55,14 @@ def test_what_is_allowed_for_beside_a_shifted_cg_is_of_the_profile():
     there = problem.complete(Fit(values, {}, moved, (0.0,), 0.0))
     made = Problem(problem.references, there).at({})
     np.testing.assert_allclose(made[0] - here[0], columns[k], atol=1e-6 * float(np.abs(columns[k]).max()))
+
+
+def test_an_effect_that_does_not_show_has_no_size():
+    plain = aircraft()
+    plain = plain.model_copy(update={"boom": plain.boom.model_copy(update={"upwash_wing": 0.0})})
+    found = {d.id for d in detectable_sizes(Problem(prepared(Case(seed=12, fit_on=("doublets",)))[0], plain), [0.0])}
+    assert "alpha_vane.position" in found
+    assert "alpha_vane.upwash_memory" not in found
 
 
 def planted(name: str, size: float, sign: int) -> float:
