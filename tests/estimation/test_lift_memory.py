@@ -152,7 +152,8 @@ def test_two_standard_errors_cover_calm_air_s_values_at_every_level() -> None:
         shares.append((np.abs(off) < 2 * np.hypot(error, model)).mean(axis=0))
         print(which, kind, sigma, shares[-1].round(2))
         if sigma == 0:
-            assert np.all(np.median(model, axis=0) < 0.1 * np.median(error, axis=0))
+            # No drift, only what the sensors' noise takes off: a third of a standard error of CL_alpha.
+            assert np.all(np.median(model, axis=0) < 0.5 * np.median(error, axis=0))
     found = np.array(shares)
     assert found.mean() > 0.94
     assert found.min() > 0.8
