@@ -16,14 +16,14 @@ MOVING: Final = ("alpha_vane", "q", "az")
 
 
 def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
-    """Where nothing tells the dynamic pressure: the derivatives in flight are then too small by the air's density."""
+    """Where nothing tells the dynamic pressure: then there are no derivatives in flight."""
     has = {name for stream in rig.streams() for name in stream.signals}
     known = "dynamic_pressure" in has or {"static_pressure", "air_temperature"} <= has or "altitude" in has
     if known or aircraft.air_density is not None:
         return []
     return [
-        f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: derivatives\n"
-        "are those of standard air at sea level; give one of them, or air_density in the aircraft's profile"
+        f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
+        "derivatives without an air density; give one of them, or air_density in the aircraft's profile"
     ]
 
 

@@ -14,7 +14,7 @@ from station.discrepancy.checks import Seen, examine
 from station.discrepancy.corrections import instrument_of
 from station.discrepancy.doubt import Doubted, in_doubt, of_vane
 from station.discrepancy.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
-from station.discrepancy.fit import Problem
+from station.discrepancy.fit import Fit, Problem
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
@@ -130,7 +130,7 @@ def diagnosis_of(
             problem, found = _second_look(problem, found)
             leftover = judge.left_over(problem, found)
         if found.accepted.values and not leftover.present:
-            found = replace(found, accepted=problem.undiluted(found.accepted))
+            found = replace(found, accepted=_sure(problem, found.accepted))
         far = beyond(problem, found.accepted)
         effects = (*_effects(found, problem), *(Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in far))
         effects = tuple(sorted(effects, key=lambda e: -e.drop))
@@ -173,6 +173,19 @@ def diagnosis_of(
         aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks), better,
         before, after, tuple(seen), doubted, strict,
     )  # fmt: skip
+
+
+def _sure(problem: Problem, fit: Fit) -> Fit:
+    """A fit free of what the sensors' noise makes of its values, without the effects that are nothing then."""
+    while True:
+        freed = problem.undiluted(fit)
+        if not freed.values:
+            return freed
+        weakest = min(freed.values, key=lambda n: abs(freed.values[n]) / max(freed.sds[n], 1e-30))
+        if abs(freed.values[weakest]) > 1.96 * SD_FACTOR * freed.sds[weakest]:
+            return freed
+        others = [i for i in fit.ids if i != weakest]
+        fit = problem.refit(others, fit.values, fit.gust) if others else problem.null()
 
 
 def _as_stated(aircraft: Aircraft, profile: Aircraft, effect: str) -> Aircraft:

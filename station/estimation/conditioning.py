@@ -122,15 +122,14 @@ def standard_density(height: float) -> float:
 @njit(cache=True)
 def dynamic_pressure(u: Array, density: float) -> float:
     """Pa: measured if there is one, else rho V^2/2 with `density` (NaN: not known) or that of static air data or
-    altitude."""
+    altitude; NaN where nothing tells it."""
     if u[QBAR] > 0.0:
         return float(u[QBAR])
     if math.isnan(density):
         if u[STATIC] > 0.0 and u[TEMPERATURE] > 0.0:
             density = u[STATIC] / (GAS_CONSTANT * u[TEMPERATURE])
-        else:
-            height = u[ALTITUDE] if math.isfinite(u[ALTITUDE]) else 0.0
-            density = standard_density(height)
+        elif math.isfinite(u[ALTITUDE]):
+            density = standard_density(u[ALTITUDE])
     return float(0.5 * density * u[AIRSPEED] ** 2)
 
 
@@ -199,9 +198,11 @@ class Conditioner:
         lost = next((f"no {INPUTS[i]}" for i in (AX, AZ) if not math.isfinite(self.u[i])), "settling")
         return f"{lost if self.has_attitude else 'no attitude'}: motion and gust not told apart"
 
-    def lacking(self, code: int) -> str:
-        """What the derivatives wait for, if a signal has been away for a second."""
+    def lacking(self, code: int, density: float) -> str:
+        """What the derivatives wait for, if a signal has been away for a second; `density` as for dynamic_pressure."""
         for i in range(ELEVATOR + 1 if code != FRESH else 0):
             if self._lost[i] > TICK_HZ:
                 return f"no {INPUTS[i]}"
+        if code < LOST and math.isnan(dynamic_pressure(self.u, density)):
+            return "no dynamic pressure, nor static pressure and temperature, nor altitude: air density not known"
         return ""

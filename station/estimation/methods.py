@@ -229,12 +229,13 @@ class Estimator:
         self._held_run = self._held_run + 1 if code == cond.HELD else 0
         if 0 < self._held_run <= HELD_TICKS:
             why = ""
-        self._derivatives.lacking = self._conditioner.lacking(code)
+        lacking = self._derivatives.lacking = self._conditioner.lacking(code, self._body[0])
         alpha = self._alpha(frame.t_ns, u, usable, why)
         applicable = self._not_applicable()
         air = (self._mean_speed(), self._sides.density, self._signals.wind_sd())
         estimates = self._derivatives.estimate(frame.t_ns, air, applicable)
         if self._physical:
+            self._physical.lacking = lacking or ("" if self._conditioner.has_attitude else "no attitude")
             estimates += (self._physical.estimate(frame.t_ns),)
         if self._lateral:
             estimates = self._with_lateral(self._lateral, frame, u, usable, estimates)

@@ -158,6 +158,8 @@ class Physical:
         forgetting_s: float = math.inf,
     ) -> None:
         """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives."""
+        self.lacking = ""
+        """What it waits for, while that is not there."""
         self.why_not = pc.why_not(aircraft)
         """Why the method cannot be applied to this aircraft; "" if it can."""
         if not self.why_not and names[0].startswith("CZ"):
@@ -279,7 +281,7 @@ class Physical:
             return Status.INVALID, self.why_not
         samples = self._closed + self._transform.samples
         if samples == 0:
-            return Status.UNESTIMATED, "warming up"
+            return Status.UNESTIMATED, self.lacking or "warming up"
         if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
         energy = self._input + self._elevator_energy()

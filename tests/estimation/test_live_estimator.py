@@ -423,6 +423,16 @@ def test_no_elevator_leaves_the_angle_of_attack():
     assert methods["split"].parameters[0].why == "no elevator"
 
 
+def test_no_air_density_leaves_the_angle_of_attack():
+    """Nothing stands in for it: at 10,000 ft the sea's would make the derivatives a quarter too small."""
+    lost = dict.fromkeys(("dynamic_pressure", "static_pressure", "altitude"))
+    methods, alphas = run(make(), [changed(f, **lost) for f in flight()[0]])
+    assert alphas[-1].valid
+    for name in ("split", "physical"):
+        assert {p.status for p in methods[name].parameters} == {Status.UNESTIMATED}
+        assert "air density not known" in methods[name].parameters[0].why
+
+
 def test_on_the_ground_there_is_no_angle_of_attack():
     frames = [changed(f, airspeed=0.0) for f in flight()[0][:1200]]
     methods, alphas = run(make(), frames)
