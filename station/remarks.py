@@ -23,7 +23,7 @@ def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
         return []
     return [
         f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
-        "derivatives without an air density; give one of them, or air_density in the aircraft's profile"
+        "derivatives with no air density; give one of them, or air_density in the aircraft's profile"
     ]
 
 
