@@ -6,6 +6,7 @@ import json
 import random
 import zlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -15,7 +16,7 @@ from station.conventions import SIGNALS, Stream
 from station.log import About, describe, metadata, read_rows, recover, summarise, write_log
 from station.log.part import PartWriter
 from station.profile import load_aircraft
-from station.rows import Code, Event, Frame, LogError, RawBlock, Rows, Sample, Tick
+from station.rows import Code, Event, Frame, Health, LogError, RawBlock, Rows, Sample, StreamHealth, Tick
 
 STREAM = Stream("boom.vanes", ("alpha_vane", "beta_vane"), 50.0, 0.2, "boom")
 ABOUT = About(load_aircraft("twin_otter"), (STREAM,))
@@ -37,6 +38,24 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Rows]]:
     rows = flight_rows(500, random.Random(1))
     write_log(path, ABOUT, rows)
     return path, rows
+
+
+def test_a_schema_knows_all_that_its_messages_hold(tmp_path: Path) -> None:
+    """A player offers to plot what the schema names."""
+    stream = StreamHealth("boom.vanes", "boom", 199.6, 0.004, "synced", -3600.0, 30.0, 1000, 0, 0, True)
+    path = tmp_path / "flight.mcap"
+    write_log(path, ABOUT, [Health(1, (stream,)), Tick(2, 0, 1)])
+    with path.open("rb") as file:
+        for schema, _, message in make_reader(file).iter_messages():
+            assert schema is not None
+            _compare(json.loads(schema.data), json.loads(message.data))
+
+
+def _compare(schema: dict[str, Any], body: dict[str, Any]) -> None:
+    assert set(body) <= set(schema["properties"])
+    for name, value in body.items():
+        for item in value if isinstance(value, list) else []:
+            _compare(schema["properties"][name]["items"], item)
 
 
 def test_other_readers_read_it(whole: tuple[Path, list[Rows]]) -> None:

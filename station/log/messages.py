@@ -297,7 +297,13 @@ def _struct_properties(kind: type) -> Mapping[str, Any]:
             found[item.name] = _quantity(ESTIMATE_UNITS.get(item.name, ""))
         elif item.type in (int, bool, str):
             found[item.name] = {int: _WHOLE, bool: _TRUE_OR_FALSE, str: _TEXT}[item.type]
+        elif item.type == tuple[StreamHealth, ...]:
+            found[item.name] = {"type": "array", "items": _object(_struct_properties(StreamHealth))}
     return found
+
+
+def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
 
 
 _ALPHA_FLOATS: Final = tuple(f.name for f in msgspec.structs.fields(AlphaEstimate) if f.type is float)
