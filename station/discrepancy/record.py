@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -57,6 +57,8 @@ class Record:
     """Where the rig says the imu is, from the CG in body axes, m."""
     stated: Mapping[str, float] = field(default_factory=dict)
     """The noise that the rig states, SI."""
+    gaps: str = ""
+    """What was left out of the recording, in words."""
 
     @property
     def n(self) -> int:
@@ -83,9 +85,10 @@ def manoeuvres(
     aircraft: Aircraft,
     spans: Sequence[tuple[float, float]] = (),
 ) -> list[Record]:
-    """A recording cut into manoeuvres: the marked `spans` (s), else pieces of about PIECE_S.
+    """A recording cut into manoeuvres: the marked `spans` (s), else pieces of about PIECE_S; and where a signal that is
+    needed has a gap.
 
-    Pieces with gaps or without excitation are left out. Raises UsageError where none remains, saying why.
+    Pieces that are too short, or without excitation, are left out. Raises UsageError where none remains, saying why.
     """
     lacking = [s for s in NEEDED if s not in columns or not np.isfinite(columns[s]).any()]
     if lacking:
@@ -100,6 +103,9 @@ def manoeuvres(
         pieces = 1 if last - first <= LONGEST_S else round((last - first) / PIECE_S)
         edges = np.linspace(first, last, pieces + 1)
         spans = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    parts = [part for start, end in spans for part in _between_gaps(t_s, columns, start, end)]
+    left_out = sum(end - start for start, end in spans) - sum(end - start for start, end in parts)
+    spans = parts
     found, refused = [], ""
     for k, (start, end) in enumerate(spans):
         label = name if len(spans) == 1 else f"{name} #{k + 1}"
@@ -109,7 +115,28 @@ def manoeuvres(
             refused = str(refusal)
     if not found:
         raise UsageError(refused)
+    if left_out > 0:
+        found[0] = replace(found[0], gaps=f"{name}: {left_out:.1f} s left out, with gaps in what is needed")
     return found
+
+
+def _between_gaps(t_s: Array, columns: Mapping[str, Array], start: float, end: float) -> list[tuple[float, float]]:
+    """The parts of a span, long enough to be judged, in which no signal that is needed is away for longer than
+    BRIDGED_S; the span itself where there is none."""
+    inside = (t_s >= start - 1e-9) & (t_s <= end + 1e-9)
+    away: list[tuple[float, float]] = []
+    for name in NEEDED:
+        t = t_s[inside & np.isfinite(columns[name])]
+        apart = np.flatnonzero(np.diff(t) > BRIDGED_S + float(np.median(np.diff(t_s))))
+        away += zip(t[apart].tolist(), t[apart + 1].tolist(), strict=True)
+    parts, since = [], start
+    for last, first in sorted(away):
+        if last - since >= SHORTEST_S:
+            parts.append((since, last))
+        since = max(since, first)
+    if end - since >= SHORTEST_S:
+        parts.append((since, end))
+    return parts if away and parts else [(start, end)]
 
 
 def _piece(
@@ -228,7 +255,7 @@ def _along(signals: dict[str, Array]) -> None:
 
 def describe_missing(record: Record) -> str:
     """What cannot be judged for want of signals; empty where nothing is missing."""
-    words = []
+    words = [record.gaps] if record.gaps else []
     if "v_down" in record.missing:
         words.append("no vertical velocity: slow gusts and slow motion are not told apart, velocity is not judged")
     if "v_along" in record.missing:

@@ -84,5 +84,11 @@ def test_a_record_that_cannot_be_judged_says_why(records):
         manoeuvres("x", t, still, aircraft())
     gap = {n: x.copy() for n, x in columns.items()}
     gap["az"][500:600] = np.nan
+    before, after = manoeuvres("x", t, gap, aircraft())
+    assert (before.start_s, after.start_s) == (pytest.approx(t[0]), pytest.approx(t[600]))
+    assert before.seconds + after.seconds == pytest.approx(t[-1] - t[0] - 101 * before.dt, abs=2.1 * before.dt)
+    assert before.gaps == f"x: {101 * before.dt:.1f} s left out, with gaps in what is needed"
+    for k in range(100, len(t), 100):
+        gap["az"][k : k + 20] = np.nan
     with pytest.raises(UsageError, match="az has a gap"):
         manoeuvres("x", t, gap, aircraft())
