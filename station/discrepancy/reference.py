@@ -175,6 +175,8 @@ def reference(
     noise, guess = levels(record, flights, stated, plain, setting(True, flown, stated["elevator"]))
     if "thrust" not in record.signals:
         noise["thrust"] = THRUST_SHARE * flights.trim_thrust
+        # Nor is known how somebody who holds the speed answers gusts.
+        turbulent = {name: x for name, x in turbulent.items() if name != "thrust"}
     gusty = guess > CALM_BELOW * float(np.mean(nominal["airspeed"]))
     own = setting(gusty, plain, noise["elevator"])
     mean = spectra(series(nominal, plain, own), own)
