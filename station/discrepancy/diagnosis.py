@@ -130,7 +130,7 @@ def diagnosis_of(
             problem, found = _second_look(problem, found)
             leftover = judge.left_over(problem, found)
         if found.accepted.values and not leftover.present:
-            found = replace(found, accepted=_sure(problem, found.accepted))
+            found = replace(found, accepted=sure(problem, found.accepted))
         far = beyond(problem, found.accepted)
         effects = (*_effects(found, problem), *(Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in far))
         effects = tuple(sorted(effects, key=lambda e: -e.drop))
@@ -175,7 +175,7 @@ def diagnosis_of(
     )  # fmt: skip
 
 
-def _sure(problem: Problem, fit: Fit) -> Fit:
+def sure(problem: Problem, fit: Fit) -> Fit:
     """A fit free of what the sensors' noise makes of its values, without the effects that are nothing then."""
     while True:
         freed = problem.undiluted(fit)

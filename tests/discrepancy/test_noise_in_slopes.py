@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, prepared
 
-from station.discrepancy.diagnosis import SD_FACTOR
+from station.discrepancy.diagnosis import SD_FACTOR, sure
 from station.discrepancy.fit import INDEPENDENT, Problem
 from station.discrepancy.judge import LEVEL_DOF, _log_p
 
@@ -40,3 +40,15 @@ def test_leftovers_are_as_unlikely_as_told_with_an_estimated_level(count):
     told = np.exp([_log_p(float(t), count) for t in totals])
     for chance in (0.5, 0.01):
         assert np.mean(told < chance) == pytest.approx(chance, abs=4 * np.sqrt(chance / 20000))
+
+
+def test_an_effect_that_is_not_there_is_not_kept_beside_one_that_is():
+    made, _ = prepared(Case(seed=3, effects={"alpha_vane.delay": 0.03}))
+    problem = Problem(made, aircraft())
+    both = problem.refit(("aero.downwash_lag", "alpha_vane.delay"), {}, [r.gust_guess for r in made])
+    assert set(both.values) == {"aero.downwash_lag", "alpha_vane.delay"}
+    kept = sure(problem, both)
+    assert set(kept.values) == {"alpha_vane.delay"}
+    nothing, _ = prepared(Case(seed=4))
+    clean = Problem(nothing, aircraft())
+    assert sure(clean, clean.refit(("q.scale",), {}, [r.gust_guess for r in nothing])).values == {}
