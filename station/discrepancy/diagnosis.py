@@ -9,12 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeVar
 
+import numpy as np
+
 from station.discrepancy import judge
 from station.discrepancy.checks import Seen, examine
 from station.discrepancy.corrections import instrument_of
 from station.discrepancy.doubt import Doubted, in_doubt, of_vane
 from station.discrepancy.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
-from station.discrepancy.fit import Fit, Problem
+from station.discrepancy.fit import Fit, Problem, moved_by
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
 from station.discrepancy.reference import Reference, bare, reference
@@ -132,12 +134,13 @@ def diagnosis_of(
         if found.accepted.values and not leftover.present:
             found = replace(found, accepted=sure(problem, found.accepted))
         far = beyond(problem, found.accepted)
-        effects = (*_effects(found, problem), *(Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in far))
-        effects = tuple(sorted(effects, key=lambda e: -e.drop))
-        before, better = problem.complete(found.null), extended(aircraft, found.accepted.values)
-        for part in far:
-            # What the data say of it is what is gained.
-            before = _as_stated(before, aircraft, part.term.id)
+        more = (Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in far.values())
+        effects = tuple(sorted((*_effects(found, problem), *more), key=lambda e: -e.drop))
+        # What the data say of these is what is gained.
+        allowed = [0.0 if a.name in far else float(x) for a, x in zip(problem.allowed, found.null.moved, strict=False)]
+        before = moved_by(problem.aircraft, problem.allowed, np.array(allowed))
+        better = extended(aircraft, found.accepted.values)
+        for part in far.values():
             better = part.term.extend(better, part.value)
     doubted = None
     if incomplete(aircraft) or leftover.present:
@@ -186,12 +189,6 @@ def sure(problem: Problem, fit: Fit) -> Fit:
             return freed
         others = [i for i in fit.ids if i != weakest]
         fit = problem.refit(others, fit.values, fit.gust) if others else problem.null()
-
-
-def _as_stated(aircraft: Aircraft, profile: Aircraft, effect: str) -> Aircraft:
-    """An aircraft with one derivative as the profile has it."""
-    name = effect.removeprefix("aero.")
-    return aircraft.model_copy(update={"derivatives": {**aircraft.derivatives, name: profile.derivatives[name]}})
 
 
 def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:

@@ -47,6 +47,11 @@ LEAST_CHANGE: Final = 2.0
 """Stated standard deviations by which a derivative must have moved to be named as wrong."""
 BEYOND: Final = 3.5
 """The same, with the model's structure not in doubt, within the price that they put on it."""
+GYRO: Final = "q bias"
+GYRO_ZERO: Final = Term(
+    "q.bias", "q", 0, "rad/s", "deg/s", -0.2, 0.2, 1e-3, "The gyro's zero is off by {value}.",
+    "the gyro at rest on the ground", bias("q"),
+)  # fmt: skip
 SHARES: Final = (1.0, 0.5, 0.25)
 """Of a step, tried in turn."""
 ROUNDS: Final = 4
@@ -251,17 +256,21 @@ def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, 
     return tuple(sorted(out, key=lambda p: -p.drop))
 
 
-def beyond(problem: Problem, fit: Fit) -> tuple[Part, ...]:
-    """Derivatives that the data put where the profile takes them to be impossible, though nothing is left over."""
+def beyond(problem: Problem, fit: Fit) -> dict[str, Part]:
+    """Derivatives, and the gyro's zero, that the data put where they are taken to be impossible, though nothing is left
+    over; by allowance."""
     far = {
-        a.name for a, x in zip(problem.allowed, fit.moved, strict=False) if a.name in DERIVATIVES and abs(x) > BEYOND
+        a.name: GYRO_ZERO if a.name == GYRO else _derivative_term(a.name, problem.aircraft)
+        for a, x in zip(problem.allowed, fit.moved, strict=False)
+        if a.name in (*DERIVATIVES, GYRO) and abs(x) > BEYOND
     }
     if not far:
-        return ()
+        return {}
     loose = [replace(a, sd=LOOSER * a.sd) if a.name in far else a for a in problem.allowed]
     freer = Problem(problem.references, problem.aircraft, loose)
     own = freer.refit(fit.ids, fit.values, fit.gust) if fit.values else freer.null()
-    return parts(freer, own, {name: _derivative_term(name, problem.aircraft) for name in far})
+    names = {term.id: name for name, term in far.items()}
+    return {names[p.term.id]: p for p in parts(freer, own, far)}
 
 
 BIASES: Final = ("theta bias", "az bias", "ax bias", "q bias")

@@ -51,12 +51,14 @@ tail_arm = "{TAIL} m"
 
 @dataclass(frozen=True)
 class Case:
-    """`derivatives` replace the Navion's; the vane shows what it met `late` s ago, times `scale`."""
+    """`derivatives` replace the Navion's; the vane shows what it met `late` s ago, times `scale`; `gyro` is
+    the gyro's zero."""
 
     seed: int
     sigma: float = 0.0
     late: float = 0.0
     scale: float = 1.0
+    gyro: float = 0.0
     derivatives: dict[str, float] = field(default_factory=dict)
     seconds: float = 45.0
 
@@ -145,8 +147,8 @@ def fly(case: Case, kind: int) -> tuple[Array, dict[str, Array]]:
     natural = 2 * np.pi * 9.0
     _, shown, _ = signal.lsim(([natural**2], [1, 2 * 0.35 * natural, natural**2]), flow - flow[0], t)
     columns = {
-        "alpha_vane": case.scale * np.interp(t - case.late, t, shown + flow[0]), "q": q, "theta": theta, "ax": ax_,
-        "az": az_, "airspeed": v_, "dynamic_pressure": 0.5 * DENSITY * v_**2, "elevator": e_,
+        "alpha_vane": case.scale * np.interp(t - case.late, t, shown + flow[0]), "q": q + case.gyro,
+        "theta": theta, "ax": ax_, "az": az_, "airspeed": v_, "dynamic_pressure": 0.5 * DENSITY * v_**2, "elevator": e_,
         "v_north": u * np.cos(theta) + w * np.sin(theta), "v_down": w * np.cos(theta) - u * np.sin(theta),
     }  # fmt: skip
     every = round(DT / FINE)
