@@ -19,12 +19,14 @@ from station.discrepancy.effects import BY_ID, DERIVATIVES, Term, extended, judg
 from station.discrepancy.fit import Fit, Problem, moved_by
 from station.discrepancy.judge import SD_FACTOR, Gain, Leftover
 from station.discrepancy.record import Record, describe_missing
-from station.discrepancy.reference import Reference, bare, reference
+from station.discrepancy.reference import Reference, bare, heard_through, reference
 from station.discrepancy.search import FURTHER, FURTHER_SHARE, RIVAL, Found, search
 from station.discrepancy.structure import beyond, gusts, incomplete, mended
 from station.profile import Aircraft, Instrument
 from station.rows import UsageError
 
+MOVED: Final = 1.0
+"""Standard deviations of a derivative from which the noise is taken through the model as it then is."""
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
 PLAY_UNSURE: Final = 0.5
@@ -124,6 +126,7 @@ def diagnosis_of(
     terms = judged_effects(aircraft, present, gusty, held)
     strict: tuple[Effect, ...] = ()
     if not incomplete(aircraft):
+        problem = _as_heard(problem)
         found = search(problem, terms, progress)
         progress("what is left")
         leftover = judge.left_over(problem, found)
@@ -176,6 +179,17 @@ def diagnosis_of(
         aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks), better,
         before, after, tuple(seen), doubted, strict,
     )  # fmt: skip
+
+
+def _as_heard(problem: Problem) -> Problem:
+    """With the sensors' noise as it passes through the model that the data ask for, where that is not the profile's:
+    through the profile's, an effect that brings its derivatives back would seem to add noise."""
+    nothing = problem.null()
+    moved = [x for a, x in zip(problem.allowed, nothing.moved, strict=False) if a.name in DERIVATIVES]
+    if max(np.abs(moved), default=0.0) < MOVED:
+        return problem
+    there = problem.complete(nothing)
+    return Problem([heard_through(r, there) for r in problem.references], problem.aircraft)
 
 
 def sure(problem: Problem, fit: Fit) -> Fit:

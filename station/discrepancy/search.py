@@ -33,6 +33,8 @@ HOPEFUL: Final = 0.5
 """Share of the drop asked of a second effect that a pair must promise, along straight lines, to be refitted."""
 MOST: Final = 4
 """Effects at once."""
+LEAST_PLACE: Final = 0.02
+"""Of the distance to the vane or to the tail: no drawing says better where on them a gust is met."""
 LEAST_TIME: Final = 0.05
 """Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
 LEAST_PLAY: Final = 2.5
@@ -62,6 +64,7 @@ def least_judged(problem: Problem, terms: Sequence[Term]) -> dict[str, float]:
     tick = LEAST_TIME * max(r.record.dt for r in problem.references)
     least = {t.id: tick for t in terms if t.unit == "s"}
     least["elevator.backlash"] = LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)
+    least |= dict.fromkeys(("gust.lead", "gust.tail_penetration"), LEAST_PLACE)
     return least
 
 
