@@ -20,7 +20,7 @@ from station.estimation.consistency import compare
 from station.estimation.disagreement import Disagreement
 from station.estimation.methods import Estimator
 from station.live import recorded_beats, run
-from station.postflight import same_bits
+from station.comparing import same_bits
 from station.profile import Card, Doublet, Flight, Instrument, ThreeTwoOneOne, load_aircraft, load_rig
 from station.rows import Code, Event, Frame, Sample, Tick
 from station.simulation.simulate import fly
