@@ -15,12 +15,12 @@ from scipy.signal import lfilter
 from station.alignment import Aligner
 from station.board import Board
 from station.clock import ManualClock
+from station.comparing import same_bits
 from station.conventions import SIGNALS, STREAMS, TICK_HZ, TICK_NS, Stream
 from station.estimation.consistency import compare
 from station.estimation.disagreement import Disagreement
 from station.estimation.methods import Estimator
 from station.live import recorded_beats, run
-from station.comparing import same_bits
 from station.profile import Card, Doublet, Flight, Instrument, ThreeTwoOneOne, load_aircraft, load_rig
 from station.rows import Code, Event, Frame, Sample, Tick
 from station.simulation.simulate import fly
