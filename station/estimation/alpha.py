@@ -37,8 +37,8 @@ READY_S: Final = 1.0
 _ZERO, _KF, _KW, _X, _Y, _LE, _VANE_LAG, _TAIL, _CHORD, _VANE, _NM, _NG = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 17, 18
 _MA, _MB, _GA, _GB, PARAMS = 19, 23, 27, 31, 35
 # state
-_COUNT, _VF, _VSUM, _XIN, _LEIN, _PIN, _VS, _MS, _GS, _SPLIT = 0, 1, 2, 3, 4, 5, 6, 8, 12, 16
-STATE: Final = 17
+_COUNT, _VF, _VSUM, _XIN, _LEIN, _PIN, _VS, _MS, _GS, _SPLIT, _SEEN = 0, 1, 2, 3, 4, 5, 6, 8, 12, 16, 17
+STATE: Final = 20
 # out
 STEADY, SCALED_LATE, RATE_LATE, FAST, SPLIT, GUST, GUST_STEP, BOOM_GUST, RATE, SPEED_MEAN, READY, RESIDUAL = range(12)
 OUT: Final = 12
@@ -46,7 +46,7 @@ OUT: Final = 12
 
 @njit(cache=True)
 def _delayed(ring: Array, newest: int, column: int, ticks: float) -> float:
-    """The value `ticks` ago: 3rd-order Lagrange; linear within the last tick, where there is no sample ahead."""
+    """The value `ticks` ago: 3rd-order Lagrange; 2nd within the last tick, where there is no sample ahead."""
     n = ring.shape[0]
     ticks = min(max(ticks, 0.0), n - 4.0)
     whole = math.floor(ticks)
@@ -55,10 +55,10 @@ def _delayed(ring: Array, newest: int, column: int, ticks: float) -> float:
         return float(ring[(newest - whole) % n, column])
     b = ring[(newest - whole) % n, column]
     c = ring[(newest - whole - 1) % n, column]
-    if whole == 0:
-        return float(b + f * (c - b))
-    a = ring[(newest - whole + 1) % n, column]
     d = ring[(newest - whole - 2) % n, column]
+    if whole == 0:
+        return float(b * (1 - f) * (2 - f) / 2 + c * f * (2 - f) - d * f * (1 - f) / 2)
+    a = ring[(newest - whole + 1) % n, column]
     return float(
         -a * f * (f - 1) * (f - 2) / 6
         + b * (f + 1) * (f - 1) * (f - 2) / 2
@@ -155,7 +155,8 @@ def step(
             s[_GS + j] = 0.0
         s[_LEIN] = 0.0
         start = (1.0 + par[_KF]) * (alpha_i - rate) + par[_KW] * alpha_i
-        s[_PIN] = start
+        s[_PIN] = s[_SEEN] = s[_SEEN + 1] = start
+        s[_SEEN + 2] = 0.0
         s[_VS] = start
         s[_VS + 1] = 0.0
         for i in range(n):
@@ -163,7 +164,11 @@ def step(
     chords = v * dt / par[_CHORD]
     wing = _remember(s, _MS, par[_MA : _MA + 4], par[_MB : _MB + 4], n_m, s[_XIN], alpha_i, chords)
     s[_XIN] = alpha_i
-    seen = (1.0 + par[_KF]) * (alpha_i - rate) + par[_KW] * wing
+    flown = (1.0 + par[_KF]) * (alpha_i - rate) + par[_KW] * wing
+    # Straight lines between ticks lose (omega dt)^2/12 of a sine: its bend, as it goes on, is given back.
+    bend = flown - 2.0 * s[_SEEN] + s[_SEEN + 1]
+    seen = flown - (2.0 * bend - s[_SEEN + 2]) / 12.0
+    s[_SEEN], s[_SEEN + 1], s[_SEEN + 2] = flown, s[_SEEN], bend
     m = par[_VANE : _VANE + 8]
     angle = m[0] * s[_VS] + m[1] * s[_VS + 1] + m[4] * s[_PIN] + m[6] * seen
     swing = m[2] * s[_VS] + m[3] * s[_VS + 1] + m[5] * s[_PIN] + m[7] * seen

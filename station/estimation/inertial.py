@@ -36,7 +36,7 @@ _COUNT, _VEL, _ATT, _VEL_FIX, _ATT_FIX, _BIAS, _VEL_AT, _ATT_AT = 0, 1, 4, 7, 10
 _ACC, _ATT_RATE, _WIND, _WIND_COUNT, _RATE, _MEASURED, _HELD = 22, 25, 28, 31, 32, 35, 38
 HOLD: Final = 41
 """Where the state says, not 0, that the mean wind which motion is relative to does not follow the average."""
-STATE: Final = 42
+_ACC_BEFORE, _ATT_RATE_BEFORE, STATE = 42, 45, 48
 OUT: Final = 9
 """alpha_i, beta_i, inertial speed relative to the mean horizontal wind, wind NED (3), phi, theta, ready (1 or 0)."""
 
@@ -63,6 +63,16 @@ def _unrotate(att: Array, n: float, e: float, d: float) -> tuple[float, float, f
     y = (sph * sth * cps - cph * sps) * n + (sph * sth * sps + cph * cps) * e + sph * cth * d
     z = (cph * sth * cps + sph * sps) * n + (cph * sth * sps - sph * cps) * e + cph * cth * d
     return x, y, z
+
+
+@njit(cache=True)
+def _mean(now: float, before: float, before_that: float, ticks: int) -> float:
+    """Of the last tick, on the parabola through three samples, `ticks` of them before this one (Adams and Moulton).
+
+    A straight line is too low at a peak, by (omega dt)^2/12: 0.5 % at 2 Hz.
+    """
+    bend = now - 2.0 * before + before_that if ticks > 1 else 0.0
+    return 0.5 * (before + now) - bend / 12.0
 
 
 @njit(cache=True)
@@ -136,7 +146,7 @@ def step(
     for i in range(3):
         att[i] = s[_ATT + i] + s[_ATT_FIX + i]
 
-    # Attitude: Euler angle rates, trapezoidal.
+    # Attitude: Euler angle rates.
     secant = 1.0 / max(math.cos(att[1]), 0.1)
     turn = q * math.sin(att[0]) + r * math.cos(att[0])
     rates = (p + math.sin(att[1]) * secant * turn, q * math.cos(att[0]) - r * math.sin(att[0]), turn * secant)
@@ -145,8 +155,8 @@ def step(
             s[_ATT_RATE + i] = rates[i]
     for i in range(3):
         if count > 0:
-            s[_ATT + i] += 0.5 * dt * (s[_ATT_RATE + i] + rates[i])
-        s[_ATT_RATE + i] = rates[i]
+            s[_ATT + i] += dt * _mean(rates[i], s[_ATT_RATE + i], s[_ATT_RATE_BEFORE + i], count)
+        s[_ATT_RATE_BEFORE + i], s[_ATT_RATE + i] = s[_ATT_RATE + i], rates[i]
         att[i] = s[_ATT + i] + s[_ATT_FIX + i]
 
     # Specific force at the CG: a_cg = a - wdot x r - w x (w x r).
@@ -162,8 +172,8 @@ def step(
     acc = (an, ae, ad + G0)
     for i in range(3):
         if count > 0:
-            s[_VEL + i] += dt * (0.5 * (s[_ACC + i] + acc[i]) - s[_BIAS + i])
-        s[_ACC + i] = acc[i]
+            s[_VEL + i] += dt * (_mean(acc[i], s[_ACC + i], s[_ACC_BEFORE + i], count) - s[_BIAS + i])
+        s[_ACC_BEFORE + i], s[_ACC + i] = s[_ACC + i], acc[i]
 
     row = count % ring.shape[0]
     ring[row, 0] = t

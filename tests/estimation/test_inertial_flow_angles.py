@@ -62,6 +62,13 @@ def test_fifty_hertz_streams_give_the_motion():
     assert np.abs(got - true).max() < 0.05
 
 
+def test_a_fast_motion_keeps_its_size():
+    """At 2 Hz straight lines between samples would lose (w dt)^2/12 = 0.5 % of it, twice."""
+    w = 4 * math.pi
+    got, true, _ = fly(lambda t: (0.05 + 0.02 * math.sin(w * t), 0.04 + 0.03 * math.sin(w * t - 0.6)))
+    assert np.dot(got - got.mean(), true - true.mean()) / np.dot(true - true.mean(), true) == pytest.approx(1, abs=1e-3)
+
+
 @pytest.mark.parametrize(("every", "late"), [(10, 0.0), (50, 0.0), (50, 0.2), (10, 0.3)])
 def test_slow_and_late_velocity_costs_nothing(every, late):
     got, true, _ = fly(porpoise, every, late)
