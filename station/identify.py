@@ -23,6 +23,7 @@ from station.estimation.inputs import short_period
 from station.estimation.instruments import known
 from station.estimation.kinematics import kinematics
 from station.estimation.methods import LIVE, MEASURED, METHODS, recommended
+from station.estimation.mistaken import mistakes
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
 from station.estimation.results import DOF, Axes, MethodResult, names, not_applicable
@@ -32,7 +33,7 @@ from station.log import Table
 from station.plausibility import hint
 from station.profile import Aircraft, Card
 from station.remarks import about_columns
-from station.rows import Status, UsageError
+from station.rows import ParamEstimate, Status, UsageError
 
 Array = NDArray[np.float64]
 
@@ -80,10 +81,11 @@ def identify(
         raise UsageError(
             f"{log or 'log'}: no data from {start:g} to {end:g} s: the recording has {first:g} to {last:g} s"
         )
+    mistaken = " or ".join(m.sentence for m in mistakes(cut.t_s, cut.columns, aircraft))
     try:
         record, refusal = flight_record(cut, aircraft, imu_position, noise)
     except NotIdentifiable as why:
-        raise UsageError(f"{log or 'log'}: {why}") from why
+        raise UsageError(f"{log or 'log'}: {why}" + (f"\n{mistaken}" if mistaken else "")) from why
     # The whole flight's instruments are looked at where everything is asked for, or nothing else can be had.
     instruments = instruments_json(kinematics(record), record) if "all" in methods or refusal else {}
     if refusal and all(section["status"] != "ok" for section in instruments.values()):
@@ -121,6 +123,8 @@ def identify(
         if sift:
             only = sifted_results(instruments["sifted"], record, axes)
             results |= {n: r for n, r in only.items() if n in results}
+    if mistaken:
+        results = {name: _invalid(result, mistaken) for name, result in results.items()}
     recommended = _recommended(results, level)
     if "all" in methods and not refusal:
         instruments["next_input"] = next_input_json(record, results.get(recommended or "II"))
@@ -134,16 +138,27 @@ def identify(
         "remarks": [
             *about_columns(cut),
             *record.remarks,
-            *_about_gusts(results, level),
+            *([] if mistaken else _about_gusts(results, level)),
             *_about_instruments(aircraft),
             *_about_the_band(record, card),
         ],
-        "hint": "" if refusal else hint(aircraft, table.aircraft, record, results.get(recommended or "")),
+        "hint": _hint(mistaken)
+        or ("" if refusal else hint(aircraft, table.aircraft, record, results.get(recommended or ""))),
         "methods": {name: _as_json(r) for name, r in results.items()},
         "recommended": recommended,
         "consistency": _consistency(results, axes),
         **instruments,
     }
+
+
+def _hint(mistaken: str) -> str:
+    return f"{mistaken}: no estimate is valid; put it right where the record was made or imported" if mistaken else ""
+
+
+def _invalid(result: MethodResult, why: str) -> MethodResult:
+    """The numbers stay for comparison, but nobody is to take them for estimates."""
+    parameters = tuple(ParamEstimate(p.name, p.value, p.sd, Status.INVALID, why) for p in result.parameters)
+    return replace(result, status="not_applicable", why=why, parameters=parameters)
 
 
 def _about_gusts(results: Mapping[str, MethodResult], level: str) -> list[str]:

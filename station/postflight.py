@@ -278,9 +278,12 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
             for m, cells in rows.items():
                 grid.add_row(f"{m} *" if m == result["recommended"] else m, *cells)
             console.print(grid)
+    reasons: dict[str, list[str]] = {}
     for name, made in methods.items():
         if made["why"]:
-            console.print(f"{name}: {made['why']}", highlight=False, markup=False)
+            reasons.setdefault(made["why"], []).append(name)
+    for why, names in reasons.items():
+        console.print(f"{', '.join(names)}: {why}", highlight=False, markup=False)
     for remark in result["remarks"]:
         console.print(remark, highlight=False, markup=False)
 

@@ -18,7 +18,7 @@ from station.clock import ManualClock
 from station.comparing import same_bits
 from station.conventions import SIGNALS, STREAMS, TICK_HZ, TICK_NS, Stream
 from station.estimation.consistency import compare
-from station.estimation.disagreement import Disagreement
+from station.estimation.disagreement import CHECKS, Disagreement, Value
 from station.estimation.methods import Estimator
 from station.live import recorded_beats, run
 from station.profile import Card, Doublet, Flight, Instrument, ThreeTwoOneOne, load_aircraft, load_rig
@@ -102,6 +102,18 @@ def warned(events):
 @pytest.mark.parametrize("sigma", [0, 3, 5, 10])
 def test_sound_instruments_give_no_warning(sigma):
     assert warned(told(flown(sigma, 7, 85.0))) == []
+
+
+def test_a_rate_in_degrees_is_told_as_one_of_another_unit():
+    words = {source: detail for _, source, detail in warned(told(flown(3, 8, 50.0, {"q": {"gain": math.degrees(1)}})))}
+    assert words["q.scale"].startswith("q shows 56")
+    assert words["q.scale"].endswith("): is a unit wrong?")
+
+
+def test_a_gain_below_nothing_is_told_as_a_sign():
+    az = CHECKS["accelerometer.scale"]
+    assert az.sentence(Value(-2.02, 0.004)).endswith("than v_down changes (±0.8): is a sign wrong?")
+    assert az.sentence(Value(-0.2, 0.004)).endswith("(±0.8)")
 
 
 @pytest.mark.slow

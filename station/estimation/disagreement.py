@@ -23,6 +23,8 @@ SURE: Final = 4.0
 TWICE: Final = 2
 GUST_LENGTH: Final = to_si(1750, "ft")
 """L of MIL-F-8785C: the mean over T s of vertical gusts has L/VT of their variance, their integral time being L/2V."""
+FAR: Final = 2.5
+"""A gain beyond it, or below its reciprocal, is no calibration."""
 CHANGED: Final = 0.25
 """Share by which a value must move to be told again."""
 
@@ -52,7 +54,11 @@ class Check:
         size, sd2 = from_si(abs(v.value), self.unit), from_si(2 * v.sd, self.unit)
         places = min(max(0, -math.floor(math.log10(max(sd2, 0.1 * self.tolerance)))), 3)
         sd2 = max(sd2, 10.0**-places)
-        return (self.more if v.value > 0 else self.less).format(size=f"{size:.{places}f}", sd2=f"{sd2:.{places}f}")
+        told = (self.more if v.value > 0 else self.less).format(size=f"{size:.{places}f}", sd2=f"{sd2:.{places}f}")
+        gain = 1 + v.value
+        if self.unit != "%" or 1 / FAR < gain < FAR:
+            return told
+        return f"{told}: is a {'sign' if gain < -1 / FAR else 'unit'} wrong?"
 
 
 def _both(id_: str, unit: str, tolerance: float, words: str, more: str, less: str) -> Check:
@@ -179,12 +185,16 @@ class Disagreement:
     def _pair(self, turn: int) -> dict[str, Value | None]:
         pair = _PAIRS[turn]
         names = [pair.gain, pair.delay] if pair.delay else [pair.gain]
-        if self._is_blocked(pair.gain) or self._has_stepped(pair):
+        if self._is_blocked(pair.gain):
             return dict.fromkeys(names)
         gain, gain_sd, delay, delay_sd = self._window.compare(pair.y, pair.x, pair.z)
+        # No step makes a gain so far out as a wrong unit or sign.
+        if 1 / FAR < gain < FAR and self._has_stepped(pair):
+            return dict.fromkeys(names)
         if pair.gain in _OF_X and gain > 0:
             gain, gain_sd = 1 / gain, gain_sd / gain**2
-        made: dict[str, Value | None] = {pair.gain: Value(gain - 1, gain_sd) if gain_sd < _GAIN_SD else None}
+        sure = gain_sd < _GAIN_SD * max(1.0, abs(gain))
+        made: dict[str, Value | None] = {pair.gain: Value(gain - 1, gain_sd) if sure else None}
         if pair.delay:
             # theta behind its integral rate is a rate that is early.
             sign = -1.0 if pair.delay == "q.delay" else 1.0
