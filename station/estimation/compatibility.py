@@ -12,7 +12,7 @@ Output error: biases, scales, wind and the initial state by Levenberg-Marquardt,
 Standard errors are corrected for coloured residuals and hold the noise of rates and accelerations, which the equations
 carry on. Weak priors of the size that an instrument's error may have keep what a record does not tell from running
 away; such a number is called unestimated. Attitude is the reference: a bias of it is not told from the accelerometers'.
-Gusts stay in the residuals. SI, rad; body axes.
+Gusts stay in the residuals. Flow angles are compared as the vane shows them. SI, rad; body axes.
 
 Source: Klein and Morelli 2006, sections 10.1-10.3 (equations, output error), 6.3 (coloured residuals).
 """
@@ -28,6 +28,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from station.conventions import G0, ned_from_body
 from station.estimation.regression import NotIdentifiable, autocorrelation
@@ -151,18 +152,34 @@ def _adjoint(x: Array, inputs: Array, direct: Array, dt: float) -> Array:
     return out
 
 
-def compatibility(motion: Mapping[str, Array], alpha: Array, beta: Array | None, dt: float) -> Compatibility:
+def through_vane(x: Array, vane: tuple[float, float] | None, dt: float) -> Array:
+    """What a vane of natural frequency (Hz) and damping shows of the angle `x` (n,), settled on its first value."""
+    if vane is None:
+        return x
+    omega, damping = 2 * math.pi * vane[0], vane[1]
+    over, under = [omega**2], [1.0, 2 * damping * omega, omega**2]
+    b, a, _ = cont2discrete((over, under), dt, "foh")
+    shown, _ = lfilter(b.ravel(), a, x, zi=lfilter_zi(b.ravel(), a) * x[0])
+    return np.asarray(shown)
+
+
+def compatibility(
+    motion: Mapping[str, Array], alpha: Array, beta: Array | None, dt: float, vane: tuple[float, float] | None = None
+) -> Compatibility:
     """Reconstruct the motion and estimate the instruments' errors.
 
     `motion`: signals (n,) at the CG on a uniform grid: q, ax, az, airspeed and theta without gaps; p, r, ay, phi, psi
     and the velocity over ground where there are any. `alpha`, `beta` (n,): measured, corrected to the CG (beta None
-    without a vane). Raises NotIdentifiable for a record that is too short, too long or has gaps.
+    without a vane), both as the vanes' own dynamics show them: `vane` is their frequency (Hz) and damping. Raises
+    NotIdentifiable for a record that is too short, too long or has gaps.
     """
-    return _Reconstruction(motion, alpha, beta, dt).solve()
+    return _Reconstruction(motion, alpha, beta, dt, vane).solve()
 
 
 class _Reconstruction:
-    def __init__(self, motion: Mapping[str, Array], alpha: Array, beta: Array | None, dt: float) -> None:
+    def __init__(
+        self, motion: Mapping[str, Array], alpha: Array, beta: Array | None, dt: float, vane: tuple[float, float] | None
+    ) -> None:
         n = len(alpha)
         if not MIN_S <= n * dt <= MAX_S:
             raise NotIdentifiable(f"{n * dt:.1f} s of record: a reconstruction needs {MIN_S:g} to {MAX_S:g} s")
@@ -183,6 +200,7 @@ class _Reconstruction:
             if name in self._measured:
                 self._measured[name] = np.unwrap(self._measured[name])
         self._dt = dt
+        self._vane = vane
         self._n = n
         has = [f"{name}_bias" for name, c in zip(INPUTS, driven, strict=True) if c is not None and np.any(c)]
         has += [name for name, of in NEEDS.items() if of in self._measured and np.any(self._measured[of])]
@@ -231,11 +249,13 @@ class _Reconstruction:
     def _observed(self, x: Array, value: Mapping[str, float]) -> dict[str, Array]:
         """What states (n, 6) would have been measured as."""
         motion = _outputs(x)
+        vane = (self._vane, self._dt)
         ground = np.einsum("nij,nj->ni", ned_from_body(*x[:, 3:].T), x[:, :3])
         made = {
             "airspeed": value.get("airspeed_scale", 1.0) * motion["airspeed"],
-            "beta": value.get("beta_bias", 0.0) + value.get("beta_scale", 1.0) * motion["beta"],
-            "alpha": value.get("alpha_bias", 0.0) + value.get("alpha_scale", 1.0) * motion["alpha"],
+            "beta": value.get("beta_bias", 0.0) + value.get("beta_scale", 1.0) * through_vane(motion["beta"], *vane),
+            "alpha": value.get("alpha_bias", 0.0)
+            + value.get("alpha_scale", 1.0) * through_vane(motion["alpha"], *vane),
             "phi": x[:, 3],
             "theta": x[:, 4],
             "psi": x[:, 5],
@@ -297,13 +317,23 @@ class _Reconstruction:
         raise NotIdentifiable("the reconstruction does not settle: the record is not one consistent motion")
 
     def _unexplained(self, residual: Array) -> dict[str, str]:
-        """Air data that the motion explains badly, though they are not merely noisy, and why that matters."""
+        """Numbers that gusts or noise are taken for, and why: air data that the motion explains badly.
+
+        Merely noisy ones still have a bias, but a flow angle's scale is then sought on motion that the noise of rates
+        and accelerations made, which shrinks it.
+        """
         found = {}
         for (name, measured), left in zip(self._measured.items(), residual, strict=True):
-            share = 1 - float(np.mean(left**2)) / max(float(np.var(measured)), 1e-30)
-            noisy = np.mean(left**2) <= NOISY**2 * _white_variance(measured)
-            if name in ("airspeed", "beta", "alpha") and share < EXPLAINED and not noisy:
-                found[name] = f"gusts: the motion explains {max(share, 0.0):.0%} of {name}"
+            share = max(1 - float(np.mean(left**2)) / max(float(np.var(measured)), 1e-30), 0.0)
+            if name not in ("airspeed", "beta", "alpha") or share >= EXPLAINED:
+                continue
+            if np.mean(left**2) <= NOISY**2 * _white_variance(measured):
+                if name != "airspeed":
+                    found[f"{name}_scale"] = f"{name} hardly moves beyond its noise: the motion explains {share:.0%}"
+                continue
+            of = [parameter for parameter, needed in NEEDS.items() if needed == name]
+            of += ["wind_down"] if name == "alpha" else []
+            found |= dict.fromkeys(of, f"gusts: the motion explains {share:.0%} of {name}")
         return found
 
     def _input_noise(self, p: Array, weighted: Array) -> Array:
@@ -340,14 +370,19 @@ class _Reconstruction:
         spread = spread + self._input_noise(p, weighted)
         inverse = np.linalg.inv(information)
         sd = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
-        gusty = self._unexplained(residual)
+        unexplained = self._unexplained(residual)
+        for name in ("alpha", "beta"):
+            why, mean = unexplained.get(f"{name}_scale"), float(np.mean(self._measured.get(name, 0.0)))
+            # A bias beside a scale that nothing tells: on a steady angle one passes for the other.
+            if why and abs(mean) * PRIORS[f"{name}_scale"] > sd[self.names.index(f"{name}_bias")]:
+                unexplained[f"{name}_bias"] = why
         found = []
         for name, value, error, prior in zip(self.names, p.tolist(), sd.tolist(), self._prior.tolist(), strict=False):
             status, why = Status.ESTIMATED, ""
             if error > TOLD * prior:
                 status, why = Status.UNESTIMATED, "the record does not tell it: vary attitude, load factor and speed"
-            elif NEEDS.get(name) in gusty or (name == "wind_down" and "alpha" in gusty):
-                status, why = Status.UNESTIMATED, gusty.get(NEEDS[name]) or gusty["alpha"]
+            elif name in unexplained:
+                status, why = Status.UNESTIMATED, unexplained[name]
             found.append(ParamEstimate(name, value, error, status, why))
         value_of = {e.name: e.value for e in found}
         made = self._model(p)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import to_si
-from station.estimation.compatibility import Compatibility, compatibility
+from station.estimation.compatibility import Compatibility, compatibility, through_vane
 from station.estimation.gust_delay import GustDelay, gust_delay
 from station.estimation.gust_model import Equation
 from station.estimation.inertial_path import InertialPath, inertial_path
@@ -54,10 +54,9 @@ def kinematics(record: FlightRecord) -> Kinematics:
     def cut(at: slice) -> dict[str, Array]:
         return {n: c[at] for n, c in record.motion.items() if np.isfinite(c[at]).all()}
 
+    alpha, beta, vane = _as_the_vanes_show(record, closed)
     has_beta = record.has("beta_vane")
-    made = _attempt(
-        lambda: compatibility(cut(closed), record.alpha[closed], record.beta[closed] if has_beta else None, record.dt)
-    )
+    made = _attempt(lambda: compatibility(cut(closed), alpha, beta if has_beta else None, record.dt, vane))
     motion = cut(rows)
     return Kinematics(
         rows,
@@ -89,6 +88,20 @@ def _longest(record: FlightRecord) -> slice:
         return slice(0, 0)
     start, end = (int(x) for x in edges[int(np.argmax(edges[:, 1] - edges[:, 0]))])
     return slice(start, min(end, start + round(LONGEST_S / record.dt)))
+
+
+def _as_the_vanes_show(record: FlightRecord, rows: slice) -> tuple[Array, Array, tuple[float, float] | None]:
+    """Angles of attack and sideslip at the CG as the vanes' own dynamics show all of them, and these: the record has
+    taken the rates' parts out as they are now."""
+    boom, motion, dt = record.aircraft.boom, record.motion, record.dt
+    alpha, beta = record.alpha[rows], record.beta[rows]
+    if boom is None:
+        return alpha, beta, None
+    vane = (boom.vane_frequency, boom.vane_damping)
+    by_vane = (motion["alpha_vane"][rows] - boom.zero) * boom.steady_calibration
+    by_side = motion["beta_vane"][rows] if "beta_vane" in motion else np.zeros_like(beta)
+    turning = (through_vane(alpha - by_vane, vane, dt), through_vane(beta - by_side, vane, dt))
+    return by_vane + turning[0], by_side + turning[1], vane
 
 
 def _vane(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> VaneCalibration:
