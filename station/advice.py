@@ -13,7 +13,17 @@ from station.conventions import LONGITUDINAL
 from station.estimation.inputs import rank_inputs
 from station.estimation.record import FlightRecord
 from station.estimation.regression import NotIdentifiable
-from station.estimation.results import Axes, MethodResult, equations, judge, names, not_applicable, result_of, unknown
+from station.estimation.results import (
+    Axes,
+    EquationFit,
+    MethodResult,
+    equations,
+    judge,
+    names,
+    not_applicable,
+    result_of,
+    unknown,
+)
 from station.estimation.sifting import sift
 from station.profile import Card, Multisine
 from station.rows import ParamEstimate, Status
@@ -87,8 +97,13 @@ def sifted_results(found: Mapping[str, Any], record: FlightRecord, axes: Axes) -
     return results
 
 
-def next_input_json(record: FlightRecord, result: MethodResult | None) -> dict[str, Any]:
-    """`next_input`: the derivative known worst, and the elevator inputs that would tell most about it."""
+def next_input_json(
+    record: FlightRecord, result: MethodResult | None, fit: Mapping[str, EquationFit] | None = None
+) -> dict[str, Any]:
+    """`next_input`: the derivative known worst, and the elevator inputs that would tell most about it.
+
+    `fit`: how well the equations follow the record, if that is known: errors are predicted from its residuals.
+    """
     aircraft = record.aircraft
     worst, size = "Cm_q", math.inf
     if result is not None:
@@ -104,7 +119,8 @@ def next_input_json(record: FlightRecord, result: MethodResult | None) -> dict[s
     speed = float(np.nanmean(record.motion["airspeed"]))
     density = float(np.nanmean(2 * record.motion["dynamic_pressure"] / record.motion["airspeed"] ** 2))
     try:
-        ranked = rank_inputs(aircraft, speed, density, worst)
+        residual = {n.replace("CZ", "CL"): f.residual_rms for n, f in (fit or {}).items() if f.residual_rms > 0}
+        ranked = rank_inputs(aircraft, speed, density, worst, residual)
     except NotIdentifiable as refusal:
         return {"status": "not_applicable", "why": str(refusal)}
     return {

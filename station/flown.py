@@ -13,7 +13,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import LATERAL, SIGNALS, TICK_HZ, TICK_NS
+from station.conventions import G0, LATERAL, SIGNALS, TICK_HZ, TICK_NS
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.instruments import Corrector, known
 from station.estimation.methods import MEASURED, Estimator
@@ -40,7 +40,10 @@ WITNESSES: Final = ("split+gust", "split")
 LEAD_S: Final = 30.0
 """Flight before the interval that the filters run on."""
 HOLD_S: Final = 3.0
-"""Without such a flight, trim of this length is put before the record: filters and delay lines start settled."""
+"""Without such a flight, trim of this length is put before what there is: filters and delay lines start settled."""
+NO_TRIM: Final = "a held trim"
+IN_TRIM: Final = math.radians(1.0)
+"""Pitch rate up to which a record may begin in trim."""
 MIN_LIVE_HZ: Final = 25.0
 SHORTEST_STEP_S: Final = 1e-4
 HELD_AGE_S: Final = 0.1
@@ -60,6 +63,12 @@ class Flown:
     spectra: VaneSpectra | None = None
     statistical: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Of each method, its derivatives' standard errors without what its model may leave out."""
+
+    def warnings(self) -> list[str]:
+        """What the filters' start does to the estimates."""
+        settled = str(self.settings.get("filters_settled_on", ""))
+        told = f"filters settled on {settled}: begin in trim, or leave flight before the interval in the recording"
+        return [told] if "begins pitching" in settled else []
 
     def gust_vertical(self, record: FlightRecord) -> Array | None:
         """Vertical gust (n,) of the split, m/s, on the record's grid; None where attitude and velocity are lacking."""
@@ -220,7 +229,12 @@ def fly(
     before = before.between(float(before.t_s[0]), start - 1e-9) if len(before.t_s) else before
     led = len(before.t_s) > 1 and start - float(before.t_s[0]) >= used.warm_up
     inside = table.between(start, float(record.t_s[-1]) + 0.5 * record.dt)
-    lead = _frames(before) if led else _hold(inside)
+    pitching = 0.0 if len(before.t_s) > 1 else _pitching(inside)
+    if abs(pitching) > IN_TRIM and (record.t_s[-1] - start) * used.low < 1.0:
+        why = f"begins pitching at {math.degrees(pitching):.1f} deg/s: a record shorter than one period of {used.low:g}"
+        return Flown((), record.t_s, {}, {}, f"{why} Hz has to begin in trim")
+    # What there is of the flight before tells more than a trim made up of an interval that may begin in motion.
+    lead = _frames(before) if led else [*_hold(before if len(before.t_s) > 1 else inside), *_frames(before)]
     for frame in lead:
         estimator.step(frame)
     estimator.start_point()
@@ -232,10 +246,29 @@ def fly(
         alphas.append(alpha)
     settings = {
         "frequencies_hz": [used.low, used.step, used.high],
-        "filters_settled_on": f"{start - float(before.t_s[0]):.0f} s of flight" if led else "a held trim",
+        "filters_settled_on": _settled_on(start - float(before.t_s[0]) if len(before.t_s) > 1 else 0.0, led, pitching),
     }
     t_s = np.array([(f.t_ns - table.t0_ns) * 1e-9 for f in frames])
     return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings, "", spectra, estimator.statistical())
+
+
+def _settled_on(seconds: float, led: bool, pitching: float) -> str:
+    if led:
+        return f"{seconds:.0f} s of flight"
+    if abs(pitching) > IN_TRIM:
+        return f"{NO_TRIM}, though the record begins pitching at {math.degrees(pitching):.1f} deg/s"
+    return f"a held trim and {seconds:.0f} s of flight" if seconds else NO_TRIM
+
+
+def _pitching(inside: Table) -> float:
+    """Pitch rate that a record begins with, rad/s, less that of a steady turn."""
+    if len(inside.t_s) < 2 or not {"q", "airspeed"} <= set(inside.columns):
+        return 0.0
+    first = {n: float(np.nanmean(c[:5])) for n, c in inside.columns.items() if n in ("q", "airspeed", "phi")}
+    phi = first.get("phi", 0.0)
+    turn = G0 * math.tan(phi) * math.sin(phi) / max(first["airspeed"], 1.0) if abs(phi) < 1.3 else 0.0
+    rate = first["q"] - turn
+    return rate if math.isfinite(rate) else 0.0
 
 
 def _frames(table: Table) -> list[Frame]:

@@ -32,7 +32,7 @@ from station.instruments import instruments_json, structure_json
 from station.log import Table
 from station.plausibility import hint
 from station.profile import Aircraft, Card
-from station.remarks import about_columns
+from station.remarks import about_columns, thawed
 from station.rows import ParamEstimate, Status, UsageError
 
 Array = NDArray[np.float64]
@@ -42,6 +42,8 @@ FLOWN: Final = (*LIVE, MEASURED)
 """Run by the estimator that flies."""
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Where `methods.recommended` names none, the first of these that applies is recommended."""
+REGRESSED: Final = ("split+gust", "split", "II", "I")
+"""Whose residuals are those of the equations that errors are predicted with."""
 PAST_THE_PEAK: Final = 1.3
 """How far beyond the short period the band should reach, for damping and stiffness to be told apart."""
 BY_VANE: Final = ("I", "VI", "oe", "fe")
@@ -71,6 +73,7 @@ def identify(
     UsageError for an unknown method, an empty interval, or a record that no method can use.
     """
     wanted = _wanted(methods)
+    table, frozen = thawed(table)
     table = corrected(table, aircraft, noise)
     if not len(table.t_s):
         raise UsageError(f"{log or 'log'}: shorter than the delays of the profile's instruments")
@@ -127,7 +130,8 @@ def identify(
         results = {name: _invalid(result, mistaken) for name, result in results.items()}
     recommended = _recommended(results, level)
     if "all" in methods and not refusal:
-        instruments["next_input"] = next_input_json(record, results.get(recommended or "II"))
+        told = next((results[n].fit for n in REGRESSED if n in results and results[n].fit), None)
+        instruments["next_input"] = next_input_json(record, results.get(recommended or "II"), told)
     return {
         "schema": SCHEMA,
         "log": log,
@@ -136,9 +140,11 @@ def identify(
         "axes": axes,
         "turbulence": {"level": level if level != "unknown" else None, "w_std_2_7hz_mps": _number(std)},
         "remarks": [
+            *frozen,
             *about_columns(cut),
             *record.remarks,
             *([] if mistaken else _about_gusts(results, level)),
+            *(flown.warnings() if flown else ()),
             *_about_instruments(aircraft),
             *_about_the_band(record, card),
         ],

@@ -284,6 +284,19 @@ def _print_estimates(result: Mapping[str, Any]) -> None:
             reasons.setdefault(made["why"], []).append(name)
     for why, names in reasons.items():
         console.print(f"{', '.join(names)}: {why}", highlight=False, markup=False)
+    pairs = [p for p in result["consistency"].get("pairs", ()) if methods[p["to"]]["status"] == "ok"]
+    if pairs:
+        grid = Grid(f"against {pairs[0]['from']}", "t_alpha", "t_q", "t_de", "alpha alone?", box=box.SIMPLE_HEAD)
+        for pair in pairs:
+            lift, moment = (p for name, p in pair.items() if name in ("CL", "CZ", "Cm"))
+            both = (f"{lift[t]:.3f} / {moment[t]:.3f}" for t in lift)
+            grid.add_row(pair["to"], *both, "yes" if pair["agree"] else "no")
+        console.print(grid)
+        console.print("By lift / by moment: what a method takes alpha for; where they differ, it is not alpha alone.")
+    advice = result.get("next_input", {})
+    if advice.get("ranking") and advice["relative_2sd"] is not None:
+        least = f"least known: {advice['poorest']} to {advice['relative_2sd']:.0%} (2 standard errors)"
+        console.print(f"{least}; most would tell: {advice['ranking'][0]['input']}", highlight=False)
     for remark in result["remarks"]:
         console.print(remark, highlight=False, markup=False)
 

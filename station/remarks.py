@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -13,6 +14,9 @@ from station.profile import Aircraft, Rig
 REPEATING: Final = 0.6
 """Share of rows that repeat the value before, above which a signal that noise moves is held between its samples."""
 MOVING: Final = ("alpha_vane", "q", "az")
+FROZEN_S: Final = 0.15
+JUMP: Final = 5.0
+"""Over the usual step from row to row: what two of MOVING do when a recorder that had stopped goes on."""
 
 
 def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
@@ -25,6 +29,34 @@ def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
         f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
         "derivatives with no air density; give one of them, or air_density in the aircraft's profile"
     ]
+
+
+def thawed(table: Table) -> tuple[Table, list[str]]:
+    """The table without rows that a recorder repeated while nothing new came, and what to say of it.
+
+    Noise moves every signal, so rows alike in all of MOVING for FROZEN_S that end with a jump were never measured; a
+    made-up trim without noise ends without one.
+    """
+    if len(table.t_s) < 3 or not all(name in table.columns for name in MOVING):
+        return table, []
+    steps = np.abs(np.diff(np.column_stack([table.columns[name] for name in MOVING]), axis=0))
+    same = (steps == 0).all(axis=1)
+    if same.mean() > REPEATING or same.all():
+        return table, []
+    usual = np.nanmedian(steps[~same], axis=0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))).reshape(-1, 2)
+    lost = np.zeros(len(table.t_s), dtype=bool)
+    for first, last in edges.tolist():
+        jumps = last < len(steps) and np.count_nonzero(steps[last] > JUMP * usual) >= 2
+        if jumps and table.t_s[last] - table.t_s[first] >= FROZEN_S:
+            lost[first + 1 : last + 1] = True
+    if not lost.any():
+        return table, []
+    columns = {name: np.where(lost, np.nan, column) for name, column in table.columns.items()}
+    at = float(table.t_s[np.argmax(lost)])
+    seconds = float(lost.sum() * np.median(np.diff(table.t_s)))
+    told = f"{seconds:.2f} s of rows that repeat the last one, first at {at:.2f} s: left out, nothing was recorded then"
+    return replace(table, columns=columns), [told]
 
 
 def about_columns(table: Table) -> list[str]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from station.advice import next_input_json, sifted_json
-from station.estimation.results import MethodResult
+from station.estimation.inputs import RESIDUAL
+from station.estimation.results import EquationFit, MethodResult
 from station.flown import fly as refly
 from station.identify import flight_record, identify
 from station.log import Table
@@ -91,4 +92,9 @@ def test_the_next_input_is_for_the_poorest_derivative() -> None:
     predicted = [one["predicted_relative_2sd"] for one in made["ranking"]]
     assert predicted == sorted(predicted)
     assert len(predicted) == 5
+    # Errors are as large as the equations' residuals.
+    quiet = next_input_json(record, result, {"CZ": EquationFit(0.99, 0.001), "Cm": EquationFit(0.99, 0.001)})
+    usual = {one["input"]: one["predicted_relative_2sd"] for one in made["ranking"]}
+    assert quiet["ranking"][0]["predicted_relative_2sd"] == pytest.approx(predicted[0] * 0.001 / RESIDUAL["CL"])
+    assert quiet["ranking"][0]["input"] in usual
     json.dumps(next_input_json(record, None), allow_nan=False)

@@ -149,6 +149,49 @@ def test_collinear_regressors_are_refused() -> None:
     assert p["CL_q"]["status"] == p["CL_de"]["status"] == "invalid"
 
 
+def test_rows_that_a_stopped_recorder_repeats_are_left_out() -> None:
+    """Two seconds in the middle of the doublet at 4 s: taken for measured, Cm_q comes out a fifth too small."""
+    columns = flight()
+    frozen = {name: np.concatenate([c[:226], np.full(99, c[225]), c[325:]]) for name, c in columns.items()}
+    found = identify(record(frozen), AIRCRAFT, ["I", "II", "oe"])
+    sound(found)
+    assert "1.98 s of rows that repeat the last one, first at 4.52 s" in found["remarks"][0]
+    assert found["methods"]["I"]["settings"]["samples"] == pytest.approx(1200 - 99, abs=10)
+    for name, true in TRUTH.items():
+        p = parameters(found, "II")[name]
+        assert abs(p["estimate"] - true) < 3 * p["std_error"], name
+    assert "1.98 s without all signals" in found["methods"]["oe"]["why"]
+    # A trim made up without noise is no gap.
+    columns = {name: np.concatenate([np.full(100, c[0]), c]) for name, c in flight(seed=2).items()}
+    quiet = {name: c - c[100] + c[0] if name in ("q", "alpha_vane", "az") else c for name, c in columns.items()}
+    assert not [r for r in identify(record(quiet), AIRCRAFT, ["I"])["remarks"] if "repeat" in r]
+
+
+def test_an_interval_that_begins_in_motion() -> None:
+    """4.6 s lies in the doublet. With flight before it in the recording nothing is made up; alone it is refused where
+    it is shorter than a period of 0.1 Hz, and said of where it is longer. Output error finds the state it begins in."""
+    whole, methods = record(flight()), ["II", "oe"]
+    for end in (12.0, 24.0):
+        found = identify(whole, AIRCRAFT, methods, 4.6, end)
+        assert found["methods"]["II"]["settings"]["filters_settled_on"] == "a held trim and 5 s of flight"
+        assert not [r for r in found["remarks"] if "pitching" in r]
+        for method in methods:
+            for name, true in TRUTH.items():
+                p = parameters(found, method)[name]
+                assert abs(p["estimate"] - true) < 3 * p["std_error"], (method, name, end)
+        for name, true in TRUTH.items():
+            if name != "CL_q":
+                assert parameters(found, "oe")[name]["estimate"] == pytest.approx(true, rel=0.05), name
+    alone = record({name: column[230:] for name, column in flight().items()})
+    refused = identify(alone, AIRCRAFT, methods, 0.0, 7.0)
+    sound(refused)
+    assert "has to begin in trim" in refused["methods"]["II"]["why"]
+    longer = identify(alone, AIRCRAFT, methods)
+    assert any("the record begins pitching at" in r for r in longer["remarks"])
+    # With the first sample smoothed and held for the state, 3 to 6 % off; straight lines between samples leave 0.3 %.
+    assert parameters(longer, "oe")["Cm_alpha"]["estimate"] == pytest.approx(TRUTH["Cm_alpha"], rel=0.01)
+
+
 def test_what_is_the_matter_with_a_column_is_said() -> None:
     columns = flight(10.0)
     assert not [r for r in identify(record(columns), AIRCRAFT, ["I"])["remarks"] if "repeats" in r or "unit" in r]

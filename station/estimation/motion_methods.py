@@ -66,7 +66,13 @@ def method_oe(record: FlightRecord, axes: Axes) -> MethodResult:
         # The regression counts q c/2V from its start; the model from zero.
         start[f"{label}_0"] = float(regression.estimate[3] - regression.estimate[1] * trim[1])
         start |= {f"{label}_{d}": float(regression.estimate[i]) for i, d in enumerate(DOF)}
-    free = (*(f"force_{d}" for d in ("0", *DOF)), *(f"Cm_{d}" for d in ("0", *DOF)), "az_bias")
+    free = (
+        *(f"force_{d}" for d in ("0", *DOF)),
+        *(f"Cm_{d}" for d in ("0", *DOF)),
+        "az_bias",
+        "alpha_start",
+        "q_start",
+    )
     fit = model.estimate(start, free)
     wanted = {f"{force}_{d}": f"force_{d}" for d in DOF} | {f"Cm_{d}": f"Cm_{d}" for d in DOF}
     at = [free.index(n) for n in wanted.values()]

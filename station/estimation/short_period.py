@@ -26,7 +26,11 @@ from station.estimation.regression import NotIdentifiable, smoothed_start
 
 Array = NDArray[np.float64]
 
-PARAMETERS: Final = ("force_0", "force_alpha", "force_q", "force_de", "Cm_0", "Cm_alpha", "Cm_q", "Cm_de", "az_bias")
+PARAMETERS: Final = (
+    *("force_0", "force_alpha", "force_q", "force_de", "Cm_0", "Cm_alpha", "Cm_q", "Cm_de"),
+    *("az_bias", "alpha_start", "q_start"),
+)
+"""The last two: how far the first state is off what was measured."""
 """`force` is CZ or CL; az_bias in m/s2."""
 
 
@@ -101,7 +105,7 @@ class ShortPeriod:
         )
 
     def simulate(self, parameters: Array) -> Array:
-        """Outputs (n, 3) for all nine PARAMETERS."""
+        """Outputs (n, 3) for all PARAMETERS."""
         return _simulate(
             np.ascontiguousarray(parameters, dtype=np.float64),
             self.inputs,
@@ -170,7 +174,7 @@ def _simulate(
 ) -> Array:
     n = len(u)
     y = np.empty((n, 3))
-    alpha, q = start[0], start[1]
+    alpha, q = start[0] + p[9], start[1] + p[10]
     a1, a2, q1, q2 = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         y[k, 0], y[k, 1] = alpha, q
