@@ -92,7 +92,7 @@ def run(
     say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
     compile_apart(card)
     estimator, watch = estimators(profiles)
-    correct = corrector(aircraft, rig.frame_noise_si())
+    correct = corrector(aircraft, rig.frame_noise_si(), rig.imu_position)
     for words in (*about_air(rig, aircraft), *told_of_instruments(aircraft, correct)):
         say(words)
 

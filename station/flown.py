@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, LATERAL, SIGNALS, TICK_HZ, TICK_NS
+from station.estimation.bending import Bending, bends
 from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.instruments import Corrector, known
 from station.estimation.methods import MEASURED, Estimator
@@ -112,7 +113,7 @@ class Flown:
             }
             return {"spectra": {n: c[good].tolist() for n, c in columns.items()}, "segments": s.segments}
         if name in ("III", "V") and boom is not None:
-            return {"delay_s": boom.vane_x / float(np.nanmean(record.motion["airspeed"]))}
+            return {"delay_s": boom.gust_x / float(np.nanmean(record.motion["airspeed"]))}
         return {"delay_s": 0.0} if name == "II" else {}
 
     def widened(self, result: MethodResult, record: FlightRecord, axes: Axes) -> MethodResult:
@@ -171,12 +172,28 @@ class Flown:
         return made
 
 
-def corrected(table: Table, aircraft: Aircraft, noise: Mapping[str, float] | None) -> Table:
+def corrected(
+    table: Table,
+    aircraft: Aircraft,
+    noise: Mapping[str, float] | None,
+    imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Table:
     """The table with the instrument errors undone that the profile states, as in flight: without the end, for which
-    late signals have not come, and the begin that early ones lack."""
-    if not known(aircraft).errors or len(table.t_s) < 2:
+    late signals have not come, and the begin that early ones lack; and the boom straightened."""
+    if len(table.t_s) < 2:
         return table
     dt = max(float(np.median(np.diff(table.t_s))), SHORTEST_STEP_S)
+    made = _undone(table, aircraft, noise, dt) if known(aircraft).errors else table
+    if not bends(aircraft) or "alpha_vane" not in made.columns or not len(made.t_s):
+        return made
+    vane = Bending(aircraft, imu_position, dt).sweep(made.columns)
+    lost = np.isnan(vane)
+    marks = made.quality.get("alpha_vane", np.zeros(len(vane), dtype=np.uint8))
+    quality = {**made.quality, "alpha_vane": np.where(lost, np.uint8(Quality.MISSING), marks)}
+    return replace(made, columns={**made.columns, "alpha_vane": vane}, quality=quality)
+
+
+def _undone(table: Table, aircraft: Aircraft, noise: Mapping[str, float] | None, dt: float) -> Table:
     undoing = Corrector(aircraft, noise or {}, dt, len(table.t_s))
     nothing = np.full(len(table.t_s), np.nan)
     values, ages = [], []

@@ -74,7 +74,7 @@ def identify(
     """
     wanted = _wanted(methods)
     table, frozen = thawed(table)
-    table = corrected(table, aircraft, noise)
+    table = corrected(table, aircraft, noise, imu_position)
     if not len(table.t_s):
         raise UsageError(f"{log or 'log'}: shorter than the delays of the profile's instruments")
     first, last = float(table.t_s[0]), float(table.t_s[-1])

@@ -144,7 +144,7 @@ def _delay(part: GustDelay, record: FlightRecord) -> dict[str, Any]:
     if not part.agree:
         made["meaning"] = "lift and moment ask for different delays: not the vane, but the tail or the wing's memory"
     if boom is not None:
-        profile = {"delay": boom.vane_x / part.speed, "upwash": boom.upwash_body + boom.upwash_wing}
+        profile = {"delay": boom.gust_x / part.speed, "upwash": boom.upwash_body + boom.upwash_wing}
         made["profile"] = profile
         made["profile_fits"] = bool(
             abs(part.joint.delay_s - profile["delay"]) <= AGREED_SD * part.joint.delay_sd + 0.002

@@ -64,7 +64,7 @@ def judge(name: str, flown: Table, aircraft: Aircraft, rig: Rig | None = None) -
     """The kinematics of a table. Raises UsageError where there is nothing to judge."""
     place, noise = (rig.imu_position, rig.noise_si()) if rig else ((0.0, 0.0, 0.0), None)
     try:
-        record, _ = flight_record(corrected(flown, aircraft, noise), aircraft, place, noise)
+        record, _ = flight_record(corrected(flown, aircraft, noise, place), aircraft, place, noise)
     except NotIdentifiable as refusal:
         raise UsageError(f"{name}: cannot be diagnosed: {refusal}") from refusal
     made = kinematics(record)

@@ -115,7 +115,7 @@ def replay(
     estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
     estimator.warm_up()
     watch = Disagreement(about.aircraft, about.rig.imu_position, about.rig.frame_noise_si())
-    correct = corrector(about.aircraft, about.rig.frame_noise_si())
+    correct = corrector(about.aircraft, about.rig.frame_noise_si(), about.rig.imu_position)
     source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
     if rate is not None:
         source = live.paced(source, clock, rate)

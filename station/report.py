@@ -50,7 +50,7 @@ def write_report(
     """
     start, end = result["interval_s"]
     subject = aircraft or table.aircraft
-    table = corrected(thawed(table)[0], subject, noise)
+    table = corrected(thawed(table)[0], subject, noise, imu_position)
     record, _ = flight_record(table.between(start, end), subject, imu_position, noise)
     shown = result["recommended"]
     alpha: Array | None = record.alpha

@@ -35,7 +35,7 @@ READY_S: Final = 1.0
 
 # params
 _ZERO, _KF, _KW, _X, _Y, _LE, _VANE_LAG, _TAIL, _CHORD, _VANE, _NM, _NG = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 17, 18
-_MA, _MB, _GA, _GB, PARAMS = 19, 23, 27, 31, 35
+_MA, _MB, _GA, _GB, _GX, PARAMS = 19, 23, 27, 31, 35, 36
 # state
 _COUNT, _VF, _VSUM, _XIN, _LEIN, _PIN, _VS, _MS, _GS, _SPLIT, _SEEN = 0, 1, 2, 3, 4, 5, 6, 8, 12, 16, 17
 STATE: Final = 20
@@ -125,7 +125,7 @@ def step(
             ring[i, 1] = rate
     ring[at, 0] = ca * flow
     ring[at, 1] = rate
-    tau = par[_X] / mean / dt
+    tau = par[_GX] / mean / dt
     out[STEADY] = steady
     out[RATE] = rate
     out[SPEED_MEAN] = mean
@@ -180,7 +180,7 @@ def step(
     boom = (left - par[_KW] * memory) / (1.0 + par[_KF])
     # The wind is carried, not the angle: what arrives at the CG meets the speed of that moment.
     ring[at, 2] = boom * v
-    late = max(par[_X] / v - par[_VANE_LAG], 0.0) / dt
+    late = max(par[_GX] / v - par[_VANE_LAG], 0.0) / dt
     gust = _delayed(ring, at, 2, late) / v
     out[FAST] = alpha_i + boom
     out[SPLIT] = alpha_i + gust
@@ -193,6 +193,20 @@ def step(
     s[_COUNT] = count + 1
 
 
+def second_order(frequency: float, damping: float, dt: float) -> Array:
+    """A system wn^2/(s^2 + 2 zeta wn s + wn^2) sampled every dt, its input linear between ticks: of the output and its
+    rate the transition (4,), what the last input adds (2,) and the new one (2,). `frequency` in Hz."""
+    omega = 2.0 * math.pi * frequency
+    # Exponential of the system with its input and the input's slope.
+    system = np.zeros((4, 4))
+    system[0, 1] = system[2, 3] = 1.0
+    system[1] = (-(omega**2), -2.0 * damping * omega, omega**2, 0.0)
+    system[2, 3] = 1.0 / dt
+    whole = expm(system * dt)
+    hold, ramp = whole[:2, 2], whole[:2, 3]
+    return np.array((*whole[:2, :2].ravel(), *(hold - ramp), *ramp))
+
+
 def parameters(aircraft: Aircraft, dt: float) -> Array:
     """The constants of `step` for an aircraft, (PARAMS,). Without a boom: a vane at the CG that tells the truth."""
     par = np.zeros(PARAMS)
@@ -202,17 +216,10 @@ def parameters(aircraft: Aircraft, dt: float) -> Array:
     frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (1000.0, 0.7)
     if boom is not None:
         par[[_ZERO, _KF, _KW, _X, _Y]] = boom.zero, boom.upwash_body, boom.upwash_wing, boom.vane_x, boom.vane_y
-        par[_LE] = max(boom.vane_x - aircraft.gust_edge, 0.0)
-    omega = 2.0 * math.pi * frequency
-    par[_VANE_LAG] = 2.0 * damping / omega
-    # Second order, input linear between ticks: exponential of the system with its input and the input's slope.
-    system = np.zeros((4, 4))
-    system[0, 1] = system[2, 3] = 1.0
-    system[1] = (-(omega**2), -2.0 * damping * omega, omega**2, 0.0)
-    system[2, 3] = 1.0 / dt
-    whole = expm(system * dt)
-    hold, ramp = whole[:2, 2], whole[:2, 3]
-    par[_VANE : _VANE + 8] = (*whole[:2, :2].ravel(), *(hold - ramp), *ramp)
+        par[_GX] = boom.gust_x
+        par[_LE] = max(boom.gust_x - aircraft.gust_edge, 0.0)
+    par[_VANE_LAG] = damping / (math.pi * frequency)
+    par[_VANE : _VANE + 8] = second_order(frequency, damping, dt)
     # The upwash follows the wing's vorticity: an aircraft whose lift has no memory still has this one.
     for response, amplitude, rate, terms in (
         (aircraft.unsteady.upwash_motion, _MA, _MB, _NM),

@@ -270,7 +270,7 @@ class Derivatives:
             np.zeros((4, 4)),
         )
         self._by_frequency = spectra.at(self._frequencies) if spectra else None
-        self._arm = aircraft.boom.vane_x if aircraft.boom else 0.0
+        self._lead = aircraft.boom.gust_x if aircraft.boom else 0.0
         self._measured = np.ones((2, len(self._frequencies)), dtype=np.complex128)
 
     def clear(self) -> None:
@@ -356,7 +356,9 @@ class Derivatives:
             regressor_error.weights(self._paths, mean_speed, self._frequencies, self._noisy, wrong, noise)
             if self._by_frequency:
                 upwash = self._lengths[2]
-                measured_factors(self._frequencies, *self._by_frequency, upwash, self._arm / mean_speed, self._measured)
+                measured_factors(
+                    self._frequencies, *self._by_frequency, upwash, self._lead / mean_speed, self._measured
+                )
         for i, group in enumerate(self._groups):
             self._independent[i] = group.samples * self._dt * self._step_hz
             self._close[i] = group.samples * self._dt >= self._segment

@@ -95,7 +95,7 @@ class GustModel:
         headwind = gaussian_filter1d(motion["airspeed"] - path.speed, SMOOTH_S / 2 / dt, mode="nearest")
         time = np.arange(n) * dt
         air = (path.speed + headwind) / v
-        air_ahead = (path.speed + np.interp(time + boom.vane_x / v, time, headwind)) / v
+        air_ahead = (path.speed + np.interp(time + boom.gust_x / v, time, headwind)) / v
 
         def deviation(x: Array) -> Array:
             return np.asarray(x - x.mean())
@@ -135,7 +135,7 @@ class GustModel:
         self._reference = reference
         total = boom.upwash_body + boom.upwash_wing
         self._wing_share = boom.upwash_wing / total if total else 0.0
-        self.start = np.array([boom.vane_x, total, 0.0])
+        self.start = np.array([boom.gust_x, total, 0.0])
         share = 2 / (float(flown[-1]) / GUST_M + 2)
         self.wind_sd = float(np.std(headwind)) / v * math.sqrt(share / (1 - share)) + 1e-6
         self._arm = boom.vane_x

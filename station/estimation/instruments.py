@@ -24,6 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si, to_si
+from station.estimation.bending import COLUMNS, Bending, bends
 from station.interpolation import wrap
 from station.profile import Aircraft, Instrument
 from station.rows import Frame, Quality
@@ -200,6 +201,12 @@ def known(aircraft: Aircraft) -> Known:
         if kept != _NOTHING:
             errors[name] = kept
             words.append(f"{name} " + ", ".join(_said(name, k, v) for k, v in kept if v != getattr(_NOTHING, k)))
+    boom = aircraft.boom
+    if boom is not None and bends(aircraft):
+        by = [f"{from_si(boom.flexure, 'deg/g'):+.3g} deg/g"] if boom.flexure else []
+        by += [f"{100 * boom.tip_load:+.3g} % of the flow angle per kPa"] if boom.tip_load else []
+        mode = f", swinging at {boom.mode_frequency:.3g} Hz" if boom.mode_frequency else ""
+        words.append(f"boom bends {' and '.join(by)}{mode}")
     if any(aircraft.imu_offset):
         words.append("imu " + " ".join(f"{x:+.3g}" for x in aircraft.imu_offset) + " m from the rig's place")
     return Known(errors, tuple(words), tuple(refused))
@@ -244,9 +251,15 @@ class Corrector:
     """The errors of a profile's instruments undone, frame by frame or in a whole table: the same kernels."""
 
     def __init__(
-        self, aircraft: Aircraft, noise: Mapping[str, float], dt: float = 1.0 / TICK_HZ, length: int = 128
+        self,
+        aircraft: Aircraft,
+        noise: Mapping[str, float],
+        dt: float = 1.0 / TICK_HZ,
+        length: int = 128,
+        imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """`noise`: standard deviations, SI. `length`: samples kept of each signal, 2.5 s of them live."""
+        """`noise`: standard deviations, SI. `length`: samples kept of each signal, 2.5 s of them live. `imu_position`:
+        m from the CG, by the rig; a boom is straightened by `step` alone."""
         errors = known(aircraft).errors
         self.names = tuple(errors)
         self._columns = [SIGNAL_INDEX[name] for name in self.names]
@@ -271,6 +284,7 @@ class Corrector:
         self._out = np.empty((3, len(errors)))
         self._waiting: deque[Frame] = deque()
         self._start_ns: int | None = None
+        self._bending = Bending(aircraft, imu_position, dt) if bends(aircraft) else None
         # Compiled now: no tick of a flight has to.
         self._step(0.0, 0.0)
 
@@ -295,6 +309,12 @@ class Corrector:
         values, ages, quality = list(measured.values), list(measured.age_s), list(measured.quality)
         for i, x, age, mark in zip(self._columns, *self._out.tolist(), strict=True):
             values[i], ages[i], quality[i] = x, age, int(mark)
+        if self._bending is not None:
+            seen = np.array([values[i] for i in COLUMNS])
+            vane = self._bending.step((measured.t_ns - self._start_ns) * 1e-9, seen)
+            values[COLUMNS[0]] = vane
+            if math.isnan(vane):
+                ages[COLUMNS[0]], quality[COLUMNS[0]] = math.nan, _MISSING
         return measured, Frame(measured.t_ns, measured.k, tuple(values), tuple(ages), tuple(quality))
 
     def sweep(self, t_s: Array, values: Array, ages: Array) -> tuple[Array, NDArray[np.uint8]]:
@@ -306,6 +326,10 @@ class Corrector:
         return out[:, 0], out[:, 2].astype(np.uint8)
 
 
-def corrector(aircraft: Aircraft, noise: Mapping[str, float]) -> Corrector | None:
-    """What undoes a profile's instrument errors in flight; None where it states none."""
-    return Corrector(aircraft, noise) if known(aircraft).errors else None
+def corrector(
+    aircraft: Aircraft, noise: Mapping[str, float], imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Corrector | None:
+    """What undoes a profile's instrument errors and its boom's bending in flight; None where it states neither."""
+    if not known(aircraft).errors and not bends(aircraft):
+        return None
+    return Corrector(aircraft, noise, imu_position=imu_position)

@@ -61,7 +61,8 @@ SOURCES: Final = ("theta", "q", "az", "v_down", "elevator")
 """Sensors whose noise is in the regressors."""
 
 # constants
-A_H, E, ARM, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, CL_ALPHA, CM_ALPHA, HAS_MOMENT, _WASH, LEARNT_AT = range(15)
+A_H, E, ARM, _LT, _BOOM, _LE, _CHORD, _HALF, _KF, _KW, CL_ALPHA, CM_ALPHA, HAS_MOMENT = range(13)
+_WASH, _LEAD, LEARNT_AT = range(13, 16)
 KNOWN_AT: Final = LEARNT_AT + N
 _NW, _NK, _NM, _NG = range(KNOWN_AT + N, KNOWN_AT + N + 4)
 _TABLES: Final = KNOWN_AT + N + 4
@@ -128,7 +129,7 @@ def columns(
     """
     lc = con[ARM]
     late = con[_LT] / speed
-    tau = con[_BOOM] / speed
+    tau = con[_LEAD] / speed
     lead = con[_LE] / speed
     chords = speed / con[_CHORD]
     t = _TABLES
@@ -200,7 +201,7 @@ def noise_spectrum(
     corner = 2.0 * math.pi * 0.05
     chords = speed / con[_CHORD]
     t = _TABLES
-    tau, lead, late = con[_BOOM] / speed, con[_LE] / speed, con[_LT] / speed
+    tau, lead, late = con[_LEAD] / speed, con[_LE] / speed, con[_LT] / speed
     f[:] = 0.0
     for i in range(every // 2, omega.shape[0], every):
         s = 1j * omega[i]
@@ -304,7 +305,7 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
     con[_BOOM], con[_LE] = boom.vane_x, aircraft.gust_edge
     con[_CHORD], con[_HALF] = unsteady.reference_chord or g.chord, g.chord / 2
     con[_KF], con[_KW] = boom.upwash_body, boom.upwash_wing
-    con[_WASH] = unsteady.downwash_delay
+    con[_WASH], con[_LEAD] = unsteady.downwash_delay, boom.gust_x
     con[HAS_MOMENT] = float(aircraft.inertia.iyy is not None)
     con[CL_ALPHA], con[CM_ALPHA] = aircraft.value("CL_alpha") or 5.0, aircraft.value("Cm_alpha") or -1.0
     known = aircraft.uncertainty

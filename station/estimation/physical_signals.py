@@ -242,7 +242,7 @@ def parameters(aircraft: Aircraft) -> Array:
     """The constants of `step`, (PARAMS,); for an aircraft with boom and unsteady constants."""
     par = np.zeros(PARAMS)
     unsteady = aircraft.unsteady
-    par[_BOOM] = aircraft.boom.vane_x if aircraft.boom else 0.0
+    par[_BOOM] = aircraft.boom.gust_x if aircraft.boom else 0.0
     par[_LE] = aircraft.gust_edge
     par[_TAIL], par[_WASH] = unsteady.tail_arm, unsteady.downwash_delay
     par[_CHORD] = unsteady.reference_chord or aircraft.geometry.chord

@@ -39,7 +39,7 @@ MINUTE: Final = 60.0
 
 def lengths(aircraft: Aircraft) -> tuple[float, float, float]:
     """Half the chord, the vane's lead and the tail's arm, m, which `weights` depend on."""
-    lead = max(aircraft.boom.vane_x, 0.0) if aircraft.boom else 0.0
+    lead = max(aircraft.boom.gust_x, 0.0) if aircraft.boom else 0.0
     return aircraft.geometry.chord / 2, lead, aircraft.unsteady.tail_arm
 
 
