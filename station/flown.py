@@ -127,7 +127,7 @@ class Flown:
             if witness.status == "ok":
                 more = tuple(p for p in witness.parameters if p.name not in told)
                 told |= {p.name for p in more}
-                result = widened(result, replace(witness, parameters=more), name)
+                result = widened(result, replace(witness, parameters=more), name, record.aircraft)
         return result
 
     def alpha(self, method: str, record: FlightRecord) -> Array | None:

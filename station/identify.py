@@ -117,8 +117,7 @@ def identify(
             results[name] = _forced(name, result, level) if force else result
         else:
             results[name] = postflight.run(name, record, axes)
-            # In calm air I keeps the errors that others publish for it.
-            if name in BY_VANE and flown is not None and not (name == "I" and level == "calm"):
+            if name in BY_VANE and flown is not None:
                 results[name] = flown.widened(results[name], record, axes)
     if ("all" in methods or sift) and not refusal:
         angles: dict[str, Array | None] = {n: flown.alpha(n, record) for n in SIFTED if n in results} if flown else {}
@@ -199,6 +198,10 @@ def _about_instruments(aircraft: Aircraft) -> list[str]:
     """What the profile knows its instruments to do wrong."""
     stated = known(aircraft)
     done = [f"the profile's instrument errors undone: {'; '.join(stated.words)}"] if stated.words else []
+    if aircraft.boom is None and not aircraft.kinematics_only:
+        done.append(
+            "the profile has no boom: the vane is taken for the angle of attack at the CG, and no error holds it"
+        )
     return done + [f"an instrument error is not undone: {words}" for words in stated.refused]
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
 from station.estimation.record import FlightRecord
 from station.estimation.regression import Fit, NotIdentifiable, least_squares, smoothed_start
+from station.profile import Aircraft
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -27,6 +28,7 @@ EXCITED: Final = 10.0
 COLLINEAR: Final = 100.0
 """Variance inflation above which regressors cannot be told apart."""
 MIN_R2: Final = 0.3
+WIDE: Final = "2 sd exceed the value"
 DOF: Final = ("alpha", "q", "de")
 LATERAL_DOF: Final = ("beta", "p", "r", "da", "dr")
 LATERAL_SURFACES: Final = ("aileron", "rudder")
@@ -87,7 +89,7 @@ def judge(
             elif inflation is not None and inflation[i] > COLLINEAR:
                 this, reason = Status.INVALID, "moves with the other regressors: vary the input"
             elif not 2 * sd <= max(abs(value), known):
-                this, reason = Status.UNESTIMATED, "2 sd exceed the value"
+                this, reason = Status.UNESTIMATED, WIDE
         found.append(ParamEstimate(name, value, sd, this, reason))
     return tuple(found)
 
@@ -164,28 +166,34 @@ def regress(record: FlightRecord, equation: Equation) -> tuple[Fit, Array]:
     return least_squares(np.column_stack([x - start, np.ones(len(x))]), z), inflation_of(x)
 
 
-def widened(result: MethodResult, witness: MethodResult, called: str) -> MethodResult:
+def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: Aircraft | None = None) -> MethodResult:
     """Standard errors with what the angle of attack may do to them.
 
     A method that takes the vane's for the angle of attack at the CG is biased by gusts, and no scatter of its residuals
     tells by how much: it may be as wrong as it lies off `witness`, which corrects the gust's part, and as that one is.
     Twice the error covers 96 to 100 % of the time then (24 flights each of both Twin Otters from calm air to 10 ft/s),
-    without it as little as 0 %. Parameters that the witness has not estimated stay as they are.
+    without it as little as 0 %. What the witness knows only to twice its size, because it is small, tells as well;
+    parameters that it has no valid number for stay as they are. What is wider than twice its size then, by the
+    result or by the `aircraft`, is estimated no more.
     """
-    known = {p.name: p for p in witness.parameters if p.status is Status.ESTIMATED and math.isfinite(p.sd)}
-    made = tuple(
-        ParamEstimate(
-            p.name, p.value, math.hypot(p.sd, p.value - known[p.name].value, known[p.name].sd), p.status, p.why
-        )
-        if p.name in known
-        else p
-        for p in result.parameters
-    )
+    known = {p.name: p for p in witness.parameters if p.status is not Status.INVALID and math.isfinite(p.sd)}
+    made = tuple(_wider(p, known[p.name], aircraft) if p.name in known else p for p in result.parameters)
     if made == result.parameters:
         return result
     errors = result.settings.get("standard_errors", "coloured residuals")
     settings = {**result.settings, "standard_errors": f"{errors}, and the distance from {called}"}
-    return replace(result, parameters=made, settings=settings)
+    if result.status == "ok" and not any(p.status is Status.ESTIMATED for p in made):
+        result = replace(result, status="not_applicable", why=WIDE)
+    own = {p.name: p.sd for p in result.parameters if p.name in known and math.isfinite(p.sd)}
+    return replace(result, parameters=made, settings=settings, statistical={**own, **result.statistical})
+
+
+def _wider(p: ParamEstimate, by: ParamEstimate, aircraft: Aircraft | None) -> ParamEstimate:
+    sd, status, why = math.hypot(p.sd, p.value - by.value, by.sd), p.status, p.why
+    size = max(abs(p.value), abs(aircraft.value(p.name.replace("CZ_", "CL_"))) if aircraft else 0.0)
+    if aircraft and status is Status.ESTIMATED and 2 * sd > size:
+        status, why = Status.UNESTIMATED, WIDE
+    return ParamEstimate(p.name, p.value, sd, status, why)
 
 
 def result_of(
