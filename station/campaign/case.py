@@ -169,7 +169,7 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
         sears_k=SEARS_K,
         sears=SEARS,
         paths=regressor_error.lengths(known),
-        noisy=regressor_error.noises(known, NOISE),
+        noisy=regressor_error.deviations(known, NOISE),
         vane_noise=NOISE["alpha_vane"],
         warm_up=campaign.warm_up,
         step=campaign.step,

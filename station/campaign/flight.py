@@ -114,8 +114,8 @@ class Estimation(NamedTuple):
     """derivatives.lengths and Sears' function over reduced frequency: what weights gain and delay."""
     paths: tuple[float, float, float]
     """regressor_error.lengths."""
-    noisy: tuple[float, float, float]
-    """regressor_error.noises."""
+    noisy: tuple[float, float, float, float, float, float]
+    """regressor_error.deviations."""
     vane_noise: float
     """Standard deviation, rad."""
     warm_up: float

@@ -260,7 +260,7 @@ class Derivatives:
         self._lengths = lengths(aircraft)
         self._remembered = lift_memory.known(aircraft)
         self._paths = regressor_error.lengths(aircraft)
-        self._noisy = regressor_error.noises(aircraft, noise)
+        self._noisy = regressor_error.deviations(aircraft, noise)
         self._speed = self._density = math.nan
         self._scale = np.ones(len(self._frequencies))
         self._tail = np.zeros(len(self._frequencies))

@@ -57,7 +57,7 @@ class Solution:
     gust: float
     """0 calm, 1 turbulent: how far the gust's spectrum stands out of the vane's noise."""
     preference: float
-    """Deviance of the quasi-steady model of split less that of this one; positive: the data prefer this one."""
+    """Deviance of the quasi-steady model of split+gust less that of this one; positive: the data prefer this one."""
 
 
 class Equations:
@@ -272,7 +272,7 @@ class Physical:
             parameters.append(ParamEstimate(name, values[i], errors[i], this, reason))
         reason = ""
         if status is Status.ESTIMATED and solution.preference < -WORSE:
-            reason = f"the data prefer split's quasi-steady model (deviance {-solution.preference:.0f} lower)"
+            reason = f"the data prefer split+gust's quasi-steady model (deviance {-solution.preference:.0f} lower)"
         return tuple(parameters), not reason, reason
 
     def _status(self) -> tuple[Status, str]:

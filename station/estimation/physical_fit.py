@@ -42,7 +42,7 @@ from station.estimation.physical_columns import (
     noise_spectrum,
     wiener,
 )
-from station.estimation.physical_signals import GC, X
+from station.estimation.physical_signals import GC, GT, X
 from station.estimation.regression import invert
 
 Array = NDArray[np.float64]
@@ -112,30 +112,37 @@ def _deviance(residual: Complex, omega: Array, smooth: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Array) -> float:
-    """Deviance of z = c_alpha (x + g_cg) + c_q qhat + c_de de, generalised least squares; what split assumes."""
+    """Deviance of z = c_alpha (x + g_cg) + c_q qhat + c_de de + c_d (g_cg - g_tail), generalised least squares: what
+    split+gust assumes, and in calm air split. The last term costs what the record tells of it (Schwarz 1978)."""
     lines = omega.shape[0]
-    g = np.empty((3, lines), dtype=np.complex128)
+    g = np.empty((4, lines), dtype=np.complex128)
+    gust = 0.0
     for i in range(lines):
         g[0, i], g[1, i], g[2, i] = f[X, i] + rho[i] * f[GC, i], f[QH, i], f[DE, i]
+        g[3, i] = rho[i] * (f[GC, i] - f[GT, i])
+        gust += abs(g[3, i])
+    n = 4 if gust > 0.0 else 3
     residual = z.copy()
     smooth[:] = 1.0
-    inverse = np.empty((3, 3))
+    inverse = np.empty((n, n))
     for k in range(PASSES):
-        m = np.zeros((3, 3))
-        rhs = np.zeros(3)
+        m = np.zeros((n, n))
+        rhs = np.zeros(n)
         for i in range(lines):
-            for a in range(3):
+            for a in range(n):
                 rhs[a] += (g[a, i].real * z[i].real + g[a, i].imag * z[i].imag) / smooth[i]
-                for b in range(3):
+                for b in range(n):
                     m[a, b] += (g[a, i].real * g[b, i].real + g[a, i].imag * g[b, i].imag) / smooth[i]
-        if not invert(m, 3, inverse):
+        if not invert(m, n, inverse):
             return math.inf
         theta = inverse @ rhs
         for i in range(lines):
-            residual[i] = z[i] - (theta[0] * g[0, i] + theta[1] * g[1, i] + theta[2] * g[2, i])
+            residual[i] = z[i]
+            for a in range(n):
+                residual[i] -= theta[a] * g[a, i]
         if k < PASSES - 1:
             _residual_spectrum(residual, omega, smooth)
-    return _deviance(residual, omega, smooth)
+    return _deviance(residual, omega, smooth) + (n - 3) * math.log(2.0 * lines)
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ HALF, LEAD, ARM = 1.0, 5.3, 7.5
 FREQUENCIES = grid(0.1, 2.0, 0.04)
 S = 2j * np.pi * FREQUENCIES
 TO_CG, TO_TAIL = LEAD / SPEED, ARM / SPEED
+Kind = Callable[[np.ndarray, np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 THETA = np.array([[5.7, 12.0, 0.6, 0.8], [-1.1, -39.0, -1.8, -3.0]])
 
 
@@ -37,23 +40,45 @@ def headwind(a: np.ndarray, g: np.ndarray, _: np.ndarray, e: float) -> tuple[np.
     return np.array([(1 - e) * a + g, g * (1 - np.exp(-S * TO_TAIL * (1 + e)))]), np.array(used)
 
 
-def test_a_wrong_wind_moves_the_estimates_as_least_squares_on_wrong_regressors_do() -> None:
+def through_the_vane(a: np.ndarray, g: np.ndarray, pitch: np.ndarray, shown: Kind) -> tuple[np.ndarray, np.ndarray]:
+    """Angle of attack and d, true and used, of a vane as `shown` for the motion, its q and the gust."""
+    q = pitch * S
+    boom = shown(a, q, g) - (a - q * TO_CG)
+    used = a + boom * np.exp(-S * TO_CG), boom * np.exp(-S * TO_CG) * (1 - np.exp(-S * TO_TAIL))
+    return np.array([a + g, g * (1 - np.exp(-S * TO_TAIL))]), np.array(used)
+
+
+def scale(a: np.ndarray, g: np.ndarray, pitch: np.ndarray, e: float) -> tuple[np.ndarray, np.ndarray]:
+    return through_the_vane(a, g, pitch, lambda a, q, g: (1 + e) * (a - q * TO_CG + g * np.exp(S * TO_CG)))
+
+
+def delay(a: np.ndarray, g: np.ndarray, pitch: np.ndarray, e: float) -> tuple[np.ndarray, np.ndarray]:
+    return through_the_vane(a, g, pitch, lambda a, q, g: np.exp(-S * e) * (a - q * TO_CG + g * np.exp(S * TO_CG)))
+
+
+def lead(a: np.ndarray, g: np.ndarray, pitch: np.ndarray, e: float) -> tuple[np.ndarray, np.ndarray]:
+    return through_the_vane(a, g, pitch, lambda a, q, g: a - q * (TO_CG + e) + g * np.exp(S * (TO_CG + e)))
+
+
+@pytest.mark.parametrize(("kinds", "sd"), [((mean_wind, headwind), 0.0), ((scale, delay, lead), 1.0)])
+def test_a_wrong_wind_or_vane_moves_the_estimates_as_least_squares_on_wrong_regressors_do(
+    kinds: tuple[Kind, ...], sd: float
+) -> None:
     """Two segments, the first closed. The share is so small that its square does not count."""
-    e = 1e-6
+    e = 1e-8
     rng = np.random.default_rng(5)
     rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
-    wrong.weights((HALF, LEAD, ARM), SPEED, FREQUENCIES, (0.0, 0.0, 0.0), rows, noise)
+    wrong.weights((HALF, LEAD, ARM), SPEED, FREQUENCIES, (0.0, 0.0, 0.0, sd, sd, sd), rows, noise)
     past, out = np.zeros(wrong.SUMS), np.zeros((2, 3))
     normal = np.zeros((4, 4))
-    kinds = (mean_wind, headwind)
-    all_used: list[list[np.ndarray]] = [[], []]
-    all_true: list[list[np.ndarray]] = [[], []]
+    all_used: list[list[np.ndarray]] = [[] for _ in kinds]
+    all_true: list[list[np.ndarray]] = [[] for _ in kinds]
     for close in (True, False):
         a, g, qhat, de = rng.normal(size=(4, len(S))) + 1j * rng.normal(size=(4, len(S)))
         pitch = qhat * SPEED / HALF / S
         x = np.array([a + g, qhat, de, g * (1 - np.exp(-S * TO_TAIL))])
         normal += (x.conj() @ x.T).real
-        wrong.off(rows, noise, 1.0, 1.0, x, THETA, np.linalg.inv(normal), past, close, out)
+        wrong.off(rows, noise, 1.0, 1.0 - sd, x, THETA, np.linalg.inv(normal), past, close, out)
         for k, kind in enumerate(kinds):
             true, used = kind(a, g, pitch, e)
             all_true[k].append(np.array([true[0], qhat, de, true[1]]))
@@ -63,7 +88,7 @@ def test_a_wrong_wind_moves_the_estimates_as_least_squares_on_wrong_regressors_d
             (fitted(np.hstack(used), THETA[equation] @ np.hstack(true)) - THETA[equation])[:3] / e
             for used, true in zip(all_used, all_true, strict=True)
         ]
-        assert out[equation] == pytest.approx(np.hypot(*found), rel=1e-4)
+        assert out[equation] == pytest.approx(np.linalg.norm(found, axis=0), rel=1e-4)
 
 
 def test_noise_of_the_sensors_takes_off_what_it_takes_off_on_average() -> None:
@@ -72,7 +97,7 @@ def test_noise_of_the_sensors_takes_off_what_it_takes_off_on_average() -> None:
     vane, pitch_rate, elevator = 0.02, 0.03, 0.02
     rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
     about = (HALF, LEAD, late * dt * SPEED)
-    wrong.weights(about, SPEED, FREQUENCIES, (vane, pitch_rate, elevator), rows, noise)
+    wrong.weights(about, SPEED, FREQUENCIES, (vane, pitch_rate, elevator, 0.0, 0.0, 0.0), rows, noise)
     turn = np.exp(-np.outer(np.arange(n) * dt, S))
     clean = 6 * (rng.normal(size=(4, len(S))) + 1j * rng.normal(size=(4, len(S)))) * np.array([[1], [0.1], [1], [1]])
     z = THETA[1] @ clean
