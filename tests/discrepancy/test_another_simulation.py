@@ -10,6 +10,8 @@ from another_simulation import Case
 
 from station.discrepancy.diagnosis import Diagnosis, diagnose
 from station.discrepancy.record import manoeuvres
+from station.identify import identify
+from station.log import Table
 from station.profile import load_aircraft
 
 
@@ -40,3 +42,21 @@ def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_men
     assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
     assert found.gain is not None
     assert found.gain.reduction > 0.5  # its moment is nearly all that there was
+
+
+@pytest.mark.parametrize(("sigma", "expected"), [(0.0, "split"), (1.5, "split+gust")])
+def test_a_profile_that_gives_a_quasi_steady_aircraft_lift_memory_is_contradicted(
+    sigma: float, expected: str, tmp_path: Path
+) -> None:
+    """`physical` is then 20 % off in Cm_alpha in gusts, and its interval does not hold it."""
+    profile = tmp_path / "navion.toml"
+    profile.write_text(flown.PROFILE)
+    plain, other = load_aircraft(str(profile)), load_aircraft("twin_otter").unsteady
+    memory = {name: getattr(other, name) for name in ("lift_motion", "lift_gust", "downwash")}
+    aircraft = plain.model_copy(update={"unsteady": plain.unsteady.model_copy(update=memory)})
+    t, shown = flown.fly(Case(seed=3, sigma=sigma, seconds=65.0), 0)
+    found = identify(Table(t, shown, aircraft, 0), aircraft, ("split", "split+gust", "physical"), noise=flown.NOISE)
+    assert found["recommended"] == expected
+    assert found["methods"]["physical"]["why"].startswith("the data prefer split+gust's quasi-steady model")
+    low, high = found["methods"][expected]["parameters"]["Cm_alpha"]["ci95"]
+    assert low < flown.NAVION["Cm_alpha"] < high
