@@ -95,6 +95,7 @@ GUST: Final = Plot("gust part of alpha [deg]", (Line("gust part", _PINK), Line("
 CORRECTIONS: Final = Plot(
     "corrections to the vane [deg]",
     (
+        Line("instrument", _GREEN),
         Line("zero", _GREY),
         Line("upwash", _ORANGE),
         Line("rate", _BLUE),
@@ -260,7 +261,11 @@ def _alpha(rows: Batch, setup: Setup) -> Iterator[Points]:
     t = times(rows.alphas, rows.start_ns)
     angles = np.degrees(
         [
-            (a.vane, a.alpha_inertial, a.alpha, a.alpha_sd, a.alpha_gust, a.zero, a.upwash, a.rate, a.lag, a.gust)
+            (
+                *(a.vane, a.alpha_inertial, a.alpha, a.alpha_sd, a.alpha_gust),
+                # No line where the profile states no error of the vane.
+                *(a.instrument or math.nan, a.zero, a.upwash, a.rate, a.lag, a.gust),
+            )
             for a in rows.alphas
         ]
     )

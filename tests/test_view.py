@@ -181,6 +181,16 @@ def test_angles_are_drawn_in_degrees_with_a_band_of_two_sd() -> None:
     assert math.isnan(doubted)
 
 
+def test_each_correction_of_the_vane_is_drawn_under_its_own_name() -> None:
+    """That of the instrument, too; where the profile states no error of the vane it has no line."""
+    names = [line.name for line in plots.CORRECTIONS.lines]
+    degrees = {"zero": 1.0, "upwash": -2.0, "rate": 3.0, "lag": -4.0, "gust": 5.0, "instrument": -1.5}
+    drawn = lines_of(with_alpha(**{name: math.radians(x) for name, x in degrees.items()}))[plots.CORRECTIONS.name]
+    assert dict(zip(names, drawn, strict=True)) == pytest.approx(degrees)
+    sound = lines_of(with_alpha())[plots.CORRECTIONS.name]
+    assert np.isnan(sound).tolist() == [name == "instrument" for name in names]
+
+
 def test_an_angle_that_is_not_valid_leaves_the_line_of_the_valid_ones() -> None:
     drawn = lines_of(with_alpha(alpha=math.radians(5), valid=False, why="vane stale"))
     assert drawn["alpha [deg]"][5] == pytest.approx(5)

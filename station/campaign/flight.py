@@ -112,7 +112,7 @@ class Estimation(NamedTuple):
     sears_k: Array
     sears: Array
     """derivatives.lengths and Sears' function over reduced frequency: what weights gain and delay."""
-    paths: tuple[float, float, float]
+    paths: tuple[float, float, float, float]
     """regressor_error.lengths."""
     noisy: tuple[float, float, float, float, float, float]
     """regressor_error.deviations."""

@@ -7,7 +7,7 @@ The vane reads, for a small incidence,
 with alpha_i the inertial angle of attack, g the gust's, k_f the body's upwash (no memory), k_w the wing's (memory F_m
 for motion, F_g for gusts) and H_v the vane's own dynamics. The split correction (S2) predicts the part
 due to motion, takes what is left as the gust at the boom, and delays only that until it reaches the CG. Causal, no
-latency.
+latency: a vane behind the CG, or near it and slow, shows a gust when it has passed.
 
 Corrections that need no inertial data are kept for methods II (steady), III (total alpha delayed by x/V) and V (that,
 and the scale 1/(1 + k_u(f)) in the transform): Martos 2013. SI, radians.
@@ -41,7 +41,9 @@ _COUNT, _VF, _VSUM, _XIN, _LEIN, _PIN, _VS, _MS, _GS, _SPLIT, _SEEN = 0, 1, 2, 3
 STATE: Final = 20
 # out
 STEADY, SCALED_LATE, RATE_LATE, FAST, SPLIT, GUST, GUST_STEP, BOOM_GUST, RATE, SPEED_MEAN, READY, RESIDUAL = range(12)
-OUT: Final = 12
+BEHIND: Final = 12
+"""By how long gusts are seen too late to be told at the CG when they are there, s."""
+OUT: Final = 13
 
 
 @njit(cache=True)
@@ -141,6 +143,7 @@ def step(
         out[GUST_STEP] = math.nan
         out[BOOM_GUST] = math.nan
         out[RESIDUAL] = math.nan
+        out[BEHIND] = math.nan
         out[READY] = 0.0
         ring[at, 2] = 0.0
         return
@@ -185,6 +188,7 @@ def step(
     out[FAST] = alpha_i + boom
     out[SPLIT] = alpha_i + gust
     out[GUST] = gust
+    out[BEHIND] = max(par[_VANE_LAG] - par[_GX] / v, 0.0)
     out[GUST_STEP] = gust - _delayed(ring, at, 2, late + par[_TAIL] / v / dt) / v
     out[BOOM_GUST] = boom
     out[RESIDUAL] = left
@@ -207,6 +211,11 @@ def second_order(frequency: float, damping: float, dt: float) -> Array:
     return np.array((*whole[:2, :2].ravel(), *(hold - ramp), *ramp))
 
 
+def vane_lag(frequency: float, damping: float) -> float:
+    """How late a second-order vane (Hz) shows what is slow, s."""
+    return damping / (math.pi * frequency)
+
+
 def parameters(aircraft: Aircraft, dt: float) -> Array:
     """The constants of `step` for an aircraft, (PARAMS,). Without a boom: a vane at the CG that tells the truth."""
     par = np.zeros(PARAMS)
@@ -218,7 +227,7 @@ def parameters(aircraft: Aircraft, dt: float) -> Array:
         par[[_ZERO, _KF, _KW, _X, _Y]] = boom.zero, boom.upwash_body, boom.upwash_wing, boom.vane_x, boom.vane_y
         par[_GX] = boom.gust_x
         par[_LE] = max(boom.gust_x - aircraft.gust_edge, 0.0)
-    par[_VANE_LAG] = damping / (math.pi * frequency)
+    par[_VANE_LAG] = vane_lag(frequency, damping)
     par[_VANE : _VANE + 8] = second_order(frequency, damping, dt)
     # The upwash follows the wing's vorticity: an aircraft whose lift has no memory still has this one.
     for response, amplitude, rate, terms in (

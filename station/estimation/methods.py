@@ -21,7 +21,7 @@ from station.estimation.equation_error import Sides
 from station.estimation.inertial import Inertial
 from station.estimation.lateral import Lateral
 from station.estimation.physical import Physical
-from station.estimation.physical_signals import Signals
+from station.estimation.physical_signals import LENGTH_M, Signals
 from station.estimation.turbulence import BOUND, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
@@ -97,6 +97,8 @@ WARM_TICKS: Final = 2000
 """Of the made-up flight that compiles: every method closes a segment of its transforms in it."""
 GUST_LEFT: Final = 0.4
 """What the split leaves in the angle of attack, as a share of the gusts' incidence at 2-7 Hz (simulated flights)."""
+LATE_S: Final = 0.025
+"""A vane that shows gusts later than this after the CG has met them is told of."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -340,6 +342,21 @@ class Estimator:
         gust = BOUND * gust_sigma(self._turbulence.level, speed, noise, self._dt) / max(speed, 1.0)
         return UNEXPLAINED**2 + noise**2 + gust**2
 
+    def _unseen(self, late_s: float, speed: float) -> float:
+        """Standard deviation, rad, of what a gust changes by while the vane has not seen it: of MIL-F-8785C's vertical
+        gusts, whose variance grows by 3 V t/L of the whole in a short time t."""
+        level = self._turbulence.level
+        if not (late_s > 0.0 and math.isfinite(level)):
+            return 0.0
+        gust = gust_sigma(level, speed, self._noise["alpha_vane"], self._dt) / max(speed, 1.0)
+        return gust * math.sqrt(3.0 * late_s * speed / LENGTH_M)
+
+    def _late(self, late_s: float) -> str:
+        """A word on a vane that shows gusts much later than they are at the CG."""
+        if not late_s > LATE_S or self._turbulence.name in ("calm", "unknown"):
+            return ""
+        return "gusts reach the vane too late for the angle of attack at the CG"
+
     def _alpha(self, t_ns: int, u: Array, usable: bool, why: str) -> AlphaEstimate:
         out, wind = self._seen, self._wind
         level, name = self._turbulence.level, self._turbulence.name
@@ -364,6 +381,7 @@ class Estimator:
                 0.2 * noise["theta"],
                 0.2 * noise["v_down"] / speed,
                 math.hypot(0.05 * gust, GUST_LEFT * band),
+                self._unseen(out[cg.BEHIND], speed),
             ]
         else:
             alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
@@ -389,7 +407,7 @@ class Estimator:
             wind_east=wind[4],
             wind_down=wind[5],
             valid=not why,
-            why=why or self._conditioner.degraded(out[cg.READY] > 0.0),
+            why=why or self._conditioner.degraded(out[cg.READY] > 0.0) or self._late(out[cg.BEHIND]),
         )
 
 

@@ -9,8 +9,11 @@ the residuals do not show. By a share e of the speed
     the gusts' u has a mean over the record: what it takes from alpha_i is read as a gust, and carried x/V; and gusts
         travel at another speed than the airspeed: d alpha = e (1 - e^{-s x/V}) alpha_i + e s (x/V) g
 
-and d alike. Both have the standard error of a mean wind over that time, and are taken as independent. With the flow at
-the boom, c = alpha_i - q x/V + g e^{s x/V}, a vane
+    a vane behind the CG, or near it and slow, shows gusts when they have passed, t = the vane's lag - x/V too late:
+        d alpha = g (1 - e^{s t}), with g as the vane has it; wholly, whatever the wind
+
+and d alike. The first two have the standard error of a mean wind over that time, and are taken as independent. With the
+flow at the boom, c = alpha_i - q x/V + g e^{s x/V}, a vane
 
     whose scale is wrong by e, that is late by t or whose lead over the CG is wrong by t, makes
         d alpha = e^{-s x/V} (e c, -t s c, t (q - s g e^{s x/V})),
@@ -29,28 +32,32 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from station.estimation.alpha import vane_lag
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-PITCH, GUST, MOTION_A, MOTION_D, GUST_A, GUST_D, SEEN, SEEN_Q, SCALE, LATE, LEAD_Q, LEAD_G, SINCE = range(13)
-ROWS: Final = 13
+PITCH, GUST, MOTION_A, MOTION_D, GUST_A, GUST_D, SEEN, SEEN_Q, SCALE, LATE, LEAD_Q, LEAD_G, SINCE, MISSED = range(14)
+ROWS: Final = 14
 """Of `weights`: pitch for a unit of q c/2V; g for one of d; errors of alpha and d for one of a motion that is carried
 with the gust, and for one of g that travels at another speed; c e^{-s x/V} for a unit of motion and of q c/2V, what
-the vane's scale and delay make of it, and its lead of q c/2V and g, each by its standard deviation; d for one of g."""
-CAUSES: Final = 5
-"""Mean wind, u, and the vane's scale, delay and lead."""
+the vane's scale and delay make of it, and its lead of q c/2V and g, each by its standard deviation; d for one of g;
+errors of alpha and d for one of a gust that is seen too late."""
+CAUSES: Final = 6
+"""Mean wind, u, the vane's scale, delay and lead, and gusts seen too late."""
 SUMS: Final = 8 * CAUSES
 """Over closed segments: each of four regressors times alpha's and d's errors, by each cause."""
 MINUTE: Final = 60.0
 """s: mean winds of times so far apart err independently."""
 
 
-def lengths(aircraft: Aircraft) -> tuple[float, float, float]:
-    """Half the chord, the vane's lead and the tail's arm, m, which `weights` depend on."""
-    lead = max(aircraft.boom.gust_x, 0.0) if aircraft.boom else 0.0
-    return aircraft.geometry.chord / 2, lead, aircraft.unsteady.tail_arm
+def lengths(aircraft: Aircraft) -> tuple[float, float, float, float]:
+    """Half the chord, how far ahead the vane meets gusts and the tail's arm, m, and the vane's lag, s, which `weights`
+    depend on."""
+    boom = aircraft.boom
+    ahead, lag = (boom.gust_x, vane_lag(boom.vane_frequency, boom.vane_damping)) if boom else (0.0, 0.0)
+    return aircraft.geometry.chord / 2, ahead, aircraft.unsteady.tail_arm, lag
 
 
 def deviations(aircraft: Aircraft, noise: Mapping[str, float]) -> tuple[float, float, float, float, float, float]:
@@ -64,7 +71,7 @@ def deviations(aircraft: Aircraft, noise: Mapping[str, float]) -> tuple[float, f
 
 @njit(cache=True, error_model="numpy")
 def weights(
-    about: tuple[float, float, float],
+    about: tuple[float, float, float, float],
     speed: float,
     frequencies: Array,
     sd: tuple[float, float, float, float, float, float],
@@ -76,7 +83,8 @@ def weights(
 
     `about`: see `lengths`; `sd`: see `deviations`.
     """
-    half, lead, arm = about
+    half, ahead, arm, lag = about
+    lead, late = max(ahead, 0.0), max(lag - ahead / speed, 0.0)
     noise[:] = 0.0
     for i in range(frequencies.shape[0]):
         s = 2j * math.pi * frequencies[i]
@@ -90,6 +98,7 @@ def weights(
         wrong[SEEN, i], wrong[SEEN_Q, i], wrong[SINCE, i] = early, -early * lead / half, 1.0 - to_tail
         wrong[SCALE, i], wrong[LATE, i] = sd[3], -sd[4] * s
         wrong[LEAD_Q, i], wrong[LEAD_G, i] = sd[5] * early * speed / half, -sd[5] * s
+        wrong[MISSED, i] = 1.0 - np.exp(s * late)
         step = 1.0 - to_tail.real
         noise[0, 0] += sd[0] ** 2
         noise[0, 3] += sd[0] ** 2 * step
@@ -136,6 +145,8 @@ def off(
             wrong[LATE, f] * seen * wrong[SINCE, f],
             lead,
             lead * wrong[SINCE, f],
+            wrong[MISSED, f] * gust,
+            wrong[MISSED, f] * x[3, f],
         )
         for k, error in enumerate(errors):
             for i in range(4):

@@ -68,7 +68,7 @@ def test_a_wrong_wind_or_vane_moves_the_estimates_as_least_squares_on_wrong_regr
     e = 1e-8
     rng = np.random.default_rng(5)
     rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
-    wrong.weights((HALF, LEAD, ARM), SPEED, FREQUENCIES, (0.0, 0.0, 0.0, sd, sd, sd), rows, noise)
+    wrong.weights((HALF, LEAD, ARM, 0.0), SPEED, FREQUENCIES, (0.0, 0.0, 0.0, sd, sd, sd), rows, noise)
     past, out = np.zeros(wrong.SUMS), np.zeros((2, 3))
     normal = np.zeros((4, 4))
     all_used: list[list[np.ndarray]] = [[] for _ in kinds]
@@ -91,12 +91,33 @@ def test_a_wrong_wind_or_vane_moves_the_estimates_as_least_squares_on_wrong_regr
         assert out[equation] == pytest.approx(np.linalg.norm(found, axis=0), rel=1e-4)
 
 
+def test_gusts_seen_too_late_move_the_estimates_as_least_squares_on_late_gusts_do() -> None:
+    """A vane 2 m behind the CG with a lag of 12 ms; two segments, the first closed."""
+    behind, lag = 2.0, 0.012
+    rng = np.random.default_rng(7)
+    rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
+    wrong.weights((HALF, -behind, ARM, lag), SPEED, FREQUENCIES, (0.0,) * 6, rows, noise)
+    past, out = np.zeros(wrong.SUMS), np.zeros((2, 3))
+    normal = np.zeros((4, 4))
+    seen, met = [], []
+    for close in (True, False):
+        a, g, qhat, de = rng.normal(size=(4, len(S))) + 1j * rng.normal(size=(4, len(S)))
+        step, late = 1 - np.exp(-S * TO_TAIL), np.exp(-S * (lag + behind / SPEED))
+        seen.append(np.array([a + g * late, qhat, de, g * late * step]))
+        met.append(np.array([a + g, qhat, de, g * step]))
+        normal += (seen[-1].conj() @ seen[-1].T).real
+        wrong.off(rows, noise, 1.0, 0.0, seen[-1], THETA, np.linalg.inv(normal), past, close, out)
+    for equation in range(2):
+        found = fitted(np.hstack(seen), THETA[equation] @ np.hstack(met)) - THETA[equation]
+        assert out[equation] == pytest.approx(np.abs(found[:3]), rel=1e-9)
+
+
 def test_noise_of_the_sensors_takes_off_what_it_takes_off_on_average() -> None:
     dt, n, late = 0.02, 1500, 7
     rng = np.random.default_rng(6)
     vane, pitch_rate, elevator = 0.02, 0.03, 0.02
     rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
-    about = (HALF, LEAD, late * dt * SPEED)
+    about = (HALF, LEAD, late * dt * SPEED, 0.0)
     wrong.weights(about, SPEED, FREQUENCIES, (vane, pitch_rate, elevator, 0.0, 0.0, 0.0), rows, noise)
     turn = np.exp(-np.outer(np.arange(n) * dt, S))
     clean = 6 * (rng.normal(size=(4, len(S))) + 1j * rng.normal(size=(4, len(S)))) * np.array([[1], [0.1], [1], [1]])
