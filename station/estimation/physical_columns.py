@@ -23,6 +23,7 @@ from station.estimation.physical_signals import (
     DK,
     DKL,
     DKM,
+    DKN,
     DW,
     DX,
     GC,
@@ -30,8 +31,10 @@ from station.estimation.physical_signals import (
     KG,
     KL,
     KM,
+    KN,
     SIGNALS,
     SPAN_FAST,
+    SPAN_MIDDLE,
     SPAN_SLOW,
     WIND_TAIL,
     WIND_WASH,
@@ -50,13 +53,17 @@ CHANNELS: Final = SIGNALS + 4
 NUISANCES: Final = (
     *("tail share", "boom length", "vane skew", "span", "span, fast", "lift memory", "upwash share"),
     *("upwash rate, gust", "downwash", "downwash delay", "tail arm", "vane gain", "upwash rate, motion"),
-    *("gust memory rate", "lift memory rate", "mean wind"),
+    *("gust memory rate", "lift memory rate", "span, middle", "mean wind"),
 )
 """What else may be wrong: the constants of the profile, and the mean wind."""
 N: Final = len(NUISANCES)
 PARAMETERS: Final = 6 + N
 TAIL, WASH, ARM_LENGTH, WIND = 0, 8, 10, N - 1
 """Places among the nuisances that enter in products with others."""
+SPANS: Final = (3, 15, 4)
+"""Places of the span's lags, slow to fast."""
+MET: Final = (1, 2, 6, 7, 11, 12, 13)
+"""Places of what feigns a gust, or changes the wing's memory of gusts: goes through the span's lags."""
 SOURCES: Final = ("theta", "q", "az", "v_down", "elevator")
 """Sensors whose noise is in the regressors."""
 
@@ -69,6 +76,7 @@ _TABLES: Final = KNOWN_AT + N + 4
 NOISE_AT: Final = _TABLES + 32
 _SPAN, _LIFT, _MOMENT, _DENSITY = range(NOISE_AT + len(SOURCES), NOISE_AT + len(SOURCES) + 4)
 CONSTANTS: Final = _DENSITY + 1
+WING: Final = 3 + len(SPANS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,8 +132,9 @@ def columns(
 ) -> None:
     """What the equations are made of at every so-many-th line, without the derivatives, with D = P - e Q.
 
-    `wing` (3, frequencies): A, P, Q. `base` (N, 3, frequencies): what a unit of each nuisance adds to them; of the
-    tail's share, which multiplies D, nothing.
+    `wing` (WING, frequencies): A, P, Q, and what a unit of each of SPANS adds to a gust's lift, relative to it. `base`
+    (N, 3, frequencies): what a unit of each nuisance adds to A, P and Q; of the tail's share, which multiplies D,
+    nothing.
     """
     lc = con[ARM]
     late = con[_LT] / speed
@@ -134,7 +143,6 @@ def columns(
     chords = speed / con[_CHORD]
     t = _TABLES
     share = con[_KW] / (1.0 + con[_KF])
-    gain = (1.0 + con[_KF] + con[_KW]) / (1.0 + con[_KF])
     base[:] = 0.0
     for i in range(every // 2, omega.shape[0], every):
         s = 1j * omega[i]
@@ -142,7 +150,8 @@ def columns(
         x, qh = f[X, i], f[QH, i]
         wx, kg, gc, gt = f[WX, i], r * f[KG, i], r * f[GC, i], r * f[GT, i]
         dw, dk, dx = f[DW, i], r * f[DK, i], f[DX, i]
-        kl, km, dkl, dkm = r * f[KL, i], r * f[KM, i], r * f[DKL, i], r * f[DKM, i]
+        kl, km, kn = r * f[KL, i], r * f[KM, i], r * f[KN, i]
+        dkl, dkm, dkn = r * f[DKL, i], r * f[DKM, i], r * f[DKN, i]
         wing[0, i] = wx + kg
         wing[1, i] = x + gt - wx - kg
         wing[2, i] = dw + dk - wx - kg + 2.0 * lc * qh
@@ -153,25 +162,32 @@ def columns(
         met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * lead_in
         f_m = _memory(con[t + 16 : t + 20], con[t + 20 : t + 24], int(con[_NM]), s / chords)
         f_g = _memory(con[t + 24 : t + 28], con[t + 28 : t + 32], int(con[_NG]), s / chords)
-        # q at the boom as an angle: r q/V = (2 r/c) qhat
-        flow = (x - con[_BOOM] / con[_HALF] * qh) * to_boom
-        to_edge = to_boom * lead_in
+        # What the vane shows of motion and gust, as far as it counts as gust; q at the boom: r q/V = (2 r/c) qhat. What
+        # it shows too much makes a gust of which the wing's upwash is part.
+        moved = r * x * to_boom
+        pitched = r * con[_BOOM] / con[_HALF] * qh * to_boom
+        washed_up = share * f_g * to_boom * lead_in
+        part = 1.0 / (1.0 + washed_up)
+        shown = gc + part * (moved - pitched + share * f_m * moved)
         # gust incidence at the CG that a constant's error feigns
         feigned = (
-            (1, -s * gc + speed / con[_HALF] * qh * to_boom),
-            (2, s * (gain * flow + gc)),
-            (11, flow + gc),
-            (6, share * ((f_m - 1.0) * x * to_boom + (f_g * to_edge - 1.0) * gc)),
-            (7, share * _slope(con, t + 24, int(con[_NG]), s / chords) * to_edge * gc),
-            (12, share * _slope(con, t + 16, int(con[_NM]), s / chords) * x * to_boom),
+            (1, part * (speed / con[_BOOM] * pitched - s * gc)),
+            (2, s * shown),
+            (11, shown),
+            (6, part * (share * (f_m - 1.0) * moved + share * pitched + (washed_up - share) * gc)),
+            (7, part * share * _slope(con, t + 24, int(con[_NG]), s / chords) * to_boom * lead_in * gc),
+            (12, part * share * _slope(con, t + 16, int(con[_NM]), s / chords) * moved),
         )
         for j, g in feigned:
             da = met * g
             base[j, 0, i] = da
             base[j, 1, i] = to_tail * g - da
             base[j, 2, i] = (washed - 1.0) * da
+        for k, corner in enumerate((SPAN_SLOW, SPAN_MIDDLE, SPAN_FAST)):
+            wing[3 + k, i] = 1.0 / (1.0 + s * con[_SPAN] / (corner * speed)) - 1.0
         # wing incidence with another memory, and the same of l_t/V ago
-        for j, da, late_da in ((3, kl - kg, dkl - dk), (4, km - kg, dkm - dk), (5, wx - x, dw - dx)):
+        others = ((3, kl - kg, dkl - dk), (15, km - kg, dkm - dk), (4, kn - kg, dkn - dk), (5, wx - x, dw - dx))
+        for j, da, late_da in others:
             base[j, 0, i] = da
             base[j, 1, i] = -da
             base[j, 2, i] = late_da - da
@@ -232,9 +248,10 @@ def noise_spectrum(
         f[X, i], f[WX, i], f[QH, i] = x, w_m * x, con[_HALF] / speed * q
         f[GC, i], f[KG, i], f[GT, i] = gust, met * gust, gust * np.exp(-s * late)
         f[KL, i] = f[KG, i] / (1.0 + s * con[_SPAN] / (SPAN_SLOW * speed))
-        f[KM, i] = f[KG, i] / (1.0 + s * con[_SPAN] / (SPAN_FAST * speed))
+        f[KM, i] = f[KG, i] / (1.0 + s * con[_SPAN] / (SPAN_MIDDLE * speed))
+        f[KN, i] = f[KG, i] / (1.0 + s * con[_SPAN] / (SPAN_FAST * speed))
         f[DW, i], f[DK, i], f[DX, i] = washed * f[WX, i], washed * f[KG, i], washed * x
-        f[DKL, i], f[DKM, i] = washed * f[KL, i], washed * f[KM, i]
+        f[DKL, i], f[DKM, i], f[DKN, i] = washed * f[KL, i], washed * f[KM, i], washed * f[KN, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -250,7 +267,8 @@ def design(
     r: Complex,
 ) -> None:
     """At line i and the estimate `theta` (PARAMETERS,): `g` (2, PARAMETERS), slopes of CL and Cm by each parameter,
-    and `r` (2,), what the model leaves of both. Products of constants are exact.
+    and `r` (2,), what the model leaves of both. Products with the tail's share, arm and downwash are exact, and those
+    of the span's lags and the gusts that other constants feign, which the wing meets as it meets gusts.
     """
     a, p, q = wing[0, i], wing[1, i], wing[2, i]
     for j in range(1, N):
@@ -259,6 +277,16 @@ def design(
             a += c * base[j, 0, i]
             p += c * base[j, 1, i]
             q += c * base[j, 2, i]
+    # What the span's lags make of the gusts that other constants feign.
+    lagged, met, washed = 0.0j, 0.0j, 0.0j
+    for k, j in enumerate(SPANS):
+        lagged += theta[6 + j] * wing[3 + k, i]
+    for j in MET:
+        met += theta[6 + j] * base[j, 0, i]
+        washed += theta[6 + j] * base[j, 2, i]
+    a += lagged * met
+    p -= lagged * met
+    q += lagged * washed
     a_h, e, lc = con[A_H] + theta[6 + TAIL], con[E] + theta[6 + WASH], con[ARM] * (1.0 + theta[6 + ARM_LENGTH])
     d = p - e * q
     qh, de = f[QH, i], f[DE, i]
@@ -272,12 +300,22 @@ def design(
             own, tail = 0.0j, -q
         g[0, 6 + j] = theta[0] * own + a_h * tail
         g[1, 6 + j] = theta[3] * own - a_h * lc * tail
+    for j in MET:
+        own = lagged * base[j, 0, i]
+        tail = -own - e * lagged * base[j, 2, i]
+        g[0, 6 + j] += theta[0] * own + a_h * tail
+        g[1, 6 + j] += theta[3] * own - a_h * lc * tail
+    for k, j in enumerate(SPANS):
+        own = wing[3 + k, i] * met
+        tail = -own - e * wing[3 + k, i] * washed
+        g[0, 6 + j] += theta[0] * own + a_h * tail
+        g[1, 6 + j] += theta[3] * own - a_h * lc * tail
     g[1, 6 + ARM_LENGTH] -= a_h * con[ARM] * d
     r[0] = f[CL, i] - theta[0] * a - theta[1] * qh - theta[2] * de - a_h * d
     r[1] = f[CM, i] * derivative - theta[3] * a - theta[4] * qh - theta[5] * de + a_h * lc * d
 
 
-LEARNT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 0.67, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+LEARNT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 0.67, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
 """How much of each nuisance's prior standard deviation turbulence is let move: there the rest, which stands for errors
 of another shape than the nuisance's own, is only considered. In calm air everything is learnt. The mean wind's share is
 `set_air`'s."""
@@ -313,7 +351,7 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
         *(known.tail_lift_slope * unsteady.tail_lift_slope, known.vane_x, known.vane_delay, known.span_lag),
         *(known.span_lag, known.lift_memory, known.upwash_wing, known.upwash_rate),
         *(known.downwash * unsteady.downwash, known.downwash_delay, known.tail_arm, known.vane_scale),
-        *(known.upwash_rate, known.lift_rate, known.lift_rate, 0.0),
+        *(known.upwash_rate, known.lift_rate, known.lift_rate, known.span_lag, 0.0),
     )
     con[LEARNT_AT : LEARNT_AT + N] = LEARNT
     sd = {**NOISE, **(noise or {})}

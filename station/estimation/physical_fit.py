@@ -36,6 +36,7 @@ from station.estimation.physical_columns import (
     PARAMETERS,
     QH,
     SOURCES,
+    WING,
     N,
     columns,
     design,
@@ -58,6 +59,9 @@ SMALL_RECORD: Final = 1.2
 Carlo with known constants, so that 95 % intervals cover 95 %."""
 EVERY: Final = 4
 """Lines from one to the next at which the noise of the sensors is evaluated: it is smooth."""
+TAKEN_OFF: Final = (1.0, 0.5, 0.0)
+"""Share of the sensors' noise that is taken off the normal equations: the first that leaves them positive, and every
+constant known no worse than before (Fuller takes off less for the same reason)."""
 _SOURCES: Final = len(SOURCES)
 
 
@@ -223,7 +227,7 @@ def fit(
     gust_power = np.empty(lines)
     turbulent = wiener(f, omega, noise, gust_power, rho)
     spectra = np.empty((1 + _SOURCES, CHANNELS, lines), dtype=np.complex128)
-    wing = np.empty((1 + _SOURCES, 3, lines), dtype=np.complex128)
+    wing = np.empty((1 + _SOURCES, WING, lines), dtype=np.complex128)
     base = np.empty((1 + _SOURCES, N, 3, lines), dtype=np.complex128)
     spectra[0] = f
     for k in range(1 + _SOURCES):
@@ -250,6 +254,10 @@ def fit(
     spare = np.empty((lines, 2), dtype=np.complex128)
     residual = np.empty((2, lines), dtype=np.complex128)
     alone = np.zeros((n, n))
+    noisy = np.empty((n, n))
+    noisy_rhs = np.empty(n)
+    own = np.empty((n, n))
+    own_rhs = np.empty(n)
     m = np.empty((n, n))
     rhs = np.empty(n)
     inverse = np.empty((n, n))
@@ -263,9 +271,10 @@ def fit(
         _accumulate(
             f, derivative, w, b0, con, theta, spectrum, coherence, independent, 1, equations, g, white, alone, rhs
         )
-        m[:] = alone
+        noisy[:] = 0.0
+        noisy_rhs[:] = 0.0
         for source in range(_SOURCES):
-            energy = -independent * noise * con[NOISE_AT + source]
+            energy = independent * noise * con[NOISE_AT + source]
             _accumulate(
                 spectra[1 + source],
                 derivative,
@@ -280,30 +289,33 @@ def fit(
                 equations,
                 scratch,
                 spare,
-                m,
-                rhs,
+                noisy,
+                noisy_rhs,
             )
         for a in range(n):
             for b in range(a):
-                m[b, a] = m[a, b]
+                noisy[b, a] = noisy[a, b]
                 alone[b, a] = alone[a, b]
-        # In the form m theta = rhs, to which segments before and the prior, about zero, add.
         before[:] = theta
-        for a in range(n):
-            for b in range(n):
-                rhs[a] += m[a, b] * before[b]
-        own, own_rhs = m.copy(), rhs.copy()
-        for a in range(n):
-            rhs[a] += past[a, 2 * n]
-            for b in range(n):
-                m[a, b] += past[a, b]
-            m[a, a] += prior[a]
-        if not invert(m, n, inverse):
+        solved = False
+        for taken in TAKEN_OFF:
+            # In the form m theta = rhs, to which segments before and the prior, about zero, add.
+            own[:] = alone - taken * noisy
+            for a in range(n):
+                own_rhs[a] = rhs[a] - taken * noisy_rhs[a]
+                for b in range(n):
+                    own_rhs[a] += own[a, b] * before[b]
+            m[:] = own + past[:, :n]
+            for a in range(n):
+                m[a, a] += prior[a]
+            solved = invert(m, n, inverse)
+            for a in range(6, n):
+                solved = solved and 0.0 < inverse[a, a] * prior[a] < 1.0 + 1e-6
+            if solved:
+                break
+        if not solved:
             return False
-        for a in range(n):
-            theta[a] = 0.0
-            for b in range(n):
-                theta[a] += inverse[a, b] * rhs[b]
+        theta[:] = inverse @ (own_rhs + past[:, 2 * n])
         for q in range(2):
             for i in range(lines):
                 left = white[i, q]

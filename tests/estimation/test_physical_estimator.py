@@ -15,7 +15,7 @@ from station.estimation import physical_signals as ps
 from station.estimation.methods import Estimator
 from station.estimation.physical import SEGMENT, Equations, transform
 from station.estimation.spectra import grid
-from station.profile import Aircraft, Card, load_aircraft
+from station.profile import Aircraft, Card, Indicial, load_aircraft
 from station.profile.uncertainty import Uncertainty
 from station.rows import Frame, MethodEstimate, Status
 from station.simulation import fly
@@ -231,15 +231,67 @@ def test_an_error_of_the_mean_wind_does_what_its_column_says() -> None:
             estimator._inertial._state[inertial._WIND : inertial._WIND + 3] = (wrong, 0.0, 0.0)
             estimator.step(frame)
         f, speed = seen[-1]
-        wing = np.empty((3, len(omega)), dtype=complex)
+        wing = np.empty((pc.WING, len(omega)), dtype=complex)
         base = np.empty((pc.N, 3, len(omega)), dtype=complex)
         pc.columns(f, omega, speed, pc.constants(aircraft), np.ones(len(omega)), 1, wing, base)
-        wings.append(wing)
+        wings.append(wing[:3])
         bases.append(base[pc.WIND])
         share = wrong / speed
     for was, now, column in zip(*wings, bases[0], strict=True):
         left = np.linalg.norm((now - was) / share - column) / np.linalg.norm(column)
         assert left < 0.1
+
+
+def scaled(response: Indicial | None, amplitude: float, rate: float) -> Indicial:
+    assert response is not None
+    return Indicial(a=tuple(amplitude * a for a in response.a), b=tuple(rate * b for b in response.b))
+
+
+def test_wrong_constants_do_what_their_columns_say() -> None:
+    """Wing, tail and downwash incidence of the same flight by profiles that differ in one constant: the difference
+    quotient against that constant's column, where a part of what the vane shows counts as gust."""
+    aircraft, c = load_aircraft("twin_otter_martos"), card(0.0, warm_up=20.0)
+    given = frames(fly(aircraft, STANDARD, c, 50.06, 3)[0])
+    omega = 2 * np.pi * grid(c.low, c.high, c.step)
+
+    def found(known: Aircraft) -> tuple[np.ndarray, np.ndarray]:
+        estimator = Estimator(known, c, methods=("physical",))
+        seen: list[tuple[np.ndarray, float]] = []
+        assert estimator._physical is not None
+        equations = estimator._physical._equations
+        assert equations is not None
+        equations.solve = lambda f, n, s, v, *_: seen.append((f.copy(), v))  # type: ignore[method-assign]
+        for frame in given:
+            estimator.step(frame)
+        wing = np.empty((pc.WING, len(omega)), dtype=complex)
+        base = np.empty((pc.N, 3, len(omega)), dtype=complex)
+        pc.columns(*(seen[-1][0], omega, seen[-1][1]), pc.constants(known), np.full(len(omega), 0.4), 1, wing, base)
+        return wing[:3], base
+
+    boom, unsteady, speed = aircraft.boom, aircraft.unsteady, 110 * 0.514444
+    assert boom is not None
+    wing, body = boom.upwash_wing, boom.upwash_body
+    faster = math.exp(0.05)
+    constants: list[tuple[str, float, str, dict[str, object]]] = [
+        # Known to read more, it shows less gust: the other way round.
+        ("vane gain", -0.01, "boom", {"upwash_wing": 1.01 * wing, "upwash_body": 1.01 * (1 + body) - 1}),
+        ("boom length", 0.003, "boom", {"vane_x": boom.vane_x + 0.003 * speed}),
+        ("upwash share", -0.1, "boom", {"upwash_wing": 1.1 * wing, "upwash_body": body - 0.1 * wing}),
+        ("upwash rate, gust", -0.05, "unsteady", {"upwash_gust": scaled(unsteady.upwash_gust, 1, faster)}),
+        ("upwash rate, motion", -0.05, "unsteady", {"upwash_motion": scaled(unsteady.upwash_motion, 1, faster)}),
+        ("lift memory", 0.1, "unsteady", {"lift_motion": scaled(unsteady.lift_motion, 1.1, 1)}),
+        ("lift memory rate", 0.05, "unsteady", {"lift_motion": scaled(unsteady.lift_motion, 1, faster)}),
+        ("gust memory rate", 0.05, "unsteady", {"lift_gust": scaled(unsteady.lift_gust, 1, faster)}),
+        ("downwash delay", 0.003, "unsteady", {"downwash_delay": 0.003}),
+        ("tail arm", 0.02, "unsteady", {"tail_arm": 1.02 * unsteady.tail_arm}),
+    ]
+    before, columns = found(aircraft)
+    for name, by, part, keys in constants:
+        after, _ = found(changed(aircraft, part, **keys))
+        column = columns[pc.NUISANCES.index(name)]
+        left = np.linalg.norm((after - before) / by - column) / np.linalg.norm(column)
+        # Memories act in time, their slopes on spectra of a record that begins somewhere: up to 0.17.
+        assert left < 0.25, name
 
 
 def test_the_data_prefer_the_model_that_is_true() -> None:
@@ -264,7 +316,7 @@ def test_slopes_are_those_of_the_residual() -> None:
 
     f, rho = complex_normal(pc.CHANNELS, lines), rng.uniform(size=lines)
     con = pc.constants(aircraft)
-    wing = np.empty((3, lines), dtype=complex)
+    wing = np.empty((pc.WING, lines), dtype=complex)
     base = np.empty((pc.N, 3, lines), dtype=complex)
     pc.columns(f, omega, speed, con, rho, 1, wing, base)
     theta = rng.normal(size=pc.PARAMETERS)
