@@ -155,7 +155,7 @@ def _delay(part: GustDelay, record: FlightRecord) -> dict[str, Any]:
 
 def _lead(lead: Lead) -> dict[str, Any]:
     return {
-        "delay": _number(lead.delay_s, lead.delay_sd),
-        "distance": _number(lead.distance_m, lead.distance_sd),
-        "upwash": _number(lead.upwash, lead.upwash_sd),
+        "delay": _number(lead.delay_s, lead.delay_sd) | {"std_error_statistical": lead.delay_statistical},
+        "distance": _number(lead.distance_m, lead.distance_sd) | {"std_error_statistical": lead.distance_statistical},
+        "upwash": _number(lead.upwash, lead.upwash_sd) | {"std_error_statistical": lead.upwash_statistical},
     }

@@ -6,14 +6,16 @@ the rest are fitted by generalised total least squares to the spectra of what bo
 with the inverse of the covariance that the sensors' noise gives the two there. For a delay alone that is the
 Hannan-Thomson (Knapp and Carter 1976) weight gamma^2/(|G|(1 - gamma^2)); with both equations the vane's noise, which
 they share, is all but taken out. The covariance is that of the noise in the regressors too, so nothing is attenuated.
+What the profile's constants may be off (its section `uncertainty`) is reckoned to first order: by how much the
+estimates would move were each of them one standard deviation larger.
 
-Source: Hannan and Thomson 1973; Knapp and Carter 1976; Thomson 1982 (orthogonal tapers). SI, rad.
+Source: Hannan and Thomson 1973; Knapp and Carter 1976. SI, rad.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,7 +25,6 @@ from station.estimation.gust_model import (
     BAND,
     LEAD,
     SLOPES,
-    TAPERS,
     UPWASH,
     WIND,
     Array,
@@ -33,7 +34,7 @@ from station.estimation.gust_model import (
 )
 from station.estimation.inertial_path import InertialPath
 from station.estimation.regression import NotIdentifiable
-from station.profile import Aircraft
+from station.profile import Aircraft, Indicial
 
 MIN_S: Final = 20.0
 ITERATIONS: Final = 40
@@ -44,9 +45,12 @@ MODEL_S: Final = 0.002
 STEPS: Final = (0.02, 0.005, 0.002, 0.01)
 """Of lead, upwash, wind and slopes, for differences."""
 SETTLED: Final = 1e-5
+SECOND_ORDER: Final = 0.3
+"""What is left of gust times headwind gust, as a share of it in an equation's wing and tail (simulations without
+noise, 10 ft/s)."""
 TINY: Final = 1e-9
 """Keeps the covariance of two equations invertible where only the vane is noisy."""
-UNMODELLED: Final = 1.25
+UNMODELLED: Final = 1.15
 """On standard errors: what the linear model leaves (80 simulated minutes each with and without an input)."""
 
 
@@ -57,12 +61,16 @@ class Lead:
     equations: tuple[Equation, ...]
     delay_s: float
     delay_sd: float
+    """With what the profile's constants may be off, as all `_sd`; `_statistical`: from noise alone."""
     distance_m: float
     """Delay times the mean speed."""
     distance_sd: float
+    delay_statistical: float
+    distance_statistical: float
     upwash: float
     """k_u0: the vane reads 1 + k_u0 times the flow angle when steady."""
     upwash_sd: float
+    upwash_statistical: float
     slopes: Mapping[str, tuple[float, float]]
     """The other fitted numbers with their standard deviations."""
     excess: float
@@ -71,8 +79,8 @@ class Lead:
 
 @dataclass(frozen=True, slots=True)
 class GustDelay:
-    """`joint` from lift and moment; `apart` by either alone. `agree`: whether the two ask for the same delay. If not,
-    the cause is not the vane but how the tail or the wing's memory meets the gust."""
+    """`joint` from lift and moment; `apart` by either alone. `agree`: whether the two ask for the same delay, were the
+    profile's constants right. If not, the cause is not the vane but how tail or wing's memory meet the gust."""
 
     joint: Lead
     apart: Mapping[Equation, Lead]
@@ -106,16 +114,57 @@ def gust_delay(
     if energy < GUST_ENERGY:
         raise NotIdentifiable(f"no gusts: {energy:.2g} times the sensors' noise between {BAND[0]:g} and {BAND[1]:g} Hz")
     both: tuple[Equation, ...] = ("CL", "Cm") if "Cm" in measured else ("CL",)
-    apart: dict[Equation, Lead] = {name: _fit(model, (name,)) for name in both}
-    joint = _fit(model, both) if len(both) > 1 else apart["CL"]
-    spread = math.hypot(*(lead.delay_sd for lead in apart.values()))
+    doubted = [
+        GustModel(later, path, measured, other, noise, dt)
+        for later, other in _in_doubt(motion, aircraft, model.speed, dt)
+    ]
+    apart: dict[Equation, Lead] = {name: _fit(model, (name,), doubted) for name in both}
+    joint = _fit(model, both, doubted) if len(both) > 1 else apart["CL"]
+    spread = math.hypot(*(lead.delay_statistical for lead in apart.values()))
     delays = [lead.delay_s for lead in apart.values()]
     agree = max(delays) - min(delays) <= 3 * spread + MODEL_S
     return GustDelay(joint, apart, agree, model.speed, n * dt)
 
 
-def _fit(model: GustModel, names: Sequence[Equation]) -> Lead:
-    """Lead, upwash and each equation's slopes by generalised total least squares."""
+def _in_doubt(
+    motion: Mapping[str, Array], aircraft: Aircraft, speed: float, dt: float
+) -> Iterator[tuple[Mapping[str, Array], Aircraft]]:
+    """Motion and aircraft with one constant at a time larger by its standard deviation.
+
+    A lag of the span is not among them: the gust is taken to be the same along the wing."""
+    u, boom, doubt = aircraft.unsteady, aircraft.boom, aircraft.uncertainty
+    assert boom is not None
+
+    def grown(response: Indicial | None, amplitude: float, rate: float) -> Indicial | None:
+        if response is None:
+            return None
+        return Indicial(a=tuple((1 + amplitude) * a for a in response.a), b=tuple((1 + rate) * b for b in response.b))
+
+    lift, upwash = doubt.lift_rate, doubt.upwash_rate
+    for change in (
+        {"tail_lift_slope": u.tail_lift_slope * (1 + doubt.tail_lift_slope)},
+        {"downwash": min(u.downwash * (1 + doubt.downwash), 0.99)},
+        {"downwash_delay": u.downwash_delay + doubt.downwash_delay},
+        {"tail_arm": u.tail_arm * (1 + doubt.tail_arm)},
+        {"lift_motion": grown(u.lift_motion, doubt.lift_memory, 0.0)},
+        {"lift_motion": grown(u.lift_motion, 0.0, lift), "lift_gust": grown(u.lift_gust, 0.0, lift)},
+        {"upwash_motion": grown(u.upwash_motion, 0.0, upwash), "upwash_gust": grown(u.upwash_gust, 0.0, upwash)},
+    ):
+        yield motion, aircraft.model_copy(update={"unsteady": u.model_copy(update=change)})
+    wing = boom.upwash_wing * (1 + doubt.upwash_wing)
+    for place in (
+        {"upwash_wing": wing, "upwash_body": boom.upwash_body + boom.upwash_wing - wing},
+        {"vane_x": boom.vane_x + doubt.vane_x * speed},
+    ):
+        yield motion, aircraft.model_copy(update={"boom": boom.model_copy(update=place)})
+    vane = motion["alpha_vane"]
+    late = np.interp(np.arange(len(vane)) - doubt.vane_delay / dt, np.arange(len(vane)), vane)
+    yield {**motion, "alpha_vane": late}, aircraft
+
+
+def _fit(model: GustModel, names: Sequence[Equation], doubted: Sequence[GustModel]) -> Lead:
+    """Lead, upwash and each equation's slopes by generalised total least squares; `doubted`: the model with one
+    constant at a time off by its standard deviation."""
     (wing, tail), _ = model.columns(model.start)
     free = 3 if model.is_flown else 2
     regressors = np.array([wing, model.rate, model.elevator][:free]).reshape(free, -1)
@@ -127,14 +176,21 @@ def _fit(model: GustModel, names: Sequence[Equation]) -> Lead:
     x = np.concatenate([model.start, slopes.ravel()])
     moved = [i for i in range(len(x)) if i < SLOPES or (i - SLOPES) % 3 < free]
     own = np.zeros((len(names), 1))
+    parts = [(slopes[k, 0] * wing, model.tail[name] * tail) for k, name in enumerate(names)]
+    rest = (SECOND_ORDER * model.gustiness) ** 2 * np.sum(np.abs(parts) ** 2, axis=1)
     for _ in range(2):
-        x, covariance = _settle(model, names, x, moved, own)
+        x, covariance, towards = _settle(model, names, x, moved, own, rest)
         left, noises = model.residual(names, model.columns(x[:SLOPES]), x[SLOPES:])
-        power = np.mean(np.abs(left) ** 2, axis=1) / np.sum(np.abs(noises) ** 2, axis=1)
-        excess = np.mean(power, axis=1)
+        excess = np.mean(np.abs(left) ** 2 / (np.sum(np.abs(noises) ** 2, axis=1) + rest), axis=1)
         # What the sensors leave unexplained of an equation is taken for its own.
         own = np.maximum(excess - 1, 0.0)[:, None]
-    sd = np.zeros(len(x))
+    by_noise, sd = np.zeros(len(x)), np.zeros(len(x))
+    by_noise[moved] = np.sqrt(np.diag(covariance))
+    noise_only = covariance[:SLOPES, :SLOPES]
+    for other in doubted:
+        off = other.residual(names, other.columns(x[:SLOPES]), x[SLOPES:])[0] - left
+        shift = np.einsum("iel,el->i", towards, off).real
+        covariance = covariance + np.outer(shift, shift)
     sd[moved] = np.sqrt(np.diag(covariance))
     speed = model.speed * (1 + x[WIND])
     by = np.array([1.0, 0.0, -x[LEAD] / (1 + x[WIND])])
@@ -145,25 +201,32 @@ def _fit(model: GustModel, names: Sequence[Equation]) -> Lead:
         delay_sd=math.sqrt(by @ covariance[:SLOPES, :SLOPES] @ by) / speed,
         distance_m=float(x[LEAD]),
         distance_sd=float(sd[LEAD]),
+        delay_statistical=math.sqrt(by @ noise_only @ by) / speed,
+        distance_statistical=float(by_noise[LEAD]),
         upwash=float(x[UPWASH]),
         upwash_sd=float(sd[UPWASH]),
+        upwash_statistical=float(by_noise[UPWASH]),
         slopes={labels[i - SLOPES]: (float(x[i]), float(sd[i])) for i in moved[SLOPES:]},
         excess=float(np.mean(excess)),
     )
 
 
-def _settle(model: GustModel, names: Sequence[Equation], x: Array, moved: list[int], own: Array) -> tuple[Array, Array]:
-    """The least sum of squares, by scoring from `x`, and the covariance there of what is `moved`.
+def _settle(
+    model: GustModel, names: Sequence[Equation], x: Array, moved: list[int], own: Array, rest: Array
+) -> tuple[Array, Array, Complex]:
+    """The least sum of squares, by scoring from `x`, the covariance there of what is `moved`, and how much that moves
+    for a residual (equations, lines) besides: the real part of its product with the last.
 
-    `own` (equations, 1): variance that an equation has besides, in shares of its sensors'.
+    `own` (equations, 1): variance that an equation has besides, in shares of its sensors'; `rest` (equations, lines):
+    and as it is.
     """
 
     def weighted(left: Complex, noises: Complex) -> tuple[Complex, float]:
         covariance = np.einsum("esl,fsl->lef", noises, noises.conj())
         for k in range(len(names)):
-            covariance[:, k, k] *= 1 + own[k] + TINY
+            covariance[:, k, k] = covariance[:, k, k] * (1 + own[k] + TINY) + rest[k]
         weight = np.linalg.inv(covariance)
-        return weight, float(np.einsum("etl,lef,ftl->", left.conj(), weight, left).real)
+        return weight, float(np.einsum("el,lef,fl->", left.conj(), weight, left).real)
 
     for _ in range(ITERATIONS):
         columns = model.columns(x[:SLOPES])
@@ -182,8 +245,8 @@ def _settle(model: GustModel, names: Sequence[Equation], x: Array, moved: list[i
             score.append((weighted(*below)[1] - weighted(*above)[1]) / (2 * step))
         j, h = np.array(slopes), np.array(slopes_noise)
         # Noise in the regressors carries no information: their sum of squares less its share.
-        information = np.einsum("ietl,lef,jftl->ij", j.conj(), weight, j).real
-        information = 2 * (information - TAPERS * np.einsum("iesl,lef,jfsl->ij", h.conj(), weight, h).real)
+        information = np.einsum("iel,lef,jfl->ij", j.conj(), weight, j).real
+        information = 2 * (information - np.einsum("iesl,lef,jfsl->ij", h.conj(), weight, h).real)
         information[WIND, WIND] += model.wind_sd**-2
         score[WIND] -= x[WIND] / model.wind_sd**2
         change = np.zeros(len(x))
@@ -192,5 +255,7 @@ def _settle(model: GustModel, names: Sequence[Equation], x: Array, moved: list[i
         change *= min(1.0, float(np.min(most / np.maximum(np.abs(change[:2]), 1e-12))))
         x = x + change
         if np.all(np.abs(change[:2]) < SETTLED):
-            return x, UNMODELLED**2 * np.linalg.inv(information)
+            inverse = np.linalg.inv(information)
+            towards = -2 * np.einsum("ij,jel,lef->ifl", inverse, j.conj(), weight)
+            return x, UNMODELLED**2 * inverse, towards
     raise NotIdentifiable("lead and upwash did not settle: the gusts do not fit the profile's aircraft")

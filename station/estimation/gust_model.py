@@ -1,14 +1,15 @@
 """The gust that the vane sees before the wing does, and what wing and tail make of it: spectra for gust_delay.
 
-Everything is laid out over distance flown through the mean air, where a frozen gust field, leads and memories are
-constant whatever the speed does; angles, times the speed they are taken over, are vertical velocities, which the air
-carries along unchanged. With y the vane (its own lag put on everything else), a the inertial angle of attack and S =
+Everything is laid out over distance flown through the mean air, where a frozen gust field and leads are constant
+whatever the speed does. With y the vane (its own lag put on everything else), a the inertial angle of attack and S =
 x/V the lead,
 
     (1 + k_f) g(t) + k_w F_g{g at the wing} = y - (1 + k_f) (a - q x/V) - k_w F_m{a}        gust at the boom
     CL = CL_w (W{a} + K{g(t - S + c/4V)}) + a_h (a_t) + CL_q qhat + CL_de de + e            and Cm alike
 
-with the indicial memories W, K, F_m, F_g and the tail (share a_h, arm, downwash) of the profile. SI, rad.
+with the indicial memories W, K, F_m, F_g and the tail (share a_h, arm, downwash) of the profile. Memories are of
+angles, over chords flown through the gusty air; what the air carries along is the angle times the speed it is taken
+over. What noise does is reckoned to first order, all speeds being the mean. SI, rad.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal.windows import dpss
 
 from station.estimation.inertial_path import BLEND_S, InertialPath
 from station.profile import Aircraft, Indicial
@@ -31,12 +32,10 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Equation = Literal["CL", "Cm"]
 
-BAND: Final = (0.15, 4.0)
-"""Hz: below, the aircraft rides the gust; above, lift and vane see different parts of it."""
+BAND: Final = (0.03, 4.0)
+"""Hz: below, the wind's mean is not known; above, lift and vane see different parts of it."""
 EDGES_S: Final = (2.0, 0.5)
 """Memories have died away so long after the record's start, and what its end was continued with before its end."""
-TIME_BANDWIDTH: Final = 2.5
-TAPERS: Final = 4
 SMOOTH_S: Final = 0.1
 LEAD, UPWASH, WIND, SLOPES = range(4)
 """Fitted: lead, m; upwash; error of the mean wind along the path, as a share of the speed; then the slopes."""
@@ -46,16 +45,15 @@ GUST_M: Final = 533.4
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """Tapered spectra of a series: (tapers, lines)."""
+    """Spectra of a series at the band's lines, (lines,). No taper: what the model leaves is as white as the sensors'
+    noise and leaks little, and a taper would throw away a part of the record."""
 
-    tapers: Array
     bins: NDArray[np.int64]
     keep: slice
 
     def of(self, series: Array) -> Complex:
-        kept = np.diff(series[self.keep])
-        kept = kept - kept.mean()
-        return np.asarray(np.fft.rfft(self.tapers * kept, axis=1)[:, self.bins])
+        kept = series[self.keep]
+        return np.asarray(np.fft.rfft(kept - kept.mean())[self.bins] / math.sqrt(len(kept)))
 
 
 def response(indicial: Indicial | None, jw: Complex, metres_per_s: float, chord: float) -> Complex:
@@ -67,13 +65,30 @@ def response(indicial: Indicial | None, jw: Complex, metres_per_s: float, chord:
     return out
 
 
+@njit(cache=True, error_model="numpy")
+def _remembered(table: Array, chords: Array, x: Array) -> Array:
+    """x (n,) through an indicial response, `table` (2, m) of a and b, over `chords` (n,) flown in each step; exact for
+    an input that goes straight from one to the next."""
+    out = x.copy()
+    for k in range(table.shape[1]):
+        state = x[0]
+        for i in range(1, x.shape[0]):
+            steps = table[1, k] * chords[i]
+            decay = math.exp(-steps)
+            mean = (1.0 - decay) / steps
+            state = decay * state + (mean - decay) * x[i - 1] + (1.0 - mean) * x[i]
+            out[i] += table[0, k] * (state - x[i])
+    return out
+
+
 class GustModel:
     """Regressors of both equations for a lead, an upwash and a mean wind, and what noise does to them.
 
     Made from what `gust_delay` takes; the profile must have a boom. Of the record: `speed`, its mean, m/s; `start`,
-    lead, upwash and wind error as the profile has them, and `wind_sd`, the standard deviation of the last; `is_flown`,
-    whether the elevator moved beyond its noise. Lines (tapers, lines) of `measured` coefficients, of `rate`, q c/2V,
-    and of `elevator`, rad. `tail`: how the tail's incidence enters CL and Cm.
+    lead, upwash and wind error as the profile has them, and `wind_sd`, the standard deviation of the last;
+    `gustiness`, of the headwind gusts over the speed; `is_flown`, whether the elevator moved beyond its noise. Lines
+    (lines,) of `measured` coefficients, of `rate`, q c/2V, and of `elevator`, rad. `tail`: how the tail's incidence
+    enters CL and Cm.
     """
 
     def __init__(
@@ -91,11 +106,17 @@ class GustModel:
         flown = np.concatenate([[0.0], np.cumsum(0.5 * (path.speed[1:] + path.speed[:-1]) * dt)])
         v = self.speed = float(flown[-1] / ((n - 1) * dt))
         chord = aircraft.geometry.chord
-        # The vane meets a headwind gust, too, as long before the CG.
         headwind = gaussian_filter1d(motion["airspeed"] - path.speed, SMOOTH_S / 2 / dt, mode="nearest")
         time = np.arange(n) * dt
-        air = (path.speed + headwind) / v
-        air_ahead = (path.speed + np.interp(time + boom.gust_x / v, time, headwind)) / v
+        is_lagging = unsteady.memory
+        self._arm, self._chord, self._quarter = boom.vane_x, chord, aircraft.gust_edge
+        # A wing whose lift has no memory takes a gust where the CG is.
+        self._edge = self._quarter if is_lagging else 0.0
+        slope, self._downwash, self._tail = (
+            (unsteady.tail_lift_slope, unsteady.downwash, unsteady.tail_arm) if is_lagging else (0.0, 0.0, 0.0)
+        )
+        self._late, self._washed = self._tail * unsteady.tail_penetration, self._tail + unsteady.downwash_delay * v
+        self.tail: dict[str, float] = {"CL": slope, "Cm": -slope * self._tail / chord}
 
         def deviation(x: Array) -> Array:
             return np.asarray(x - x.mean())
@@ -103,62 +124,63 @@ class GustModel:
         def laid_out(x: Array) -> Array:
             return np.asarray(CubicSpline(flown, x)(np.arange(n) * v * dt))
 
+        def air_at(x: float) -> Array:
+            """Airspeed so far ahead of the CG over the mean: a headwind gust is frozen, too."""
+            return np.asarray((path.speed + np.interp(time + x / v, time, headwind)) / v)
+
+        ahead, air, turn = air_at(boom.gust_x), air_at(0.0), deviation(motion["q"]) * chord / (2 * v)
+        self._air_ahead, self._air_edge, self._air_tail = (
+            laid_out(x) for x in (ahead, air_at(self._edge), air_at(-self._late))
+        )
         series: dict[str, Array] = {
-            "vane": deviation(motion["alpha_vane"]) * air_ahead,
-            "motion": deviation(path.alpha) * path.speed / v,
-            "pitch": deviation(motion["theta"]) * path.speed / v,
-            "q": deviation(motion["q"]) * chord / (2 * v),
-            "de": deviation(motion["elevator"]) * air,
+            "vane": deviation(motion["alpha_vane"]),
+            "flow": deviation(motion["alpha_vane"]) * ahead,
+            "motion": deviation(path.alpha),
+            "sink": deviation(path.alpha) * path.speed / v,
+            "climb": deviation(motion["theta"] - path.alpha),
+            "pitch": deviation(motion["theta"] * path.speed / v),
+            "q": turn,
+            "rate": turn / air,
+            "de": deviation(motion["elevator"]),
         }
-        series |= {str(name): deviation(x) * air for name, x in measured.items()}
+        series |= {str(name): deviation(x) for name, x in measured.items()}
         # Twice the length, mirrored oddly, so that nothing jumps where the transform closes on itself.
         self._n = n
         self._size = 2 * n
         jw: Complex = np.asarray(2j * np.pi * np.fft.rfftfreq(self._size, dt), dtype=np.complex128)
         self._jw = jw
-        # The same gentle low-pass on all: the highest frequencies would only alias into the differences.
+        # The same gentle low-pass on all: what lies above the band could only leak into it.
         soft = np.exp(-0.5 * (np.abs(jw) / (2 * np.pi * 8.0)) ** 2)
         self._spectra = {name: soft * np.fft.rfft(_closed(laid_out(x))) for name, x in series.items()}
         omega = 2 * np.pi * boom.vane_frequency
         lag = 1 / (1 + 2 * boom.vane_damping * jw / omega + (jw / omega) ** 2)
         for name in self._spectra:
-            if name != "vane":
+            if name not in ("vane", "flow"):
                 self._spectra[name] = self._spectra[name] * lag
         if "Cm" in self._spectra and not np.isfinite(motion.get("qdot", np.full(1, np.nan))).all():
             # What the five-point slope that the angular acceleration was made with takes from high frequencies.
-            turn = np.maximum(np.abs(jw) * dt, 1e-9)
-            self._spectra["Cm"] *= np.where(turn < 1.0, 10 * turn / (2 * np.sin(turn) + 4 * np.sin(2 * turn)), 1.0)
-        reference = unsteady.reference_chord or chord
-        is_lagging = unsteady.memory
+            step = np.maximum(np.abs(jw) * dt, 1e-9)
+            self._spectra["Cm"] *= np.where(step < 1.0, 10 * step / (2 * np.sin(step) + 4 * np.sin(2 * step)), 1.0)
+        self._reference = unsteady.reference_chord or chord
         lift = (unsteady.lift_motion, unsteady.lift_gust) if is_lagging else (None, None)
         self._indicials = (*lift, unsteady.upwash_motion, unsteady.upwash_gust)
-        self._reference = reference
+        self._tables = [np.array([x.a, x.b]) if x is not None else np.zeros((2, 0)) for x in self._indicials]
+        self._chords = laid_out(motion["airspeed"] / path.speed) * v * dt / self._reference
         total = boom.upwash_body + boom.upwash_wing
         self._wing_share = boom.upwash_wing / total if total else 0.0
         self.start = np.array([boom.gust_x, total, 0.0])
+        self.gustiness = float(np.std(headwind)) / v
         share = 2 / (float(flown[-1]) / GUST_M + 2)
-        self.wind_sd = float(np.std(headwind)) / v * math.sqrt(share / (1 - share)) + 1e-6
-        self._arm = boom.vane_x
-        self._quarter = aircraft.gust_edge
-        # A wing whose lift has no memory takes a gust where the CG is.
-        self._edge = self._quarter if is_lagging else 0.0
-        self._chord = chord
-        slope, self._downwash, self._late = (
-            (unsteady.tail_lift_slope, unsteady.downwash, unsteady.tail_arm) if is_lagging else (0.0, 0.0, 0.0)
-        )
-        self.tail: dict[str, float] = {"CL": slope, "Cm": -slope * self._late / chord}
+        self.wind_sd = self.gustiness * math.sqrt(share / (1 - share)) + 1e-6
         keep = slice(round(EDGES_S[0] / dt), n - round(EDGES_S[1] / dt))
-        count = keep.stop - keep.start - 1
-        frequencies: Array = np.asarray(np.fft.rfftfreq(count, dt), dtype=np.float64)
-        step = round(2 * TIME_BANDWIDTH)
-        bins = np.arange(step, len(frequencies), step)
-        bins = bins[(frequencies[bins] >= BAND[0]) & (frequencies[bins] <= BAND[1])]
-        self._lines = _Lines(np.asarray(dpss(count, TIME_BANDWIDTH, TAPERS)), bins, keep)
+        frequencies: Array = np.asarray(np.fft.rfftfreq(keep.stop - keep.start, dt), dtype=np.float64)
+        bins = np.flatnonzero((frequencies >= BAND[0]) & (frequencies <= BAND[1]))
+        self._lines = _Lines(bins, keep)
         # Where in the long transform the lines lie, for the noise.
         self._at = np.clip(np.round(frequencies[bins] * self._size * dt).astype(np.int64), 0, len(jw) - 1)
-        self._common = np.abs(soft * (np.exp(-jw * dt) - 1))[self._at]
+        self._common = soft[self._at]
         self.measured = {str(name): self._lines.of(self._back(self._spectra[name])) for name in measured}
-        self.rate = self._lines.of(self._back(self._spectra["q"]))
+        self.rate = self._lines.of(self._back(self._spectra["rate"]))
         self.elevator = self._lines.of(self._back(self._spectra["de"]))
         floor = noise.get("elevator", 0.0) ** 2
         self.is_flown = float(np.mean(np.abs(self.elevator / self._common) ** 2)) > 10 * floor + 1e-16
@@ -166,8 +188,8 @@ class GustModel:
         if "CL" in self.measured:
             # Lift was taken across the calibrated vane's angle of attack, which meets the gust early.
             gust, _ = self._gust(self.start)
-            early = self._spectra["vane"] / (1 + total) + 2 * self._arm / chord * self._spectra["q"]
-            early = early - self._spectra["motion"] - gust * np.exp(-jw * self._arm / v)
+            early = self._spectra["flow"] / (1 + total) + 2 * self._arm / chord * self._spectra["q"]
+            early = early - self._spectra["sink"] - gust * np.exp(-jw * self._arm / v)
             along = _along(motion, path, aircraft)
             self.measured["CL"] = self.measured["CL"] - along * self._lines.of(self._back(early))
 
@@ -204,10 +226,11 @@ class GustModel:
         spectrum, shares = self._gust(self.start)
         gust = self._lines.of(self._back(spectrum))
         noise = np.einsum("cl,csl->sl", shares[:, self._at], self._noise[:3])
-        return float(np.median(np.mean(np.abs(gust) ** 2, axis=0) / np.sum(np.abs(noise) ** 2, axis=0)))
+        return float(np.median(np.abs(gust) ** 2 / np.sum(np.abs(noise) ** 2, axis=0)))
 
     def _gust(self, p: Array) -> tuple[Complex, Complex]:
-        """Gust at the boom, and its response to vane, motion and rate, (3, m)."""
+        """Gust at the boom, a velocity over the mean speed, as if angles were such too; its response to vane, motion
+        and rate, (3, m)."""
         _, _, motion_upwash, gust_upwash = self._memories(p)
         wing = p[UPWASH] * self._wing_share
         body = p[UPWASH] - wing
@@ -216,7 +239,7 @@ class GustModel:
         by_motion = ((1 + body) + wing * motion_upwash) / whole
         shares = np.array([1 / whole, -by_motion, (1 + body) * 2 * self._arm / self._chord / whole])
         s = self._spectra
-        return shares[0] * s["vane"] + shares[1] * self._motion(p) + shares[2] * s["q"], shares
+        return shares[0] * s["flow"] + shares[1] * self._sink(p) + shares[2] * s["q"], shares
 
     def _after(self, distance: float, p: Array) -> Complex:
         """What it takes to fly a distance, m."""
@@ -226,36 +249,56 @@ class GustModel:
         speed = self.speed * (1 + p[WIND])
         return [response(indicial, self._jw, speed, self._reference) for indicial in self._indicials]
 
-    def _motion(self, p: Array) -> Complex:
-        """The inertial angle of attack: a mean wind that is wrong is a wrong share of the pitch in it."""
-        return np.asarray(self._spectra["motion"] + p[WIND] * self._spectra["pitch"])
+    def _sink(self, p: Array) -> Complex:
+        """The motion's velocity along z, over the mean speed: a mean wind that is wrong is a wrong share of the pitch
+        in it, and of the climb in the angle of attack."""
+        return np.asarray(self._spectra["sink"] + p[WIND] * self._spectra["pitch"])
 
-    def _incidences(self, p: Array) -> tuple[Complex, Complex]:
-        """Of the wing, and of the tail beyond the table's derivatives, (2, m), and their response to vane, motion and
-        rate, (2, 3, m)."""
+    def _incidences(self, p: Array) -> Array:
+        """Of the wing, and of the tail beyond the table's derivatives, (2, n), rad."""
+        s = self._spectra
+        motion, sink = self._back(s["motion"] + p[WIND] * s["climb"]), self._back(self._sink(p))
+        lift_motion, lift_gust, upwash_motion, upwash_gust = self._tables
+
+        def arrived(gust: Complex, distance: float) -> Array:
+            return sink + self._back(gust * self._after(distance, p))
+
+        met = arrived(self._gust(p)[0], p[LEAD] - self._quarter) / self._air_edge - motion
+        upwash = _remembered(upwash_motion, self._chords, motion) + _remembered(upwash_gust, self._chords, met)
+        wing_share = p[UPWASH] * self._wing_share
+        flow = (self._back(s["vane"]) - wing_share * upwash) / (1 + p[UPWASH] - wing_share)
+        turned = 2 * self._arm / self._chord * self._back(s["q"])
+        gust = np.fft.rfft(_closed(flow * self._air_ahead - sink + turned))
+        met = arrived(gust, p[LEAD] - self._edge) / self._air_edge - motion
+        wing = _remembered(lift_motion, self._chords, motion) + _remembered(lift_gust, self._chords, met)
+        tail = arrived(gust, p[LEAD] + self._late) / self._air_tail
+        # The table's rate derivative holds the steady tail; its downwash is late, which q alone does not tell.
+        steady = 2 * self._tail / self._chord * self._back(s["rate"])
+        washed = self._back(np.fft.rfft(_closed(wing)) * self._after(self._washed, p))
+        return np.array([wing, tail - self._downwash * (washed + steady)])
+
+    def _responses(self, p: Array) -> Complex:
+        """Of both incidences to vane, motion and rate, (2, 3, m)."""
         lift_motion, lift_gust, _, _ = self._memories(p)
         _, shares = self._gust(p)
         wing_gust = lift_gust * self._after(p[LEAD] - self._edge, p)
-        late = self._after(self._late, p)
-        tail_gust = late * self._after(p[LEAD], p) - self._downwash * late * wing_gust
+        late = self._downwash * self._after(self._washed, p)
+        tail_gust = self._after(p[LEAD] + self._late, p) - late * wing_gust
         responses = np.array([wing_gust * shares, tail_gust * shares])
         responses[0, 1] += lift_motion
-        responses[1, 1] += 1 - self._downwash * late * lift_motion
-        # The table's rate derivative holds the steady tail; its downwash is late, which q alone does not tell.
-        responses[1, 2] -= 2 * self._late / self._chord * self._downwash
-        s = self._spectra
-        whole = responses[:, 0] * s["vane"] + responses[:, 1] * self._motion(p) + responses[:, 2] * s["q"]
-        return np.asarray(whole), responses
+        responses[1, 1] += 1 - late * lift_motion
+        responses[1, 2] -= 2 * self._tail / self._chord * self._downwash
+        return responses
 
     def columns(self, p: Array) -> tuple[Complex, Complex]:
-        """Lines of the incidences, (2, tapers, lines), and of their responses, (2, 3, lines)."""
-        spectra, responses = self._incidences(p)
-        return np.array([self._lines.of(self._back(x)) for x in spectra]), responses[:, :, self._at]
+        """Lines of the incidences, (2, lines), and of their responses, (2, 3, lines)."""
+        lines = np.array([self._lines.of(x) for x in self._incidences(p)])
+        return lines, self._responses(p)[:, :, self._at]
 
     def residual(
         self, names: Sequence[Equation], columns: tuple[Complex, Complex], slopes: Array
     ) -> tuple[Complex, Complex]:
-        """What the model leaves of each equation, (equations, tapers, lines), and what each source of noise puts there,
+        """What the model leaves of each equation, (equations, lines), and what each source of noise puts there,
         (equations, sources, lines)."""
         (wing, tail), responses = columns
         left, noises = [], []
