@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -142,7 +143,8 @@ def _delay(part: GustDelay, record: FlightRecord) -> dict[str, Any]:
         "residual_over_noise": part.joint.excess,
     }
     if not part.agree:
-        made["meaning"] = "lift and moment ask for different delays: not the vane, but the tail or the wing's memory"
+        differ = "ask for different delays" if len(part.apart) > 1 else "do not both tell a delay"
+        made["meaning"] = f"lift and moment {differ}: not the vane, but the tail or the wing's memory"
     if boom is not None:
         profile = {"delay": boom.gust_x / part.speed, "upwash": boom.upwash_body + boom.upwash_wing}
         made["profile"] = profile
@@ -154,8 +156,13 @@ def _delay(part: GustDelay, record: FlightRecord) -> dict[str, Any]:
 
 
 def _lead(lead: Lead) -> dict[str, Any]:
+    upwash = _number(lead.upwash, lead.upwash_sd) | {"std_error_statistical": lead.upwash_statistical}
+    if not math.isfinite(lead.upwash_sd):
+        why = "motion and gust act too much alike on lift and moment; the profile's was taken"
+        nothing = {"estimate": None, "std_error": None, "ci95": None, "std_error_statistical": None}
+        upwash = {**nothing, "status": "unestimated", "why": why}
     return {
         "delay": _number(lead.delay_s, lead.delay_sd) | {"std_error_statistical": lead.delay_statistical},
         "distance": _number(lead.distance_m, lead.distance_sd) | {"std_error_statistical": lead.distance_statistical},
-        "upwash": _number(lead.upwash, lead.upwash_sd) | {"std_error_statistical": lead.upwash_statistical},
+        "upwash": upwash,
     }

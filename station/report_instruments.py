@@ -195,6 +195,8 @@ def _plain_value(value: float, unit: str) -> str:
 
 
 def _pair(p: Mapping[str, Any], unit: str) -> str:
+    if p["estimate"] is None:
+        return "–"
     factor, name = _SHOWN.get(unit, (1.0, "" if unit == "1" else unit))
     error = factor * p["std_error"]
     digits = max(0, 1 - math.floor(math.log10(error))) if error > 0 else 4

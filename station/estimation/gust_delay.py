@@ -14,6 +14,7 @@ Source: Hannan and Thomson 1973; Knapp and Carter 1976. SI, rad.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -68,7 +69,8 @@ class Lead:
     delay_statistical: float
     distance_statistical: float
     upwash: float
-    """k_u0: the vane reads 1 + k_u0 times the flow angle when steady."""
+    """k_u0: the vane reads 1 + k_u0 times the flow angle when steady. The profile's, with an infinite error, where
+    motion and gust act too much alike to tell it."""
     upwash_sd: float
     upwash_statistical: float
     slopes: Mapping[str, tuple[float, float]]
@@ -79,8 +81,9 @@ class Lead:
 
 @dataclass(frozen=True, slots=True)
 class GustDelay:
-    """`joint` from lift and moment; `apart` by either alone. `agree`: whether the two ask for the same delay, were the
-    profile's constants right. If not, the cause is not the vane but how tail or wing's memory meet the gust."""
+    """`joint` from lift and moment; `apart` by either alone, where it tells. `agree`: whether the two ask for the same
+    delay, were the profile's constants right. If not, the cause is not the vane but how tail or wing's memory meet the
+    gust."""
 
     joint: Lead
     apart: Mapping[Equation, Lead]
@@ -118,11 +121,17 @@ def gust_delay(
         GustModel(later, path, measured, other, noise, dt)
         for later, other in _in_doubt(motion, aircraft, model.speed, dt)
     ]
-    apart: dict[Equation, Lead] = {name: _fit(model, (name,), doubted) for name in both}
-    joint = _fit(model, both, doubted) if len(both) > 1 else apart["CL"]
+    joint = _fit(model, both, doubted)
+    apart: dict[Equation, Lead] = {}
+    for name in both:
+        # With constants far off an equation alone may ask for a lead beyond all bounds.
+        with contextlib.suppress(NotIdentifiable):
+            apart[name] = _fit(model, (name,), doubted)
+    if not apart:
+        raise NotIdentifiable("neither lift nor moment alone tells a lead: the gusts do not fit the profile's aircraft")
     spread = math.hypot(*(lead.delay_statistical for lead in apart.values()))
     delays = [lead.delay_s for lead in apart.values()]
-    agree = max(delays) - min(delays) <= 3 * spread + MODEL_S
+    agree = len(apart) == len(both) and max(delays) - min(delays) <= 3 * spread + MODEL_S
     return GustDelay(joint, apart, agree, model.speed, n * dt)
 
 
@@ -173,10 +182,22 @@ def _fit(model: GustModel, names: Sequence[Equation], doubted: Sequence[GustMode
         target = (model.measured[name] - model.tail[name] * tail).ravel()
         normal = (regressors.conj() @ regressors.T).real
         slopes[k, :free] = np.linalg.solve(normal, (regressors.conj() @ target).real)
-    x = np.concatenate([model.start, slopes.ravel()])
-    moved = [i for i in range(len(x)) if i < SLOPES or (i - SLOPES) % 3 < free]
+    start = np.concatenate([model.start, slopes.ravel()])
+    moved = [i for i in range(len(start)) if i < SLOPES or (i - SLOPES) % 3 < free]
+    try:
+        return _settled(model, names, start, moved, doubted)
+    except NotIdentifiable:
+        # Where motion and gust act alike on the lift, no scale tells the vane's from the lift's.
+        return _settled(model, names, start, [i for i in moved if i != UPWASH], doubted)
+
+
+def _settled(
+    model: GustModel, names: Sequence[Equation], x: Array, moved: list[int], doubted: Sequence[GustModel]
+) -> Lead:
+    """From starting values `x`, with the errors of what is `moved`; the errors of the rest are infinite."""
+    columns, _ = model.columns(x[:SLOPES])
     own = np.zeros((len(names), 1))
-    parts = [(slopes[k, 0] * wing, model.tail[name] * tail) for k, name in enumerate(names)]
+    parts = [(x[SLOPES + 3 * k] * columns[0], model.tail[name] * columns[1]) for k, name in enumerate(names)]
     rest = (SECOND_ORDER * model.gustiness) ** 2 * np.sum(np.abs(parts) ** 2, axis=1)
     for _ in range(2):
         x, covariance, towards = _settle(model, names, x, moved, own, rest)
@@ -184,21 +205,22 @@ def _fit(model: GustModel, names: Sequence[Equation], doubted: Sequence[GustMode
         excess = np.mean(np.abs(left) ** 2 / (np.sum(np.abs(noises) ** 2, axis=1) + rest), axis=1)
         # What the sensors leave unexplained of an equation is taken for its own.
         own = np.maximum(excess - 1, 0.0)[:, None]
-    by_noise, sd = np.zeros(len(x)), np.zeros(len(x))
+    by_noise, sd = np.full(len(x), math.inf), np.full(len(x), math.inf)
     by_noise[moved] = np.sqrt(np.diag(covariance))
-    noise_only = covariance[:SLOPES, :SLOPES]
+    noise_only = covariance
     for other in doubted:
         off = other.residual(names, other.columns(x[:SLOPES]), x[SLOPES:])[0] - left
         shift = np.einsum("iel,el->i", towards, off).real
         covariance = covariance + np.outer(shift, shift)
     sd[moved] = np.sqrt(np.diag(covariance))
     speed = model.speed * (1 + x[WIND])
-    by = np.array([1.0, 0.0, -x[LEAD] / (1 + x[WIND])])
+    by = np.zeros(len(moved))
+    by[moved.index(LEAD)], by[moved.index(WIND)] = 1.0, -x[LEAD] / (1 + x[WIND])
     labels = [f"{name}_{slope}" for name in names for slope in ("wing", "q", "de")]
     return Lead(
         equations=tuple(names),
         delay_s=float(x[LEAD] / speed),
-        delay_sd=math.sqrt(by @ covariance[:SLOPES, :SLOPES] @ by) / speed,
+        delay_sd=math.sqrt(by @ covariance @ by) / speed,
         distance_m=float(x[LEAD]),
         distance_sd=float(sd[LEAD]),
         delay_statistical=math.sqrt(by @ noise_only @ by) / speed,
@@ -247,8 +269,9 @@ def _settle(
         # Noise in the regressors carries no information: their sum of squares less its share.
         information = np.einsum("iel,lef,jfl->ij", j.conj(), weight, j).real
         information = 2 * (information - np.einsum("iesl,lef,jfsl->ij", h.conj(), weight, h).real)
-        information[WIND, WIND] += model.wind_sd**-2
-        score[WIND] -= x[WIND] / model.wind_sd**2
+        wind = moved.index(WIND)
+        information[wind, wind] += model.wind_sd**-2
+        score[wind] -= x[WIND] / model.wind_sd**2
         change = np.zeros(len(x))
         change[moved] = np.linalg.solve(information, np.array(score))
         most = 0.3 * np.array([abs(x[LEAD]) + 1.0, 0.3])
