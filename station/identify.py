@@ -32,7 +32,7 @@ from station.instruments import instruments_json, structure_json
 from station.log import Table
 from station.plausibility import hint
 from station.profile import Aircraft, Card
-from station.remarks import about_columns, thawed
+from station.remarks import about_columns, cleaned
 from station.rows import ParamEstimate, Status, UsageError
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def identify(
     UsageError for an unknown method, an empty interval, or a record that no method can use.
     """
     wanted = _wanted(methods)
-    table, frozen = thawed(table)
+    table, left_out = cleaned(table)
     table = corrected(table, aircraft, noise, imu_position)
     if not len(table.t_s):
         raise UsageError(f"{log or 'log'}: shorter than the delays of the profile's instruments")
@@ -139,10 +139,10 @@ def identify(
         "axes": axes,
         "turbulence": {"level": level if level != "unknown" else None, "w_std_2_7hz_mps": _number(std)},
         "remarks": [
-            *frozen,
+            *left_out,
             *about_columns(cut),
             *record.remarks,
-            *([] if mistaken else _about_gusts(results, level)),
+            *([] if mistaken or refusal else _about_gusts(results, level)),
             *(flown.warnings() if flown else ()),
             *_about_instruments(aircraft),
             *_about_the_band(record, card),

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from station.conventions import SIGNALS
+from station.estimation.record import NOISE
 from station.log import Table
 from station.profile import Aircraft, Rig
 
@@ -17,6 +18,11 @@ MOVING: Final = ("alpha_vane", "q", "az")
 FROZEN_S: Final = 0.15
 JUMP: Final = 5.0
 """Over the usual step from row to row: what two of MOVING do when a recorder that had stopped goes on."""
+
+STANDS_OUT: Final = 20.0
+"""Over what 99 of 100 values lie off the median of the five around them."""
+SLOWEST_S: Final = 0.04
+LEAST_ROWS: Final = 100
 
 
 def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
@@ -29,6 +35,13 @@ def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
         f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
         "derivatives with no air density; give one of them, or air_density in the aircraft's profile"
     ]
+
+
+def cleaned(table: Table) -> tuple[Table, list[str]]:
+    """The table without what was not measured, `thawed` and `despiked`, and what to say of it."""
+    table, frozen = thawed(table)
+    table, lone = despiked(table)
+    return table, frozen + lone
 
 
 def thawed(table: Table) -> tuple[Table, list[str]]:
@@ -57,6 +70,35 @@ def thawed(table: Table) -> tuple[Table, list[str]]:
     seconds = float(lost.sum() * np.median(np.diff(table.t_s)))
     told = f"{seconds:.2f} s of rows that repeat the last one, first at {at:.2f} s: left out, nothing was recorded then"
     return replace(table, columns=columns), [told]
+
+
+def despiked(table: Table) -> tuple[Table, list[str]]:
+    """The table without lone values, one or two rows long, that stand out from the rows around them as no motion does:
+    what a lost bit or a loose contact makes. At 25 Hz or faster; slower, a short pulse may be real."""
+    if len(table.t_s) < LEAST_ROWS or not np.median(np.diff(table.t_s)) <= SLOWEST_S:
+        return table, []
+    columns, told = dict(table.columns), []
+    for name, column in table.columns.items():
+        if name not in NOISE:
+            continue
+        around = np.lib.stride_tricks.sliding_window_view(column, 5)
+        middle = np.median(around, axis=1)
+        off = np.abs(column[2:-2] - middle)
+        known = np.isfinite(off)
+        if not known.any():
+            continue
+        # Of the five, the three nearest to their median.
+        spread = np.sort(np.abs(around - middle[:, None]), axis=1)[:, 2]
+        usual = float(np.quantile(off[known], 0.99))
+        lone = known & (off > STANDS_OUT * usual) & (off > 10 * NOISE[name]) & (off > 4 * spread)
+        if not lone.any():
+            continue
+        rows = np.flatnonzero(lone) + 2
+        columns[name] = column.copy()
+        columns[name][rows] = np.nan
+        values = "1 value" if len(rows) == 1 else f"{len(rows)} values"
+        told.append(f"{name}: {values} out of line with the rows around, first at {table.t_s[rows[0]]:.2f} s, left out")
+    return (replace(table, columns=columns), told) if told else (table, [])
 
 
 def about_columns(table: Table) -> list[str]:

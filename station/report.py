@@ -23,7 +23,7 @@ from station.identify import flight_record
 from station.log import Table
 from station.page import BLUE, FAINT, INK, ORANGE, image, text, write_page
 from station.profile import Aircraft, Card
-from station.remarks import thawed
+from station.remarks import cleaned
 from station.report_instruments import instrument_pages
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def write_report(
     """
     start, end = result["interval_s"]
     subject = aircraft or table.aircraft
-    table = corrected(thawed(table)[0], subject, noise, imu_position)
+    table = corrected(cleaned(table)[0], subject, noise, imu_position)
     record, _ = flight_record(table.between(start, end), subject, imu_position, noise)
     shown = result["recommended"]
     alpha: Array | None = record.alpha

@@ -168,6 +168,25 @@ def test_rows_that_a_stopped_recorder_repeats_are_left_out() -> None:
     assert not [r for r in identify(record(quiet), AIRCRAFT, ["I"])["remarks"] if "repeat" in r]
 
 
+def test_lone_values_out_of_line_are_left_out() -> None:
+    """A lost bit within the signal's range moves CL_q of method I by many of its errors; no motion is taken for one."""
+    columns = flight()
+    assert not [r for r in identify(record(columns), AIRCRAFT, ["I"])["remarks"] if "out of line" in r]
+    columns["q"][700] -= 8.0
+    columns["az"][300:302] += 60.0
+    columns["alpha_vane"][900:905] = 10.0
+    found = identify(record(columns), AIRCRAFT, ["I"])
+    sound(found)
+    told = " ".join(found["remarks"])
+    assert "q: 1 value out of line with the rows around, first at 14.00 s" in told
+    assert "az: 2 values out of line with the rows around, first at 6.00 s" in told
+    # Five impossible values are no wrong unit.
+    assert not found["hint"]
+    for name, true in TRUTH.items():
+        p = parameters(found, "I")[name]
+        assert abs(p["estimate"] - true) < 3 * p["std_error"], name
+
+
 def test_an_interval_that_begins_in_motion() -> None:
     """4.6 s lies in the doublet. With flight before it in the recording nothing is made up; alone it is refused where
     it is shorter than a period of 0.1 Hz, and said of where it is longer. Output error finds the state it begins in."""

@@ -29,6 +29,7 @@ ALIKE: Final = 0.15
 """Share below which no relation is closer than another: calibration, gusts and noise leave so much."""
 CLEAR: Final = 1.5
 """How much the sum of the logarithms of squared shares must fall by."""
+FEW: Final = 0.05
 TIED: Final = 0.7
 """Share of the best fall that leaves another mistake as likely."""
 
@@ -91,7 +92,8 @@ def mistakes(t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft) -> tu
     if len(t_s) < 10 or t_s[-1] - t_s[0] < LEAST_S:
         return ()
     dt = float(np.median(np.diff(t_s)))
-    x = {n: _filled(columns[n]) for n in columns if n in SIGNALS and np.isfinite(columns[n]).mean() > 0.5}
+    possible = {n: _possible(n, column) for n, column in columns.items() if n in SIGNALS}
+    x = {n: _filled(column) for n, column in possible.items() if np.isfinite(column).mean() > 0.5}
     candidates = _candidates(tuple(x))
     before = _disagreement(x, dt, aircraft, Mistake((), 1.0, ""))
     falls = [before - _disagreement(x, dt, aircraft, c) for c in candidates]
@@ -100,6 +102,12 @@ def mistakes(t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft) -> tu
         return ()
     found = [(fall, c) for fall, c in zip(falls, candidates, strict=True) if fall >= max(TIED * best, CLEAR)]
     return tuple(c for _, c in sorted(found, key=lambda f: -f[0]))
+
+
+def _possible(name: str, column: Array) -> Array:
+    """Without the few values that cannot be true; where they are many, it may be the unit."""
+    beyond = (column < SIGNALS[name].low) | (column > SIGNALS[name].high)
+    return np.where(beyond, np.nan, column) if beyond.mean() < FEW else column
 
 
 def _disagreement(x: Mapping[str, Array], dt: float, aircraft: Aircraft, assumed: Mistake) -> float:
