@@ -64,6 +64,8 @@ class Flown:
     spectra: VaneSpectra | None = None
     statistical: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Of each method, its derivatives' standard errors without what its model may leave out."""
+    preference: float | None = None
+    """Deviance by which the model of `physical` fits better than the quasi-steady one."""
 
     def warnings(self) -> list[str]:
         """What the filters' start does to the estimates."""
@@ -114,6 +116,9 @@ class Flown:
             return {"spectra": {n: c[good].tolist() for n, c in columns.items()}, "segments": s.segments}
         if name in ("III", "V") and boom is not None:
             return {"delay_s": boom.gust_x / float(np.nanmean(record.motion["airspeed"]))}
+        if name == "physical" and self.preference is not None:
+            preferred = "physical" if self.preference > 0 else "quasi-steady"
+            return {"model_preferred": preferred, "deviance_less_than_quasi_steady": self.preference}
         return {"delay_s": 0.0} if name == "II" else {}
 
     def widened(self, result: MethodResult, record: FlightRecord, axes: Axes) -> MethodResult:
@@ -266,7 +271,15 @@ def fly(
         "filters_settled_on": _settled_on(start - float(before.t_s[0]) if len(before.t_s) > 1 else 0.0, led, pitching),
     }
     t_s = np.array([(f.t_ns - table.t0_ns) * 1e-9 for f in frames])
-    return Flown(tuple(alphas), t_s, {e.method: e for e in last}, settings, "", spectra, estimator.statistical())
+    return Flown(
+        tuple(alphas),
+        t_s,
+        {e.method: e for e in last},
+        settings,
+        spectra=spectra,
+        statistical=estimator.statistical(),
+        preference=estimator.preference(),
+    )
 
 
 def _settled_on(seconds: float, led: bool, pitching: float) -> str:

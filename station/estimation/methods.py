@@ -215,6 +215,12 @@ class Estimator:
             made["physical"] = self._physical.solution.stat[:6].tolist()
         return {method: dict(zip(self._names, errors, strict=True)) for method, errors in made.items()}
 
+    def preference(self) -> float | None:
+        """How much better the model of `physical` fits than split+gust's quasi-steady one: their deviances' difference,
+        positive where it does; None before there is one."""
+        solution = self._physical.solution if self._physical else None
+        return solution.preference if solution else None
+
     def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]:
         """One frame in, the angle of attack and every method's estimates as of it out."""
         code = self._conditioner.step(frame)

@@ -296,10 +296,14 @@ def test_wrong_constants_do_what_their_columns_say() -> None:
 
 def test_the_data_prefer_the_model_that_is_true() -> None:
     aircraft, c = load_aircraft("twin_otter"), card(warm_up=20.0)
-    unsteady = last(Estimator(aircraft, c, methods=("physical",)), flown(aircraft, c, 50.1))
-    assert unsteady.applicable
+    estimator = Estimator(aircraft, c, methods=("physical",))
+    assert estimator.preference() is None
+    assert last(estimator, flown(aircraft, c, 50.1)).applicable
+    assert (estimator.preference() or 0.0) > 0.0
     steady = changed(aircraft, "unsteady", memory=False)
-    found = last(Estimator(aircraft, c, methods=("physical",)), flown(aircraft, c, 50.1, real=steady))
+    estimator = Estimator(aircraft, c, methods=("physical",))
+    found = last(estimator, flown(aircraft, c, 50.1, real=steady))
+    assert (estimator.preference() or 0.0) < 0.0
     assert not found.applicable
     assert "quasi-steady" in found.why
 
