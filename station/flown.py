@@ -42,7 +42,7 @@ LEAD_S: Final = 30.0
 """Flight before the interval that the filters run on."""
 HOLD_S: Final = 3.0
 """Without such a flight, trim of this length is put before what there is: filters and delay lines start settled."""
-NO_TRIM: Final = "a held trim"
+HELD_TRIM: Final = "a held trim"
 IN_TRIM: Final = math.radians(1.0)
 """Pitch rate up to which a record may begin in trim."""
 MIN_LIVE_HZ: Final = 25.0
@@ -286,8 +286,8 @@ def _settled_on(seconds: float, led: bool, pitching: float) -> str:
     if led:
         return f"{seconds:.0f} s of flight"
     if abs(pitching) > IN_TRIM:
-        return f"{NO_TRIM}, though the record begins pitching at {math.degrees(pitching):.1f} deg/s"
-    return f"a held trim and {seconds:.0f} s of flight" if seconds else NO_TRIM
+        return f"{HELD_TRIM}, though the record begins pitching at {math.degrees(pitching):.1f} deg/s"
+    return f"{HELD_TRIM} and {seconds:.0f} s of flight" if seconds else HELD_TRIM
 
 
 def _pitching(inside: Table) -> float:

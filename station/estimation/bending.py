@@ -30,11 +30,9 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 
 NEEDED: Final = ("alpha_vane", "q", "az", "airspeed", "dynamic_pressure")
-"""In the order of `straighten`; a missing dynamic pressure is made of the airspeed."""
+"""In the order of `straighten`; a missing dynamic pressure is made of the airspeed and the
+profile's density."""
 COLUMNS: Final = tuple(SIGNAL_INDEX[n] for n in NEEDED)
-SEA_LEVEL: Final = 1.225
-"""kg/m3, where the profile gives no density and the flight no dynamic pressure."""
-
 _ZERO, _FLEXURE, _LOAD, _X, _IMU, _LENGTH, _HAS_MODE, _DENSITY, _DT, _VANE, _MODE, PARAMETERS = *range(10), 17, 25
 _COUNT, _Q1, _Q2, _SEEN, _BENT, _TIP, STATE = 0, 1, 2, 3, 6, 9, 12
 
@@ -58,7 +56,9 @@ def straighten(par: Array, s: Array, u: Array) -> float:
     vane, q, az, v, pressure = u[0], u[1], u[2], u[3], u[4]
     if not pressure > 0.0:
         pressure = 0.5 * par[_DENSITY] * v * v
-    if not (math.isfinite(vane + q + az + pressure) and v > 0.0):
+    # Only the load on the tip asks for the dynamic pressure; without any, what that does is not known.
+    per_flow = par[_LOAD] * pressure if par[_LOAD] != 0.0 else 0.0
+    if not (math.isfinite(vane + q + az + per_flow) and v > 0.0):
         s[_COUNT] = 0.0
         return math.nan
     begins = s[_COUNT] == 0.0
@@ -71,7 +71,7 @@ def straighten(par: Array, s: Array, u: Array) -> float:
     s[_COUNT], s[_Q2], s[_Q1] = s[_COUNT] + 1.0, s[_Q1], q
     force = az + turn * (par[_IMU] - par[_HAS_MODE] * par[_X])
     _forward(par[_VANE : _VANE + 8], s[_SEEN : _SEEN + 3], par[_FLEXURE] * force, begins)
-    bend, per_flow = s[_SEEN], par[_LOAD] * pressure
+    bend = s[_SEEN]
     mode, rise = par[_MODE : _MODE + 8], par[_LENGTH] / v
     if par[_HAS_MODE] > 0.0:
         _forward(mode, s[_BENT : _BENT + 3], bend, begins)
@@ -99,7 +99,7 @@ class Bending:
         par = self._par = np.zeros(PARAMETERS)
         par[_ZERO], par[_FLEXURE], par[_LOAD] = boom.zero, boom.flexure, boom.tip_load / 1000.0
         par[_X], par[_IMU] = boom.vane_x, aircraft.imu_at(imu_position)[0]
-        par[_DENSITY], par[_DT] = aircraft.air_density or SEA_LEVEL, dt
+        par[_DENSITY], par[_DT] = aircraft.air_density or math.nan, dt
         par[_VANE : _VANE + 8] = second_order(boom.vane_frequency, boom.vane_damping, dt)
         if boom.mode_frequency is not None:
             par[_HAS_MODE], par[_LENGTH] = 1.0, boom.mode_length

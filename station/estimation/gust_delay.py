@@ -105,7 +105,7 @@ def gust_delay(
 
     `motion`: signals (n,) on a uniform grid at the CG, all finite: alpha_vane, q, airspeed, dynamic_pressure, elevator;
     `path` of the same rows; `measured`: CL and, with iyy known, Cm (n,); `noise`: standard deviations, SI. Raises
-    NotIdentifiable for a record too short or without gusts, and an aircraft without a boom.
+    NotIdentifiable for a record too short or without gusts, an aircraft without a boom, and gusts that do not fit it.
     """
     if aircraft.boom is None:
         raise NotIdentifiable("the aircraft profile has no boom")
@@ -122,8 +122,8 @@ def gust_delay(
         for later, other in _in_doubt(motion, aircraft, model.speed, dt)
     ]
     joint = _fit(model, both, doubted)
-    apart: dict[Equation, Lead] = {}
-    for name in both:
+    apart: dict[Equation, Lead] = {} if len(both) > 1 else {"CL": joint}
+    for name in both if len(both) > 1 else ():
         # With constants far off an equation alone may ask for a lead beyond all bounds.
         with contextlib.suppress(NotIdentifiable):
             apart[name] = _fit(model, (name,), doubted)
@@ -185,13 +185,13 @@ def _fit(model: GustModel, names: Sequence[Equation], doubted: Sequence[GustMode
     start = np.concatenate([model.start, slopes.ravel()])
     moved = [i for i in range(len(start)) if i < SLOPES or (i - SLOPES) % 3 < free]
     try:
-        return _settled(model, names, start, moved, doubted)
+        return _lead(model, names, start, moved, doubted)
     except NotIdentifiable:
         # Where motion and gust act alike on the lift, no scale tells the vane's from the lift's.
-        return _settled(model, names, start, [i for i in moved if i != UPWASH], doubted)
+        return _lead(model, names, start, [i for i in moved if i != UPWASH], doubted)
 
 
-def _settled(
+def _lead(
     model: GustModel, names: Sequence[Equation], x: Array, moved: list[int], doubted: Sequence[GustModel]
 ) -> Lead:
     """From starting values `x`, with the errors of what is `moved`; the errors of the rest are infinite."""

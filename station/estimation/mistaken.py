@@ -30,6 +30,7 @@ ALIKE: Final = 0.15
 CLEAR: Final = 1.5
 """How much the sum of the logarithms of squared shares must fall by."""
 FEW: Final = 0.05
+"""Share of impossible values below which they are lost bits, not a unit."""
 TIED: Final = 0.7
 """Share of the best fall that leaves another mistake as likely."""
 

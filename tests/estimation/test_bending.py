@@ -201,3 +201,11 @@ def test_derivatives_are_those_that_a_stiff_boom_gives(case: str, sigma: float) 
     stiff, sd = by(AIRCRAFT, AIRCRAFT)
     assert (np.abs(by(aircraft, aircraft)[0] - stiff) < 0.5 * sd).all()
     assert (np.abs(by(AIRCRAFT, aircraft)[0] - stiff) > 2 * sd).any()
+
+
+def test_a_load_on_the_tip_needs_the_dynamic_pressure() -> None:
+    """Without it, nor a density to make it of, what the load does is not known; flexure asks for neither."""
+    u = np.array([0.05, 0.0, -G0, 56.0, math.nan])
+    for boom, is_known in (({"flexure": 0.01}, True), ({"tip_load": 0.06}, False)):
+        aircraft = bent(**boom).model_copy(update={"air_density": None})
+        assert math.isfinite(Bending(aircraft, (0.0, 0.0, 0.0), 0.02).step(0.0, u)) is is_known
