@@ -21,6 +21,8 @@ G0: Final = 9.80665
 
 TICK_HZ: Final = 50
 TICK_NS: Final = 1_000_000_000 // TICK_HZ
+FRESH_AGE_S: Final = 0.011
+"""A value this much older than its frame, half a tick and some rounding, still counts as measured at its time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,26 +12,28 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.campaign import physical
-from station.campaign.flight import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
+from station.campaign import physical_pass as physical
+from station.campaign.one_pass import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
 from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
 from station.conventions import SIGNAL_INDEX, TICK_HZ
-from station.estimation import lift_memory, physical_signals, regressor_error, spectra
 from station.estimation.alpha import parameters
 from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
 from station.estimation.methods import NOISE
-from station.estimation.physical import SEGMENT
-from station.estimation.physical_columns import constants, why_not
+from station.estimation.physical_method import SEGMENT
+from station.model import physical_signals, regressor_error
+from station.model import unsteady_lift as lift_memory
+from station.model.physical_columns import constants, why_not
+from station.numerics import spectra
 from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
-from station.simulation import aircraft as ac
+from station.simulation import airframe as ac
 from station.simulation.boom import NO_BOOM, second_order, vane_constants
 from station.simulation.distortion import REACH, distortion_filter
 from station.simulation.gusts import STEP, dryden, field_constants, field_start
-from station.simulation.longitudinal import indicial_tables, reach, site
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import STANDARD, Sensor
+from station.simulation.three_degrees import indicial_tables, reach, site
 
 Array = NDArray[np.float64]
 

@@ -30,7 +30,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from station.campaign.case import PARTS, compile_part
-from station.campaign.rows import fly_rows
+from station.campaign.result_rows import fly_rows
 from station.campaign.spec import Plan
 from station.rows import LogError, StationError, UsageError
 

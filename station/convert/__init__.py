@@ -9,10 +9,10 @@ import numpy as np
 from scipy.io import whosmat
 
 from station.convert.delimited import read_csv, read_hfb
-from station.convert.export import Format, export
+from station.convert.exporter import Format, export
 from station.convert.fdata import read_fdata
 from station.convert.onspeed import is_onspeed, read_onspeed
-from station.convert.record import Record, Track, write_record
+from station.convert.tracks import Record, Track, write_record
 from station.convert.ulog import read_ulog
 from station.convert.umn import VARIABLE as UMN_VARIABLE
 from station.convert.umn import read_umn

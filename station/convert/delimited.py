@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, Unit, unit_named
-from station.convert.record import Column, Record, Track, in_si
+from station.convert.tracks import Column, Record, Track, in_si
 from station.profile import Aircraft
 from station.rows import LogError
 

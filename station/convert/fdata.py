@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
 from station.conventions import SIGNALS, Unit, unit_named
-from station.convert.record import Column, Record, Track, from_si, in_si
+from station.convert.tracks import Column, Record, Track, from_si, in_si
 from station.log import Table
 from station.profile import Aircraft
 from station.rows import LogError

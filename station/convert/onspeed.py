@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, to_si
-from station.convert.record import Column, Record, Track
+from station.convert.tracks import Column, Record, Track
 from station.profile import Aircraft
 from station.rows import LogError
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from station.convert.record import Column, Record, Track
+from station.convert.tracks import Column, Record, Track
 from station.profile import Aircraft
 from station.rows import LogError
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from station.conventions import SIGNALS
-from station.convert.record import Column, Record, Track
+from station.convert.tracks import Column, Record, Track
 from station.profile import Aircraft
 from station.rows import LogError
 

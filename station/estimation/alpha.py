@@ -21,8 +21,10 @@ from typing import Final
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
+from station.numerics.delay import delayed
+from station.numerics.indicial import respond
+from station.numerics.second_order import second_order, vane_lag
 from station.profile import Aircraft, Indicial
 
 Array = NDArray[np.float64]
@@ -44,44 +46,6 @@ STEADY, SCALED_LATE, RATE_LATE, FAST, SPLIT, GUST, GUST_STEP, BOOM_GUST, RATE, S
 BEHIND: Final = 12
 """By how long gusts are seen too late to be told at the CG when they are there, s."""
 OUT: Final = 13
-
-
-@njit(cache=True)
-def _delayed(ring: Array, newest: int, column: int, ticks: float) -> float:
-    """The value `ticks` ago: 3rd-order Lagrange; 2nd within the last tick, where there is no sample ahead."""
-    n = ring.shape[0]
-    ticks = min(max(ticks, 0.0), n - 4.0)
-    whole = math.floor(ticks)
-    f = ticks - whole
-    if f == 0.0:
-        return float(ring[(newest - whole) % n, column])
-    b = ring[(newest - whole) % n, column]
-    c = ring[(newest - whole - 1) % n, column]
-    d = ring[(newest - whole - 2) % n, column]
-    if whole == 0:
-        return float(b * (1 - f) * (2 - f) / 2 + c * f * (2 - f) - d * f * (1 - f) / 2)
-    a = ring[(newest - whole + 1) % n, column]
-    return float(
-        -a * f * (f - 1) * (f - 2) / 6
-        + b * (f + 1) * (f - 1) * (f - 2) / 2
-        - c * (f + 1) * f * (f - 2) / 2
-        + d * (f + 1) * f * (f - 1) / 6
-    )
-
-
-@njit(cache=True)
-def _remember(
-    s: Array, at: int, amplitudes: Array, rates: Array, n: int, before: float, now: float, chords: float
-) -> float:
-    """Indicial response 1 - sum a exp(-b t): exact first-order lags of an input linear between ticks."""
-    value = now
-    for j in range(n):
-        x = rates[j] * chords
-        decay = math.exp(-x)
-        mean = (1.0 - decay) / x
-        s[at + j] = decay * s[at + j] + (mean - decay) * before + (1.0 - mean) * now
-        value += amplitudes[j] * (s[at + j] - now)
-    return value
 
 
 @njit(cache=True)
@@ -131,8 +95,8 @@ def step(
     out[STEADY] = steady
     out[RATE] = rate
     out[SPEED_MEAN] = mean
-    out[SCALED_LATE] = _delayed(ring, at, 0, tau)
-    out[RATE_LATE] = _delayed(ring, at, 1, tau)
+    out[SCALED_LATE] = delayed(ring, at, 0, tau)
+    out[RATE_LATE] = delayed(ring, at, 1, tau)
 
     if not math.isfinite(alpha_i):
         s[_COUNT] = count + 1
@@ -165,7 +129,7 @@ def step(
         for i in range(n):
             ring[i, 2] = 0.0
     chords = v * dt / par[_CHORD]
-    wing = _remember(s, _MS, par[_MA : _MA + 4], par[_MB : _MB + 4], n_m, s[_XIN], alpha_i, chords)
+    wing = respond(s, _MS, par[_MA : _MA + 4], par[_MB : _MB + 4], n_m, s[_XIN], alpha_i, chords)
     s[_XIN] = alpha_i
     flown = (1.0 + par[_KF]) * (alpha_i - rate) + par[_KW] * wing
     # Straight lines between ticks lose (omega dt)^2/12 of a sine: its bend, as it goes on, is given back.
@@ -177,43 +141,24 @@ def step(
     swing = m[2] * s[_VS] + m[3] * s[_VS + 1] + m[5] * s[_PIN] + m[7] * seen
     s[_VS], s[_VS + 1], s[_PIN] = angle, swing, seen
     left = flow - angle
-    leading_edge = _delayed(ring, at - 1, 2, max(par[_LE] / v / dt - 1.0, 0.0)) / v
-    memory = _remember(s, _GS, par[_GA : _GA + 4], par[_GB : _GB + 4], n_g, s[_LEIN], leading_edge, chords)
+    leading_edge = delayed(ring, at - 1, 2, max(par[_LE] / v / dt - 1.0, 0.0)) / v
+    memory = respond(s, _GS, par[_GA : _GA + 4], par[_GB : _GB + 4], n_g, s[_LEIN], leading_edge, chords)
     s[_LEIN] = leading_edge
     boom = (left - par[_KW] * memory) / (1.0 + par[_KF])
     # The wind is carried, not the angle: what arrives at the CG meets the speed of that moment.
     ring[at, 2] = boom * v
     late = max(par[_GX] / v - par[_VANE_LAG], 0.0) / dt
-    gust = _delayed(ring, at, 2, late) / v
+    gust = delayed(ring, at, 2, late) / v
     out[FAST] = alpha_i + boom
     out[SPLIT] = alpha_i + gust
     out[GUST] = gust
     out[BEHIND] = max(par[_VANE_LAG] - par[_GX] / v, 0.0)
-    out[GUST_STEP] = gust - _delayed(ring, at, 2, late + par[_TAIL] / v / dt) / v
+    out[GUST_STEP] = gust - delayed(ring, at, 2, late + par[_TAIL] / v / dt) / v
     out[BOOM_GUST] = boom
     out[RESIDUAL] = left
     s[_SPLIT] += 1.0
     out[READY] = 1.0 if s[_SPLIT] * dt >= READY_S else 0.0
     s[_COUNT] = count + 1
-
-
-def second_order(frequency: float, damping: float, dt: float) -> Array:
-    """A system wn^2/(s^2 + 2 zeta wn s + wn^2) sampled every dt, its input linear between ticks: of the output and its
-    rate the transition (4,), what the last input adds (2,) and the new one (2,). `frequency` in Hz."""
-    omega = 2.0 * math.pi * frequency
-    # Exponential of the system with its input and the input's slope.
-    system = np.zeros((4, 4))
-    system[0, 1] = system[2, 3] = 1.0
-    system[1] = (-(omega**2), -2.0 * damping * omega, omega**2, 0.0)
-    system[2, 3] = 1.0 / dt
-    whole = expm(system * dt)
-    hold, ramp = whole[:2, 2], whole[:2, 3]
-    return np.array((*whole[:2, :2].ravel(), *(hold - ramp), *ramp))
-
-
-def vane_lag(frequency: float, damping: float) -> float:
-    """How late a second-order vane (Hz) shows what is slow, s."""
-    return damping / (math.pi * frequency)
 
 
 def parameters(aircraft: Aircraft, dt: float) -> Array:

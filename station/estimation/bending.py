@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNAL_INDEX
-from station.estimation.alpha import second_order
+from station.numerics.second_order import second_order
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]

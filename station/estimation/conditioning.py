@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_HZ
+from station.conventions import FRESH_AGE_S, SIGNAL_INDEX, SIGNALS, TICK_HZ
+from station.numerics.atmosphere import GAS_CONSTANT, standard_density
 from station.rows import Frame
 
 Array = NDArray[np.float64]
@@ -43,7 +44,6 @@ HOLD_TICKS: Final = 10
 FROZEN_TICKS: Final = 13
 MIN_SPEED: Final = 8.0
 """m/s: below it there are no flow angles."""
-FRESH_AGE_S: Final = 0.011
 _LIMIT_S: Final = {
     **dict.fromkeys(INPUTS, 0.2),
     **dict.fromkeys(("phi", "theta", "psi", "v_north", "v_east", "v_down"), 1.0),
@@ -52,8 +52,6 @@ _LIMIT_S: Final = {
 
 _pick: Final[Any] = itemgetter(*(SIGNAL_INDEX[name] for name in INPUTS))
 _pack: Final = struct.Struct(f"{3 * len(INPUTS)}d").pack_into
-GAS_CONSTANT: Final = 287.05287
-"""Dry air, J/(kg K): ISO 2533."""
 
 
 @njit(cache=True)
@@ -109,14 +107,6 @@ def step(
     if frozen >= 0:
         return FROZEN + frozen
     return state
-
-
-@njit(cache=True)
-def standard_density(height: float) -> float:
-    """kg/m3 at a height (m) in the standard atmosphere below 20 km. ISO 2533."""
-    if height > 11_000.0:
-        return 0.363918 * math.exp((11_000.0 - height) / 6341.62)
-    return float(1.225 * (1.0 - 2.25577e-5 * height) ** 4.25588)
 
 
 @njit(cache=True)

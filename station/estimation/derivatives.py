@@ -20,10 +20,11 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
-from station.estimation import lift_memory, regressor_error
-from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
-from station.estimation.spectra import Transform, central_difference_factor, grid, step
+from station.estimation.published.cross_spectra import VaneSpectra
+from station.model import regressor_error
+from station.model import unsteady_lift as lift_memory
+from station.numerics.spectra import Transform, central_difference_factor, grid, step
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
 

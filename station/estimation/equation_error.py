@@ -21,8 +21,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.estimation import lift_memory, regressor_error
-from station.estimation.regression import invert
+from station.model import regressor_error
+from station.model import unsteady_lift as lift_memory
+from station.numerics.regression import invert
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]

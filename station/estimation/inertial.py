@@ -19,13 +19,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.interpolation import wrap
+from station.model.physical_signals import WIND_S
+from station.numerics.angles import wrap
 
 Array = NDArray[np.float64]
 
 RING: Final = 256
 """Past states kept, ticks: 5 s."""
-WIND_S: Final = 60.0
 COAST_S: Final = 2.0
 """A velocity stream silent for longer is replaced by the air data."""
 READY_S: Final = 2.0

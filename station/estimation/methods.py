@@ -12,17 +12,18 @@ import numpy as np
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
-from station.estimation import lateral, tick
+from station.estimation import lateral_derivatives as lateral
+from station.estimation import tick
 from station.estimation.alpha import Vane
 from station.estimation.conditioning import Array, Conditioner
-from station.estimation.cross_spectra import VaneSpectra
 from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import Sides
 from station.estimation.inertial import Inertial
-from station.estimation.lateral import Lateral
-from station.estimation.physical import Physical
-from station.estimation.physical_signals import LENGTH_M, Signals
-from station.estimation.turbulence import BOUND, Turbulence, gust_sigma
+from station.estimation.lateral_derivatives import Lateral
+from station.estimation.physical_method import Physical
+from station.estimation.published.cross_spectra import VaneSpectra
+from station.model.physical_signals import LENGTH_M, Signals
+from station.numerics.turbulence import BOUND, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
 

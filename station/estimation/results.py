@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
-from station.estimation.record import FlightRecord
-from station.estimation.regression import Fit, NotIdentifiable, least_squares, smoothed_start
+from station.estimation.flight_record import FlightRecord
+from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
 from station.profile import Aircraft
 from station.rows import ParamEstimate, Status
 

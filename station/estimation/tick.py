@@ -14,7 +14,7 @@ from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
 from station.estimation import equation_error as ee
 from station.estimation import inertial as flow
-from station.estimation import physical_signals as gusts
+from station.model import physical_signals as gusts
 
 UNEXPLAINED_S: Final = 5.0
 """Over which it is averaged what the motion leaves of the vane."""

@@ -5,8 +5,8 @@ each complete in itself.
 """
 
 from station.log.about import About, LogInfo
-from station.log.info import Summary, describe, recover, summarise, verdict
 from station.log.reading import metadata, parts, read_rows
+from station.log.summary import Summary, describe, recover, summarise, verdict
 from station.log.table import Point, Table, points, table
 from station.log.writer import LogWriter, make_folder, write_log
 

@@ -1,6 +1,6 @@
 """The simulated aircraft, air and instruments: pure numerics."""
 
-from station.simulation.longitudinal import Simulation
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
+from station.simulation.three_degrees import Simulation
 
 __all__ = ["Simulation", "fly"]

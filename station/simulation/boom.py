@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from station.profile import Boom
-from station.simulation.angles import arctangent
+from station.simulation.trigonometry import arctangent
 
 NO_BOOM = Boom.model_validate({"vane_x": "0 m"})
 """For an aircraft without one: a vane at the CG, without upwash."""

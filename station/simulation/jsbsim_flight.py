@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from station.conventions import SIGNALS, to_si
 from station.profile import Actuator, Aircraft, Flight, Manoeuvre
 from station.rows import ProfileError
-from station.simulation import aircraft as ac
+from station.simulation import airframe as ac
 from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import GustField, dryden_of, field_constants, gust_at
-from station.simulation.longitudinal import ORIGIN, elevator_play, indicial_tables, site
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import DT, TRUTH, Memory, vanes_now
 from station.simulation.sensors import lagged
+from station.simulation.three_degrees import ORIGIN, elevator_play, indicial_tables, site
 
 MODEL: Final = "DHC6"
 FINER: Final = 4

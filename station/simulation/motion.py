@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ
-from station.simulation import aircraft as ac
+from station.simulation import airframe as ac
 from station.simulation.boom import VaneConstants, bending, flow_angle, second_order_step, upwash_step
 from station.simulation.gusts import gust_at
 

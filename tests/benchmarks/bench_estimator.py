@@ -12,7 +12,7 @@ from station.conventions import SIGNALS, TICK_NS
 from station.estimation.methods import Estimator
 from station.profile import load_card
 from station.rows import Frame
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 
 def test_estimator_tick(benchmark):

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from station.conventions import from_si, to_si
-from station.discrepancy.detectable import Detectable, detectable_sizes
-from station.discrepancy.effects import EFFECTS
-from station.discrepancy.fit import Problem
-from station.discrepancy.record import manoeuvres
-from station.discrepancy.reference import Reference, reference
+from station.diagnosis.detectable import Detectable, detectable_sizes
+from station.diagnosis.effects import EFFECTS
+from station.diagnosis.fit import Problem
+from station.diagnosis.measured_record import manoeuvres
+from station.diagnosis.reference import Reference, reference
 from station.profile import Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft, load_card, load_rig
 from station.simulation import fly
 

@@ -28,10 +28,10 @@ from station.campaign.case import prepare, reference
 from station.campaign.spec import METHODS as SLOTS
 from station.campaign.spec import Case, load_plan
 from station.conventions import LONGITUDINAL
-from station.identify import identify
+from station.identification.analysis import identify
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Multisine, load_aircraft, load_rig
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 METHODS = ("I", "II", "III", "IV", "V", "VI", "split", "split+gust", "physical")
 AIRCRAFT = {"A": "twin_otter_martos", "B": "twin_otter"}

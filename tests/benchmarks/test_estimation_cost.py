@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from station.estimation import equation_error, spectra
-from station.estimation.coefficients import Airframe, coefficients
-from station.estimation.kalman import Tuning, extended_kalman
-from station.estimation.longitudinal import Body
-from station.estimation.short_period import ShortPeriod
+from station.estimation import equation_error
+from station.estimation.published.kalman import Tuning, extended_kalman
+from station.estimation.published.longitudinal_motion import Body
+from station.estimation.published.short_period import ShortPeriod
+from station.model.coefficients import Airframe, coefficients
+from station.numerics import spectra
 
 FREE = ("CD_0", "CD_V", "CD_alpha", "CL_0", "CL_V", "CL_alpha", "Cm_0", "Cm_V", "Cm_alpha", "Cm_q", "Cm_de")
 VALUES = (0.12, -0.064, 0.32, -0.09, 0.15, 4.3, 0.11, 0.004, -0.97, -34.0, -1.5)

@@ -21,7 +21,7 @@ import pytest
 
 from station.campaign import engine
 from station.campaign.engine import Store, batches, fly_dask, fly_local
-from station.campaign.rows import fly_rows
+from station.campaign.result_rows import fly_rows
 from station.campaign.spec import Plan, load_plan
 from station.rows import LogError, StationError, UsageError
 

@@ -20,7 +20,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.adapter import open_devices
-from drivers.emulate import Playback, serve
+from drivers.emulation import Playback, serve
 from station.clock import SystemClock
 from station.profile import Profiles, load_card
 from station.rows import Code, DeviceError, Event, ProfileError, Rows, Sample, TimeSync

@@ -12,14 +12,14 @@ import pytest
 
 from station.conventions import G0, SIGNALS, TICK_NS
 from station.estimation.bending import NEEDED, Bending
-from station.estimation.instruments import corrector
+from station.estimation.instrument_errors import corrector
 from station.estimation.methods import Estimator
-from station.flown import corrected
-from station.identify import identify
+from station.identification.analysis import identify
+from station.identification.flown import corrected
 from station.log import Table
 from station.profile import Aircraft, Card, load_aircraft, load_rig
 from station.rows import AlphaEstimate, Frame, Quality
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 RIG, AIRCRAFT = load_rig("bench"), load_aircraft("twin_otter")
 PER_G = math.radians(0.5) / G0
@@ -130,7 +130,7 @@ def angle(of: Table, aircraft: Aircraft) -> tuple[Any, Any]:
 
 
 def split(of: Table, aircraft: Aircraft) -> list[AlphaEstimate]:
-    from station.flown import _frames
+    from station.identification.flown import _frames
 
     straight = corrected(of, aircraft, RIG.frame_noise_si(), RIG.imu_position)
     plain = card(0).model_copy(update={"warm_up": 0.0})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from station.estimation.consistency import FLOW_Z, SIGNALS_USED, Window, step
+from station.model.consistency import FLOW_Z, SIGNALS_USED, Window, step
 from station.profile import load_aircraft
 
 DT = 0.02

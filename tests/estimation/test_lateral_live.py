@@ -8,12 +8,12 @@ import pytest
 
 from station.conventions import LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS
 from station.estimation.methods import Estimator
-from station.flown import fly as refly
-from station.identify import flight_record, identify
+from station.identification.analysis import flight_record, identify
+from station.identification.flown import fly as refly
 from station.log import Table
 from station.profile import Card, load_aircraft, load_card, load_rig
 from station.rows import Frame, Quality, Status
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 RIG = load_rig("bench")
 AIRCRAFT = load_aircraft("twin_otter")

@@ -13,7 +13,7 @@ from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNAL_INDEX, S
 from station.estimation.methods import LIVE, Estimator
 from station.profile import Card, Doublet, Flight, load_aircraft, load_rig
 from station.rows import Frame, Quality, Status, UsageError
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 RIG = load_rig("bench")
 AIRCRAFT = load_aircraft("twin_otter")

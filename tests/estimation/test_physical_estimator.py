@@ -10,11 +10,11 @@ from scipy.signal import lsim, lti
 
 from station.conventions import SIGNALS, TICK_NS
 from station.estimation import inertial
-from station.estimation import physical_columns as pc
-from station.estimation import physical_signals as ps
 from station.estimation.methods import Estimator
-from station.estimation.physical import SEGMENT, Equations, transform
-from station.estimation.spectra import grid
+from station.estimation.physical_method import SEGMENT, Equations, transform
+from station.model import physical_columns as pc
+from station.model import physical_signals as ps
+from station.numerics.spectra import grid
 from station.profile import Aircraft, Card, Indicial, load_aircraft
 from station.profile.uncertainty import Uncertainty
 from station.rows import Frame, MethodEstimate, Status

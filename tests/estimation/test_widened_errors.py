@@ -9,11 +9,11 @@ import pytest
 
 from station.conventions import LONGITUDINAL
 from station.estimation.results import MethodResult, not_applicable, widened
-from station.identify import identify
+from station.identification.analysis import identify
 from station.log import Table
 from station.profile import Card, Doublet, Flight, load_aircraft, load_rig
 from station.rows import ParamEstimate, Status
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 AIRCRAFT, RIG = load_aircraft("twin_otter"), load_rig("bench")
 

@@ -12,7 +12,7 @@ from scipy.special import hankel2, jv
 from station.profile import Aircraft, Doublet, Flight, Indicial, load_aircraft
 from station.rows import ProfileError
 from station.simulation import Simulation
-from station.simulation import aircraft as ac
+from station.simulation import airframe as ac
 
 FT = 0.3048
 SPEED, HEIGHT = 185.66 * FT, 2500 * FT

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from station.profile import Boom, load_aircraft
-from station.simulation.aircraft import indicial_table
+from station.simulation.airframe import indicial_table
 from station.simulation.boom import flow_angle, lag, second_order_step, upwash_step, vane_constants
 
 SPEED = 185.66 * 0.3048

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from drivers.emulate import _source
+from drivers.emulation import _source
 from station.profile import Aircraft, Card, Instrument, Profiles, load_aircraft, load_card, load_rig
 from station.rows import ProfileError
 from station.simulation import Simulation, fly
-from station.simulation.instruments import Installed
+from station.simulation.installed import Installed
 from station.simulation.motion import DT
 
 RAMP, N = 0.02, 800

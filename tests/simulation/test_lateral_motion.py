@@ -12,10 +12,10 @@ from scipy.linalg import expm
 from station.profile import Aircraft, Card, Flight, load_aircraft
 from station.rows import ProfileError
 from station.simulation import Simulation, fly
-from station.simulation import aircraft as ac
-from station.simulation import lateral as six
-from station.simulation.lateral import LateralSimulation
+from station.simulation import airframe as ac
+from station.simulation import six_degrees as six
 from station.simulation.motion import DT
+from station.simulation.six_degrees import LateralSimulation
 
 G = 9.80665
 AIRCRAFT = load_aircraft("twin_otter")

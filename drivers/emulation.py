@@ -1,0 +1,268 @@
+"""Emulated devices in real time: one process flies, one process per device speaks its bytes.
+
+The flight process runs the simulation, or plays a recording, a little ahead of real time and hands the truth to the
+devices' processes; each paces its own messages onto its own link from an absolute schedule. Every process holds a pipe
+whose other end only the serving process has, and ends when that closes, however it closed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.emulated_device import flown_signals, heed_signals, serve_device
+from drivers.emulated_messages import TRUTH_HZ
+from station.clock import Clock, SystemClock
+from station.conventions import ANGLES_THAT_WRAP
+from station.profile import Profiles
+from station.rows import DeviceError, StationError
+
+Floats = NDArray[np.float64]
+Recording = Mapping[str, Floats]
+"""Signals over time, SI: "time" (n,) s increasing and any of SIGNALS (n,), NaN where missing."""
+
+CHUNK = 20
+"""Rows of truth handed over at once: 0.1 s."""
+AHEAD_S = 0.45
+READY_TIMEOUT_S = 120.0
+"""The first flight on a machine compiles the simulation."""
+_START_DELAY_S = 0.3
+_POLL_S = 0.05
+
+
+class Source(Protocol):
+    """What is flown: a simulation or a recording."""
+
+    def advance(self, n: int) -> Mapping[str, Floats]:
+        """The next n rows at TRUTH_HZ by signal; fewer, then none, at the end."""
+        ...
+
+
+class Playback:
+    """A recording as a source: cubic between its rows, missing values bridged, its ends held."""
+
+    def __init__(self, recording: Recording) -> None:
+        """Raises DeviceError if there is no usable time."""
+        time = np.asarray(recording.get("time", ()), dtype=float)
+        if len(time) < 2 or not np.all(np.diff(time) > 0):
+            raise DeviceError("the recording cannot be flown: its time is missing or does not increase")
+        time = time - time[0]
+        self.duration_s = float(time[-1])
+        self._rows = int(self.duration_s * TRUTH_HZ + 1e-6) + 1
+        self._k = 0
+        self._curves = {n: _curve(n, time, np.asarray(v, dtype=float)) for n, v in recording.items() if n != "time"}
+        self._curves = {n: curve for n, curve in self._curves.items() if curve is not None}
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """Those with at least two values."""
+        return frozenset(self._curves)
+
+    def advance(self, n: int) -> Mapping[str, Floats]:
+        t = np.arange(self._k, min(self._k + n, self._rows)) / TRUTH_HZ
+        self._k += len(t)
+        return {name: curve(t) for name, curve in self._curves.items() if curve is not None}
+
+
+def _curve(name: str, time: Floats, values: Floats) -> Callable[[Floats], Floats] | None:
+    from scipy.interpolate import CubicHermiteSpline
+
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 2:
+        return None
+    x, y = time[known], values[known]
+    if name in ANGLES_THAT_WRAP:
+        y = np.unwrap(y)
+    spline = CubicHermiteSpline(x, y, np.gradient(y, x))
+    return lambda t: np.asarray(spline(np.clip(t, x[0], x[-1])))
+
+
+def _fly(
+    profiles: Profiles,
+    recording: Recording | None,
+    control: Connection,
+    devices: Sequence[tuple[Connection, tuple[str, ...]]],
+) -> None:
+    """The flight process: truth to each device's pipe, the signals that it asked for, AHEAD_S early."""
+    heed_signals()
+    clock = SystemClock()
+    listening = [(pipe, signals) for pipe, signals in devices if signals]
+    try:
+        source = _source(profiles, recording)
+        rows = source.advance(CHUNK)
+        control.send(("ready", None))
+        start_ns = control.recv()
+        k = 0
+        while n := _length(rows):
+            for pipe, signals in list(listening):
+                try:
+                    pipe.send_bytes(np.column_stack([_column(rows, s, n) for s in signals]).tobytes())
+                except OSError:  # that device is gone; the others fly on
+                    listening.remove((pipe, signals))
+            k += n
+            rows = source.advance(CHUNK)
+            wait_s = (start_ns - clock.now_ns()) * 1e-9 + k / TRUTH_HZ - AHEAD_S
+            if control.poll(max(0.0, wait_s)):
+                return
+        for pipe, _ in devices:
+            pipe.close()
+        if not control.poll(max(0.0, wait_s + AHEAD_S)):
+            control.send(("end", k / TRUTH_HZ))
+            control.poll(None)
+    except StationError as error:
+        with suppress(OSError):
+            control.send(("error", error))
+    except (EOFError, OSError):
+        return  # whoever served us is gone
+
+
+def _source(profiles: Profiles, recording: Recording | None) -> Source:
+    if recording is not None:
+        return Playback(recording)
+    from station.simulation.sortie import installed
+
+    return installed(profiles.aircraft, profiles.rig, profiles.card)
+
+
+def _length(rows: Mapping[str, Floats]) -> int:
+    return len(next(iter(rows.values()), ()))
+
+
+def _column(rows: Mapping[str, Floats], name: str, n: int) -> Floats:
+    found = rows.get(name)
+    return np.full(n, np.nan) if found is None else found
+
+
+class _Child:
+    """A process and the pipe that keeps it alive."""
+
+    def __init__(self, target: Callable[..., None], name: str, *before: Any, after: Sequence[Any] = ()) -> None:
+        """Starts `target(*before, control, *after)`."""
+        context = multiprocessing.get_context("spawn")
+        self.name = name
+        self.control, theirs = context.Pipe()
+        self.process: BaseProcess = context.Process(
+            target=target, args=(*before, theirs, *after), name=name, daemon=True
+        )
+        self.process.start()
+        theirs.close()
+
+    def told(self, timeout_s: float) -> tuple[str, Any] | None:
+        """What it says, if it says something in time. A process that has died says "error"."""
+        try:
+            if self.control.poll(timeout_s):
+                word, detail = self.control.recv()
+                return str(word), detail
+        except (EOFError, OSError):
+            self.process.join(1.0)
+            return "error", DeviceError(f"{self.name}: the process ended with exit status {self.process.exitcode}")
+        return None
+
+    def end(self) -> None:
+        self.control.close()
+        self.process.join(2.0)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+        self.process.close()
+
+
+def serve(
+    profiles: Profiles,
+    announce: Callable[[dict[str, Any]], None],
+    stop: threading.Event,
+    clock: Clock,
+    recording: Recording | None = None,
+    start_ns: int | None = None,
+) -> None:
+    """Emulate every device of the rig until `stop` is set, then leave no process, link or file behind.
+
+    Announces, as dictionaries fit for JSON: {"device", "link", "endpoint"} for each device when it can be opened, then
+    {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the
+    rig's signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
+    {"process", "error"} if a process fails. Raises StationError for what keeps the flight from starting.
+    """
+    flight = profiles.card.flight
+    if flight.source == "recording" and recording is None:
+        raise DeviceError(
+            f"card {profiles.card.name} flies a recording and there is none: name one in flight.recording"
+        )
+    flown = recording if flight.source == "recording" else None
+    wanted = {signal for device in profiles.rig.devices for stream in device.streams for signal in stream.signals}
+    absent = tuple(sorted(wanted - Playback(flown).signals)) if flown is not None else ()
+    with (
+        tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True) as folder,
+        _processes(profiles, flown, absent, Path(folder)) as children,
+    ):
+        for child in children:
+            word, detail = _first_word(child, stop)
+            if word == "stop":
+                return
+            if word == "error":
+                raise detail
+            if detail is not None:
+                announce(detail)
+        began_ns = clock.now_ns() + round(_START_DELAY_S * 1e9) if start_ns is None else start_ns
+        for child in children:
+            child.control.send(began_ns)
+        announce({"start_ns": began_ns, "absent": list(absent)})
+        _watch(children, announce, stop)
+
+
+@contextmanager
+def _processes(
+    profiles: Profiles, recording: Recording | None, absent: tuple[str, ...], folder: Path
+) -> Iterator[list[_Child]]:
+    """The flight's and the devices' processes, running; ended afterwards."""
+    children: list[_Child] = []
+    truth: list[tuple[Connection, tuple[str, ...]]] = []
+    try:
+        for index, device in enumerate(profiles.rig.devices):
+            theirs, ours = multiprocessing.Pipe(duplex=False)
+            truth.append((ours, flown_signals(device, absent)))
+            children.append(_Child(serve_device, device.name, index, profiles, str(folder), absent, after=(theirs,)))
+            theirs.close()
+        children.append(_Child(_fly, "flight", profiles, recording, after=(truth,)))
+        for ours, _ in truth:
+            ours.close()
+        yield children
+    finally:
+        for child in children:
+            child.control.close()
+        for child in children:
+            child.end()
+        for ours, _ in truth:
+            ours.close()
+
+
+def _first_word(child: _Child, stop: threading.Event) -> tuple[str, Any]:
+    for _ in range(round(READY_TIMEOUT_S / _POLL_S)):
+        if stop.is_set():
+            return "stop", None
+        if word := child.told(_POLL_S):
+            return word
+    return "error", DeviceError(f"{child.name}: not ready after {READY_TIMEOUT_S:g} s")
+
+
+def _watch(children: Sequence[_Child], announce: Callable[[dict[str, Any]], None], stop: threading.Event) -> None:
+    alive = list(children)
+    while not stop.wait(_POLL_S):
+        for child in list(alive):
+            if (told := child.told(0.0)) is None:
+                continue
+            word, detail = told
+            if word == "end":
+                announce({"end_s": detail})
+            else:
+                announce({"process": child.name, "error": str(detail)})
+                alive.remove(child)

@@ -1,0 +1,156 @@
+"""The method `physical` in the compiled pass: its kernels in the order of estimation.physical.Physical."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.conventions import TICK_HZ
+from station.estimation.physical_method import SLACK_S, UPDATE_TICKS
+from station.model import physical_columns as pc
+from station.model import physical_fit
+from station.model import physical_signals as ps
+from station.numerics import spectra
+
+Array = NDArray[np.float64]
+
+_DT = 1.0 / TICK_HZ
+
+
+class Constants(NamedTuple):
+    """What the method takes of an aircraft and a card."""
+
+    signals: Array
+    vane: Array
+    """physical_signals.vane_inverse."""
+    regressors: Array
+    """physical_columns.constants."""
+    noise: float
+    """Of the vane, behind the body's upwash, rad2."""
+    segment: float
+    """Ticks after which the transform begins anew."""
+
+
+class Memory(NamedTuple):
+    """What the method carries from tick to tick, changed in place."""
+
+    state: Array
+    ring: Array
+    out: Array
+    z: Array
+    spectrum: NDArray[np.complex128]
+    phase: NDArray[np.complex128]
+    counted: Array
+    sums: Array
+    """Time of the first sample, s; sum of the inertial speed, m/s; whether the last update was solved; standard error
+    of the mean wind when the segment began, m/s."""
+    regressors: Array
+    past: Array
+    row: Array
+    theta: Array
+    stat: Array
+    total: Array
+    quality: Array
+    rho: Array
+
+
+@njit(cache=True, error_model="numpy")
+def begin(c: Constants, sections: int, lines: int) -> Memory:
+    """At the start of a flight."""
+    return Memory(
+        np.zeros(ps.STATE),
+        np.zeros((ps.RING, ps.COLUMNS)),
+        np.full((2, ps.SIGNALS), math.nan),
+        np.zeros((pc.CHANNELS, sections, 2)),
+        np.zeros((pc.CHANNELS, lines), dtype=np.complex128),
+        np.ones(lines, dtype=np.complex128),
+        np.zeros(2),
+        np.zeros(4),
+        c.regressors.copy(),
+        np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N)),
+        np.zeros(pc.CHANNELS),
+        np.zeros(pc.PARAMETERS),
+        np.zeros(pc.PARAMETERS),
+        np.zeros(pc.PARAMETERS),
+        np.zeros(physical_fit.QUALITY),
+        np.zeros(lines),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def follow(
+    c: Constants, m: Memory, is_split: bool, gust: float, alpha_i: float, speed: float, ground: float, theta: float
+) -> None:
+    """The signals of one tick: gust at the boom, inertial angle of attack and pitch, rad, airspeed and inertial speed,
+    m/s."""
+    if is_split:
+        ps.step(c.signals, c.vane, m.state, m.ring, _DT, gust, alpha_i, speed, ground, theta, m.out)
+    else:
+        m.state[ps.COUNT] = 0.0
+        m.out[:] = math.nan
+
+
+@njit(cache=True, error_model="numpy")
+def add(
+    c: Constants,
+    m: Memory,
+    filters: tuple[Array, Array],
+    frequencies: Array,
+    turn: NDArray[np.complex128],
+    derivative: Array,
+    card: tuple[float, float],
+    made: Array,
+    t: float,
+    ground: float,
+    density: float,
+    left: int,
+) -> None:
+    """One sample and, where an update is due that the end of the flight (`left` ticks on) or a segment needs, the
+    estimate.
+
+    `filters`: high-pass sections and rest; `card`: warm-up, s, and step, Hz; `made`: what equation_error.sides gave;
+    `ground`: inertial speed, m/s; `density`: of the air, kg/m3.
+    """
+    m.row[: ps.SIGNALS] = m.out[0]
+    m.row[ps.SIGNALS :] = made[:4]
+    if m.counted[0] == 0.0:
+        m.sums[0] = t
+    is_open = t >= card[0] and m.sums[0] <= t - card[0] + SLACK_S
+    spectra.step(filters[0], filters[1], m.z, m.row, m.spectrum, m.phase, turn, m.counted, is_open)
+    samples = m.counted[1]
+    if samples == 0.0:
+        return
+    if samples == 1.0:
+        m.sums[3] = ps.wind_sd(m.state, _DT)
+    m.sums[1] += ground
+    close = samples >= c.segment
+    if not close and (samples % UPDATE_TICKS != 0.0 or left >= UPDATE_TICKS):
+        return
+    speed = m.sums[1] / samples
+    pc.set_air(m.regressors, density, m.sums[3] / speed)
+    solved = physical_fit.fit(
+        m.spectrum,
+        2.0 * np.pi * frequencies,
+        derivative,
+        speed,
+        m.regressors,
+        samples * c.noise,
+        samples * _DT * card[1],
+        m.past,
+        close,
+        m.theta,
+        m.stat,
+        m.total,
+        m.quality,
+        m.rho,
+    )
+    m.sums[2] = 1.0 if solved else 0.0
+    if close:
+        m.counted[1] = 0.0
+        m.spectrum[:] = 0.0
+        m.phase[:] = 1.0
+        m.sums[1] = 0.0

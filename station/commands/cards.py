@@ -1,0 +1,42 @@
+"""Cards as the verbs take them: profiles, and the recording that a card may fly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.log import metadata, table
+from station.profile import Profiles, load_card
+from station.rows import ProfileError
+
+
+def recorded_flight(profiles: Profiles) -> dict[str, NDArray[np.float64]] | None:
+    """The signals of the recording that the card wants flown, with their times; None where it flies the simulation."""
+    flight = profiles.card.flight
+    if flight.source != "recording":
+        return None
+    flown = table(_recording(profiles))
+    flown_s = flown.t_s - flown.t_s[0]
+    held_s = np.arange(0.0, flight.lead_in, 1.0 / flown.rate_hz)
+    time = np.concatenate([held_s, flown_s + flight.lead_in])
+    return {"time": time, **{n: np.concatenate([np.full(len(held_s), c[0]), c]) for n, c in flown.columns.items()}}
+
+
+def _recording(profiles: Profiles) -> Path:
+    card = profiles.card
+    if card.flight.recording is None:
+        raise ProfileError(f'card {card.name}: flight.recording: missing, with flight.source = "recording"')
+    return Path(card.flight.recording)
+
+
+def load(card: str) -> Profiles:
+    """A card's profiles. A recording that is flown brings its own aircraft, the place of its IMU and its own noise."""
+    profiles = load_card(card)
+    if profiles.card.flight.source != "recording":
+        return profiles
+    about = metadata(_recording(profiles)).about
+    place = about.rig.imu_position if about.rig else (0.0, 0.0, 0.0)
+    rig = profiles.rig.model_copy(update={"imu_position": place}).without_noise()
+    return profiles.model_copy(update={"aircraft": about.aircraft, "rig": rig})

@@ -1,0 +1,59 @@
+"""station check: opens every device and prints go / no-go."""
+
+from __future__ import annotations
+
+import math
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from station.clock import SystemClock
+from station.commands.cards import load
+from station.commands.common import CardName, finite
+from station.commands.process import stop_on_signals
+from station.console import DEGRADED, DONE, say
+from station.flight.bus import Bus
+from station.flight.emulators import Emulated, emulators, streams_flown
+from station.identification.remarks import about_air
+from station.rows import Event
+
+
+def check(
+    card: CardName = "bench",
+    seconds: Annotated[float, typer.Option(help="how long to listen", min=0.5, callback=finite)] = 5.0,
+) -> int:
+    """Validate the profiles, listen to each device, print a go / no-go table."""
+    from drivers.adapter import check_devices, open_devices
+    from station.flight import loop as live
+    from station.flight.alignment import Aligner
+    from station.flight.board import Board
+    from station.screen.go_no_go import print_check
+
+    profiles = load(card)
+    devices = {d.name for d in profiles.rig.devices}
+    rig_dir = Path(profiles.rig_dir)
+    check_devices(profiles.rig, rig_dir)
+    for words in about_air(profiles.rig, profiles.aircraft):
+        say(words)
+    clock, bus, stop = SystemClock(), Bus(), threading.Event()
+    board = Board(profiles, clock)
+    told: list[Event] = []
+    with ExitStack() as stack:
+        emulated = stack.enter_context(emulators(card, devices, bus, clock)) if profiles.card.emulate else Emulated()
+        streams = streams_flown(profiles.rig, emulated)
+        aligner = Aligner(streams, profiles.rig.noise_si())
+        for adapter in open_devices(profiles.rig, emulated.endpoints, rig_dir, clock, bus.put):
+            adapter.start()
+            stack.callback(adapter.stop)
+        stop_on_signals(stop)
+        # The last beat carries a health row: they come once a second.
+        for tick, rows, _ in live.beats(bus, clock, profiles.card.lag, stop, math.ceil(seconds) + 0.02):
+            for row in rows:
+                aligner.accept(row)
+            _, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
+            told += [e for e in (*rows, *events) if isinstance(e, Event)]
+            board.update([*rows, *events, *([health] if health else [])])
+    return DONE if print_check(profiles.card.name, board, streams, told) else DEGRADED

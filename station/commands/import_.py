@@ -1,0 +1,25 @@
+"""station import: a recording of a record from elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from station.console import DONE, say
+from station.profile import load_aircraft
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="fdata .mat, .csv, HFB-320 .asc, DataFlash .bin, .ulg")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="LOG", help="the recording to make")],
+    aircraft: Annotated[str, typer.Option(metavar="NAME", help="aircraft profile")],
+) -> int:
+    """Make a station recording of a record from elsewhere."""
+    from drivers.dataflash import read_dataflash
+    from station.convert import import_file, reader_of
+
+    count = import_file(file, out, load_aircraft(aircraft), {".bin": reader_of("dataflash", read_dataflash)})
+    say(f"{out}: {count} rows")
+    return DONE

@@ -1,0 +1,19 @@
+"""station recover: what can be read of a broken recording, as a new one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from station.commands.common import LogPath, there
+from station.console import DONE, say
+from station.log import recover as write_recovered
+
+
+def recover(log: LogPath, out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="new file")]) -> int:
+    """Write every readable row of a broken recording into a new, complete file."""
+    summary = write_recovered(there(log), out)
+    say(f"{out}: {summary.rows} rows; the original is {summary.verdict}")
+    return DONE

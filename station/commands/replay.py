@@ -1,0 +1,79 @@
+"""station replay: the same estimators over a recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from typing import Annotated
+
+import typer
+
+from station.clock import SystemClock
+from station.commands.common import LogPath, ViewMode, judged, profiles_of
+from station.console import DONE, ERROR, say
+from station.log import metadata, read_rows
+from station.rows import Rows, UsageError
+
+
+def replay(
+    log: LogPath,
+    speed: Annotated[str, typer.Option(metavar="X|max", help="times real time")] = "max",
+    view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.none,
+    verify: Annotated[bool, typer.Option("--verify", help="compare with the recorded estimates bit for bit")] = False,
+) -> int:
+    """Run the same estimators over a recording."""
+    from station.estimation.instrument_errors import corrector
+    from station.estimation.methods import Estimator
+    from station.flight import loop as live
+    from station.flight.alignment import Aligner
+    from station.flight.replay_check import Comparison
+    from station.model.disagreement import Disagreement
+    from station.screen.rerun_page import View
+
+    rate = None if speed == "max" else _positive(speed, "--speed")
+    about = metadata(log).about
+    if about.imported or about.rig is None or about.card is None:
+        raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
+    clock = SystemClock()
+    noise = about.rig.noise_si()
+    estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
+    estimator.warm_up()
+    watch = Disagreement(about.aircraft, about.rig.imu_position, about.rig.frame_noise_si())
+    correct = corrector(about.aircraft, about.rig.frame_noise_si(), about.rig.imu_position)
+    source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
+    if rate is not None:
+        source = live.paced(source, clock, rate)
+    found = Comparison()
+    with ExitStack() as stack:
+        show = None
+        if view is not ViewMode.none:
+            viewer = View(view.value, f"replay of {log.name}", profiles_of(about), on_event=lambda _: None)
+            stack.callback(viewer.close)
+            say(f"viewer: {viewer.start()}")
+
+            def show(rows: Sequence[Rows]) -> None:
+                viewer.show(rows)
+                # Faster than it can be drawn: wait, or ticks would be dropped.
+                if rate is None and found.beats % 200 == 0:
+                    viewer.flush(10.0)
+
+        live.run(source, Aligner(about.streams, noise), estimator, None, show, found.take, watch, correct)
+    if found.beats == 0:
+        raise UsageError(f"{log}: no ticks in it: nothing to replay")
+    print(f"{found.beats} ticks, {found.rows} rows compared, {found.different} different")
+    if verify and found.different:
+        say(found.first)
+        return ERROR
+    whole = judged(log)
+    return DONE if verify else whole
+
+
+def _positive(text: str, option: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < math.inf:
+        raise UsageError(f"{option}: {text!r} is not a number above 0")
+    return value

@@ -1,0 +1,132 @@
+"""A diagnosis as station.diagnose/1, the whole of contract.md's, for JSON and the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+from station.diagnosis import judge
+from station.diagnosis.checks import Seen
+from station.diagnosis.detectable import detectable_sizes
+from station.diagnosis.effects import BY_ID
+from station.diagnosis.procedure import Diagnosis, Effect
+from station.diagnosis.search import FIRST
+
+SCHEMA: Final = "station.diagnose/1"
+
+
+def as_json(d: Diagnosis) -> dict[str, Any]:
+    """station.diagnose/1; more than the contract's fields is there, nothing less."""
+    problem, found = d.problem, d.found
+    white = {name: p > d.leftover.log_p_limit for name, p in d.leftover.by_series}
+    residuals: dict[str, Any] = {}
+    for name in white:
+        before = [judge.channel_error(r, d.before).get(name, float("nan")) for r in problem.references]
+        after = [judge.channel_error(r, d.after).get(name, float("nan")) for r in problem.references]
+        residuals[name] = {"rms_before": _rms(before), "rms_after": _rms(after), "white": white[name]}
+    return {
+        "schema": SCHEMA,
+        "aircraft": d.aircraft.name,
+        "fitted_on": [r.record.name for r in problem.references],
+        "held_out": [r.record.name for r in d.held_out],
+        "verdict": d.verdict,
+        "effects": [*map(_seen_json, d.seen), *(_effect_json(e, _is_suspect(d, e)) for e in d.effects)],
+        "gain": _gain_json(d),
+        "unexplained": {
+            "present": d.leftover.present,
+            "signals": list(d.leftover.signals) if d.leftover.present else [],
+            "band_hz": list(d.leftover.band_hz) if d.leftover.present else [],
+            "series": d.leftover.series if d.leftover.present else "",
+            "like": d.leftover.like if d.leftover.coherent else "",
+            "log_p": d.leftover.log_p,
+            "log_p_limit": d.leftover.log_p_limit,
+            "score": d.leftover.score,
+            "score_limit": d.leftover.score_limit,
+        },
+        "with_model_error": _doubted_json(d),
+        "residuals": residuals,
+        "derivatives": {
+            a.name: {"change_percent": 100 * a.sd * float(m), "in_prior_sd": float(m)}
+            for a, m in zip(problem.allowed, found.accepted.moved, strict=False)
+            if a.relinear
+        },
+        "noise": {r.record.name: dict(r.noise) for r in problem.references},
+        "gust_sigma_mps": {r.record.name: g for r, g in zip(problem.references, found.accepted.gust, strict=True)},
+        "excluded": [
+            {"id": f.ids[0], "value": f.values[f.ids[0]], "drop": max(found.screened - f.cost, 0.0)}
+            for f in found.singles
+            if f.ids[0] not in found.accepted.values and math.isfinite(f.cost)
+        ],
+        "detectable": [
+            {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.rival}
+            for x in detectable_sizes(problem, found.accepted.gust)
+        ],
+        "remarks": list(d.remarks),
+    }
+
+
+def _seen_json(s: Seen) -> dict[str, Any]:
+    return {
+        "id": s.id,
+        "sentence": s.sentence,
+        "value": s.value,
+        "unit": s.unit,
+        "shown": s.unit,
+        "ci95": [s.value, s.value],
+        "evidence": {"p_value": 0.0, "signature": s.signature, "drop": None},
+        "confounded_with": [],
+        "separate_by": s.separate_by,
+        "suspect": False,
+    }
+
+
+def _is_suspect(d: Diagnosis, e: Effect) -> bool:
+    """Whether what is unexplained may have made it: not where the instruments say so among themselves."""
+    sure = d.doubted is not None and d.doubted.support.get(e.term.id, 0.0) > FIRST
+    return d.verdict == "unexplained" and not sure
+
+
+def _doubted_json(d: Diagnosis) -> dict[str, Any] | None:
+    if d.doubted is None:
+        return None
+    return {
+        "missed": dict(d.doubted.shares),
+        "instruments_say": {n: v for n, v in d.doubted.support.items() if v > 0},
+        "with_the_model_taken_for_right": [_effect_json(e, True) for e in d.strict],
+    }
+
+
+def _rms(values: Sequence[float]) -> float:
+    good = [v for v in values if math.isfinite(v)]
+    return math.sqrt(sum(v * v for v in good) / len(good)) if good else float("nan")
+
+
+def _effect_json(e: Effect, suspect: bool) -> dict[str, Any]:
+    target = f"{e.term.target}: -2 log likelihood falls by {e.drop:.1f}"
+    return {
+        "id": e.term.id,
+        "sentence": e.term.words(e.value),
+        "value": e.value,
+        "unit": e.term.unit,
+        "shown": e.term.shown,
+        "ci95": list(e.ci95),
+        "evidence": {"p_value": math.erfc(math.sqrt(0.5 * max(e.drop, 0.0))), "signature": target, "drop": e.drop},
+        "confounded_with": list(e.rivals),
+        "separate_by": e.term.separate_by if e.rivals else "",
+        "suspect": suspect,
+    }
+
+
+def _gain_json(d: Diagnosis) -> dict[str, Any] | None:
+    g = d.gain
+    if g is None:
+        return None
+    return {
+        "metric": "held-out normalised output error",
+        "before": g.before,
+        "after": g.after,
+        "reduction_percent": 100 * g.reduction,
+        "ci95": [100 * g.low, 100 * g.high],
+        "by_record": [{"record": n, "before": b, "after": a} for n, b, a in g.by_record],
+    }

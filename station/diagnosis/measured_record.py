@@ -1,0 +1,265 @@
+"""A manoeuvre as diagnosis takes it: a recording's signals on one uniform grid, long gaps refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.profile import Aircraft
+from station.rows import UsageError
+from station.simulation.airframe import atmosphere
+
+Array = NDArray[np.float64]
+
+NEEDED: Final = ("alpha_vane", "q", "theta", "ax", "az", "airspeed", "elevator")
+OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "p", "r", "thrust")
+"""Used where they are there throughout; without velocity the motion is integrated from the accelerometers."""
+SHORTEST_S: Final = 6.0
+PIECE_S: Final = 45.0
+LONGEST_S: Final = 75.0
+BRIDGED_S: Final = 0.25
+SLOWEST: Final = 8.0
+HELD_SAMPLES: Final = 3
+_EXCITED: Final = math.radians(0.3)
+"""Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
+_STRAIGHT: Final = math.radians(4.0)
+_BANKED: Final = math.radians(30.0)
+"""Bank from which wings-level flight is no measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One manoeuvre: `signals` (n,) each, SI, every `dt` seconds; "v_along" is the ground speed along the mean heading.
+
+    `density` (kg/m3) and `height` (m) are means. `missing` are the optional signals that are not there.
+    """
+
+    name: str
+    dt: float
+    start_s: float
+    signals: Mapping[str, Array]
+    density: float
+    height: float
+    missing: tuple[str, ...] = ()
+    held: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    """Signals that repeat their values, and the samples at which they are fresh."""
+    mass: float | None = None
+    """kg and kg m2, where the record itself has them (means)."""
+    iyy: float | None = None
+    lost: float = 0.0
+    """Share of rows in which a needed signal was missing and bridged."""
+    imu: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the rig says the imu is, from the CG in body axes, m."""
+    stated: Mapping[str, float] = field(default_factory=dict)
+    """The noise that the rig states, SI."""
+    gaps: str = ""
+    """What was left out of the recording, in words."""
+
+    @property
+    def n(self) -> int:
+        return len(self.signals["q"])
+
+    @property
+    def seconds(self) -> float:
+        return self.n * self.dt
+
+
+def why_not_flown(aircraft: Aircraft) -> str:
+    """What keeps the simulation from flying an aircraft beside its records; "" if nothing does."""
+    if aircraft.kinematics_only:
+        return "the profile has no aerodynamic data"
+    there = {"inertia.iyy": aircraft.inertia.iyy, **{n: aircraft.value(n) for n in ("CL_alpha", "Cm_de")}}
+    missing = [name for name, value in there.items() if not value]
+    return f"the profile gives no {', '.join(missing)}" if missing else ""
+
+
+def manoeuvres(
+    name: str,
+    t_s: Array,
+    columns: Mapping[str, Array],
+    aircraft: Aircraft,
+    spans: Sequence[tuple[float, float]] = (),
+) -> list[Record]:
+    """A recording cut into manoeuvres: the marked `spans` (s), else pieces of about PIECE_S; and where a signal that is
+    needed has a gap.
+
+    Pieces that are too short, or without excitation, are left out. Raises UsageError where none remains, saying why.
+    """
+    lacking = [s for s in NEEDED if s not in columns or not np.isfinite(columns[s]).any()]
+    if lacking:
+        raise UsageError(f"{name}: cannot be diagnosed: it has no {', '.join(lacking)}")
+    if len(t_s) < 10:
+        raise UsageError(f"{name}: {len(t_s)} rows are too few")
+    dt = float(np.median(np.diff(t_s)))
+    if dt > 0.2:
+        raise UsageError(f"{name}: {1 / dt:.2g} Hz is too slow: 5 Hz are needed")
+    first, last = float(t_s[0]), float(t_s[-1])
+    if not spans:
+        pieces = 1 if last - first <= LONGEST_S else round((last - first) / PIECE_S)
+        edges = np.linspace(first, last, pieces + 1)
+        spans = list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+    parts = [part for start, end in spans for part in _between_gaps(t_s, columns, start, end)]
+    left_out = sum(end - start for start, end in spans) - sum(end - start for start, end in parts)
+    spans = parts
+    found, refused = [], ""
+    for k, (start, end) in enumerate(spans):
+        label = name if len(spans) == 1 else f"{name} #{k + 1}"
+        try:
+            found.append(_piece(label, t_s, columns, aircraft, start, end, dt))
+        except UsageError as refusal:
+            refused = str(refusal)
+    if not found:
+        raise UsageError(refused)
+    if left_out > 0:
+        found[0] = replace(found[0], gaps=f"{name}: {left_out:.1f} s left out, with gaps in what is needed")
+    return found
+
+
+def _between_gaps(t_s: Array, columns: Mapping[str, Array], start: float, end: float) -> list[tuple[float, float]]:
+    """The parts of a span, long enough to be judged, in which no signal that is needed is away for longer than
+    BRIDGED_S; the span itself where there is none."""
+    inside = (t_s >= start - 1e-9) & (t_s <= end + 1e-9)
+    away: list[tuple[float, float]] = []
+    for name in NEEDED:
+        t = t_s[inside & np.isfinite(columns[name])]
+        apart = np.flatnonzero(np.diff(t) > BRIDGED_S + float(np.median(np.diff(t_s))))
+        away += zip(t[apart].tolist(), t[apart + 1].tolist(), strict=True)
+    parts, since = [], start
+    for last, first in sorted(away):
+        if last - since >= SHORTEST_S:
+            parts.append((since, last))
+        since = max(since, first)
+    if end - since >= SHORTEST_S:
+        parts.append((since, end))
+    return parts if away and parts else [(start, end)]
+
+
+def _piece(
+    name: str, t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft, start: float, end: float, dt: float
+) -> Record:
+    rows = np.flatnonzero((t_s >= start - 1e-9) & (t_s <= end + 1e-9))
+    usable = np.all([np.isfinite(columns[s][rows]) for s in NEEDED], axis=0)
+    if not usable.any():
+        raise UsageError(f"{name}: no instant from {start:g} to {end:g} s has all of {', '.join(NEEDED)}")
+    rows = rows[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1]
+    times = t_s[rows]
+    grid = times[0] + dt * np.arange(math.floor((times[-1] - times[0]) / dt + 1e-6) + 1)
+    if len(grid) * dt < SHORTEST_S:
+        raise UsageError(f"{name}: {len(grid) * dt:.1f} s are too short: {SHORTEST_S:g} s are needed")
+    signals: dict[str, Array] = {}
+    missing = []
+    for s in (*NEEDED, *OPTIONAL, "dynamic_pressure"):
+        column = columns.get(s)
+        values = None if column is None else _on_grid(column[rows], times, grid, s == "psi")
+        if values is None:
+            if s in NEEDED:
+                raise UsageError(f"{name}: {s} has a gap of more than {BRIDGED_S:g} s")
+            missing.append(s)
+        else:
+            signals[s] = values
+    if signals["airspeed"].min() < SLOWEST:
+        raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
+    if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
+        raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
+    if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
+        most = math.degrees(float(np.abs(signals["phi"]).max()))
+        raise UsageError(f"{name}: banked to {most:.0f} deg: what is compared with flies wings level")
+    mass, iyy = _mean(columns, "mass", rows), _mean(columns, "iyy", rows)
+    lost = float(1 - usable[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1].mean())
+    density, height = _air(columns, rows, signals, aircraft)
+    if "dynamic_pressure" not in signals:
+        signals["dynamic_pressure"] = 0.5 * density * signals["airspeed"] ** 2
+    held: dict[str, NDArray[np.int64]] = {
+        s: fresh for s in ("v_down", "v_north", "v_east") if s in signals and len(fresh := held_samples(signals[s]))
+    }
+    _along(signals)
+    if "v_north" in held:
+        held["v_along"] = held["v_north"]
+    if "v_along" not in signals:
+        missing.append("v_along")
+    return Record(
+        name, dt, float(grid[0]), signals, density, height, tuple(missing), held,
+        mass=mass, iyy=iyy, lost=lost,
+    )  # fmt: skip
+
+
+def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | None:
+    """On the grid by straight lines; None where a gap is longer than BRIDGED_S."""
+    good = np.isfinite(column)
+    if good.sum() < 2:
+        return None
+    t, x = times[good], column[good]
+    if max(float(np.diff(t).max()), t[0] - grid[0], grid[-1] - t[-1]) > BRIDGED_S + (grid[1] - grid[0]):
+        return None
+    made: Array = np.interp(grid, t, np.unwrap(x) if wraps else x)
+    return made
+
+
+def held_samples(x: Array) -> NDArray[np.int64]:
+    """The samples at which a value that is held is new; empty for one that is new more often than each third time."""
+    changes = np.flatnonzero(np.diff(x) != 0) + 1
+    if len(changes) < 4 or np.median(np.diff(changes)) < HELD_SAMPLES:
+        return np.empty(0, dtype=np.int64)
+    return changes
+
+
+def _mean(columns: Mapping[str, Array], name: str, rows: NDArray[np.int64]) -> float | None:
+    column = columns.get(name)
+    if column is None or not np.isfinite(column[rows]).any():
+        return None
+    return float(np.nanmean(column[rows]))
+
+
+def _air(
+    columns: Mapping[str, Array], rows: NDArray[np.int64], signals: Mapping[str, Array], aircraft: Aircraft
+) -> tuple[float, float]:
+    """Mean density (kg/m3) and height (m), from static air data, altitude or dynamic pressure, in this order."""
+
+    def mean(name: str) -> float:
+        found = _mean(columns, name, rows)
+        return float("nan") if found is None else found
+
+    pressure, temperature, altitude = mean("static_pressure"), mean("air_temperature"), mean("altitude")
+    if math.isfinite(pressure) and math.isfinite(temperature):
+        density = pressure / (287.05287 * temperature)
+        by_pressure = (1 - (pressure / 101325.0) ** (1 / 5.255876)) * 288.15 / 0.0065
+        height = altitude if math.isfinite(altitude) else by_pressure
+    elif math.isfinite(altitude):
+        density, height = float(atmosphere(altitude)[2]), altitude
+    elif "dynamic_pressure" in signals:
+        density = float(np.mean(2 * signals["dynamic_pressure"] / signals["airspeed"] ** 2))
+        height = (1 - (density / 1.225) ** (1 / 4.255876)) * 288.15 / 0.0065
+    else:
+        density, height = aircraft.air_density or 1.225, 0.0
+    return aircraft.air_density or density, height
+
+
+def _along(signals: dict[str, Array]) -> None:
+    """Ground speed along the mean heading in place of v_north and v_east, where the heading is steady."""
+    north, east = signals.pop("v_north", None), signals.pop("v_east", None)
+    heading = signals.pop("psi", None)
+    if north is None or east is None:
+        return
+    if heading is None:
+        heading = np.unwrap(np.arctan2(east, north))
+    if np.ptp(heading) > _STRAIGHT:
+        return
+    mean = float(np.mean(heading))
+    signals["v_along"] = north * math.cos(mean) + east * math.sin(mean)
+
+
+def describe_missing(record: Record) -> str:
+    """What cannot be judged for want of signals; empty where nothing is missing."""
+    words = [record.gaps] if record.gaps else []
+    if "v_down" in record.missing:
+        words.append("no vertical velocity: slow gusts and slow motion are not told apart, velocity is not judged")
+    if "v_along" in record.missing:
+        words.append("no ground speed along a steady heading: horizontal accelerations are not checked against it")
+    if "thrust" in record.missing:
+        words.append("no thrust: taken as constant")
+    return "; ".join(words)

@@ -1,0 +1,326 @@
+"""Where the aircraft's model itself is in doubt: what may be wrong with it, and by how much.
+
+Terms that the profile lacks, and its derivatives well beyond their stated uncertainty, are all allowed for at once.
+What the model still misses in lift, moment and drag is added to the noise of those series, so that only what exceeds it
+can name anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.diagnosis.effects import (
+    BY_ID,
+    DERIVATIVES,
+    Allowance,
+    Term,
+    allowances,
+    bias,
+    boom,
+    delay,
+    derivative,
+    extended,
+    unsteady,
+)  # fmt: skip
+from station.diagnosis.fit import Fit, Problem, moved_by
+from station.diagnosis.nonlinearity import Bent
+from station.diagnosis.reference import Reference, Whitener, spread
+from station.diagnosis.residuals import DRAG, LIFT, MOMENT, SERIES, Spectra
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+LOOSER: Final = 3.0
+"""Standard deviations of the derivatives, over those stated."""
+TRIM: Final[Mapping[str, float]] = {"CL_0": 0.2, "Cm_0": 0.1, "CD_0": 0.05}
+"""Standard deviations of what says where the aircraft trims: next to nothing is known of it."""
+NAMED: Final = 18.0
+"""(value / standard deviation)2 from which a part of the model is named as wrong."""
+LEAST_CHANGE: Final = 2.0
+"""Stated standard deviations by which a derivative must have moved to be named as wrong."""
+BEYOND: Final = 3.5
+"""The same, with the model's structure not in doubt, within the price that they put on it."""
+GYRO: Final = "q bias"
+GYRO_ZERO: Final = Term(
+    "q.bias", "q", 0, "rad/s", "deg/s", -0.2, 0.2, 1e-3, "The gyro's zero is off by {value}.",
+    "the gyro at rest on the ground", bias("q"),
+)  # fmt: skip
+SHARES: Final = (1.0, 0.5, 0.25)
+"""Of a step, tried in turn."""
+ROUNDS: Final = 4
+"""How often what the model misses is found from what is left and the model fitted again."""
+WIDTH: Final = 11
+"""Frequencies over which what the model misses is taken as smooth."""
+
+LOOSE: Final[Mapping[str, float]] = {
+    "aero.alpha_squared": 15.0, "aero.speed_terms": 0.5, "aero.unsteady_lift": 1.0, "gust.tail_penetration": 0.5,
+    "gust.lead": 0.5,
+    "aero.downwash_lag": 0.05, "aero.CL_q": 15.0, "aero.CL_de": 0.5, "thrust.moment": 0.3,
+}  # fmt: skip
+"""Standard deviations, SI, of the parts that a model may lack, where nothing is known."""
+FROZEN: Final = 0.02
+"""The same of gust.lead where it is known how far ahead the vane is: the field hardly changes on that way, and lift
+acts near the CG."""
+ABSENT: Final[dict[str, float]] = {"Cm_alpha": 1.0, "Cm_q": 15.0, "Cm_de": 1.0, "CL_alpha": 5.0}
+"""The same of derivatives that a profile does not have at all."""
+BENT: Final[dict[str, float]] = {"CL_alpha3": 150.0, "Cm_alpha2": 5.0, "Cm_alpha3": 50.0}
+"""The same of what bends lift and moment beside aero.alpha_squared: tables do not follow a parabola."""
+TAIL: Final = (
+    Allowance("tail lift slope", 0.4, unsteady("tail_lift_slope")),
+    Allowance("downwash", 0.2, unsteady("downwash")),
+)
+"""How lift and moment are shared between wing and tail, which meet motion and gusts at different times."""
+UNSTATED: Final = (
+    Allowance("vane position", 8.0, boom("vane_x")),
+    Allowance("vane upwash", 0.15, boom("upwash_body")),
+    Allowance("vane latency", 0.1, delay("alpha_vane")),
+    Allowance("vane zero", math.radians(1.0), bias("alpha_vane")),
+)
+"""Of a vane that the profile says nothing about: where it is, what the body does to the flow there, how late it is."""
+
+GUST: Final = Term(
+    "gust.vertical", "alpha_vane CL Cm", 0, "m/s", "m/s", 0, 20, 0.1,
+    "The air moves: a vertical gust of {value} (standard deviation), process noise that the profile's model lacks.",
+    "the same manoeuvre in calm air", lambda a, _: a,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of the model that was allowed for, and where the data have moved it."""
+
+    term: Term
+    value: float
+    sd: float
+    drop: float
+
+
+def incomplete(aircraft: Aircraft) -> bool:
+    """Whether the profile says nothing of a vane, or lacks one of the six derivatives."""
+    return aircraft.boom is None or not all(aircraft.value(name) for name in DERIVATIVES)
+
+
+def doubts(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple[Allowance, ...], dict[str, Term]]:
+    """What is allowed for where the model is in doubt, and the terms, by allowance, that name what was moved."""
+    named: dict[str, Term] = {}
+    out: list[Allowance] = []
+    for a in allowances(aircraft):
+        if a.name in DERIVATIVES:
+            out.append(replace(a, sd=LOOSER * a.sd))
+            named[a.name] = _derivative_term(a.name, aircraft)
+        else:
+            out.append(replace(a, sd=TRIM.get(a.name, a.sd)))
+    for name, sd in (ABSENT | BENT).items():
+        if not aircraft.value(name):
+            out.append(Allowance(name, sd, derivative(name), True))
+            named[name] = _derivative_term(name, aircraft)
+    for term in terms:
+        if term.id in LOOSE:
+            sd = FROZEN if term.id == "gust.lead" and aircraft.boom is not None else LOOSE[term.id]
+            out.append(Allowance(term.id, sd, term.extend))
+            named[term.id] = term
+    if aircraft.unsteady.memory:
+        out += TAIL
+    if aircraft.boom is None:
+        out += UNSTATED
+    return tuple(out), named
+
+
+def _derivative_term(name: str, aircraft: Aircraft) -> Term:
+    known = f"aero.{name}"
+    stated = aircraft.value(name)
+    if not stated and known in BY_ID:
+        return BY_ID[known]
+    if not stated:
+        return Term(known, name[:2], 0, "1", "1", -math.inf, math.inf, 1.0, f"The model lacks {name} = {{value}}.",
+                    "a multisine in calm air", derivative(name), aerodynamic=True)  # fmt: skip
+    return Term(known, name[:2], 0, "1", "%", -1, 3, 0.05, f"{name} is {{value}} off the profile's.",
+                "a multisine in calm air", derivative(name, relative=True), aerodynamic=True)  # fmt: skip
+
+
+def still(aircraft: Aircraft) -> Aircraft:
+    """An aircraft whose forces do not change: what is left against it is all of what was measured."""
+    gone = {n: d.model_copy(update={"value": 0.0}) for n, d in aircraft.derivatives.items() if not n.endswith("_0")}
+    drag = aircraft.drag and aircraft.drag.model_copy(update={"induced": 0.0})
+    unsteady = aircraft.unsteady.model_copy(update={"memory": False})
+    return aircraft.model_copy(
+        update={"derivatives": {**aircraft.derivatives, **gone}, "drag": drag, "unsteady": unsteady}
+    )
+
+
+def structures(aircraft: Aircraft) -> tuple[Aircraft, ...]:
+    """What the aircraft may be like: as the profile has it; and as the classical models have it, lift without memory,
+    wing and tail at one place. One is no small change of the other."""
+    if not aircraft.unsteady.memory:
+        return (aircraft,)
+    plain = aircraft.unsteady.model_copy(update={"memory": False})
+    return aircraft, aircraft.model_copy(update={"unsteady": plain})
+
+
+def tolerant(
+    reference: Reference, left: Spectra, whole: Spectra, gust: float
+) -> tuple[Reference, dict[str, tuple[float, float]]]:
+    """The manoeuvre with what the model leaves in lift, moment and drag taken as noise; and by series the power of that
+    and of all that was measured (`whole`)."""
+    calm, turbulent = spread(reference.bins)
+    own = calm + gust**2 * turbulent
+    wide = calm.copy()
+    powers = {}
+    for row, j in enumerate(reference.setting.judged):
+        if j not in (LIFT, MOMENT, DRAG):
+            continue
+        excess = np.maximum(_smooth(np.abs(left.bins[row]) ** 2) - own[:, row, row].real, 0.0)
+        wide[:, row, row] += excess
+        powers[SERIES[j]] = float(excess.sum()), float((np.abs(whole.bins[row]) ** 2).sum())
+    return replace(reference, bins=Whitener.of(wide, turbulent)), powers
+
+
+def _smooth(x: Array) -> Array:
+    """Mean over WIDTH neighbours, fewer at the ends."""
+    width = min(WIDTH, len(x))
+    ones = np.ones(width)
+    return np.asarray(np.convolve(x, ones, "same") / np.convolve(np.ones(len(x)), ones, "same"))
+
+
+@dataclass(frozen=True, slots=True)
+class Freed:
+    """Manoeuvres with the model free, and what it still misses taken as noise."""
+
+    problem: Problem
+    shares: Mapping[str, float]
+    """What the model misses, as a share of what was measured (root mean square), by series."""
+    moved: Array
+    """What is allowed for, then the drift of each manoeuvre, in standard deviations."""
+    cost: float
+    """-2 log likelihood."""
+
+
+def freed(
+    references: Sequence[Reference], aircraft: Aircraft, allowed: Sequence[Allowance], gust: Sequence[float],
+    values: Mapping[str, float], start: Array | None = None,
+) -> Freed:  # fmt: skip
+    """The model freed, and the noise of what it misses found from what it leaves, in turn.
+
+    `gust` as the instruments alone have it: a model in doubt would take its own errors for gusts. `values` are effects
+    thought to be there. `start` is what was moved before."""
+    subject = extended(aircraft, values)
+    whole = [r.differences(still(subject)) for r in references]
+    strength = tuple(gust)
+    moved = np.zeros(len(allowed) + len(references)) if start is None else start
+
+    def left() -> list[Spectra]:
+        there = extended(moved_by(aircraft, allowed, moved), values)
+        own = moved[len(allowed) :]
+        return [r.differences(there, float(x) * r.drift_sd) for x, r in zip(own, references, strict=True)]
+
+    for _ in range(ROUNDS):
+        made = [tolerant(r, z, w, g) for r, z, w, g in zip(references, left(), whole, strength, strict=True)]
+        problem = Problem([m[0] for m in made], aircraft, allowed, moved[: len(allowed)])
+        moved, cost = _on_the_way(problem, values, moved, problem.fixed(values, strength), strength)
+    problem = Problem([m[0] for m in made], aircraft, allowed, moved[: len(allowed)])
+    shares = {n: math.sqrt(sum(m[1][n][0] for m in made) / sum(m[1][n][1] for m in made)) for n in made[0][1]}
+    return Freed(problem, shares, moved, cost)
+
+
+def _on_the_way(
+    problem: Problem, values: Mapping[str, float], start: Array, fit: Fit, gust: Sequence[float]
+) -> tuple[Array, float]:
+    """What is moved, as far towards a fit along straight lines as it gains, and the cost there."""
+    before = problem.whole_cost(values, start, gust)
+    for share in SHARES:
+        trial = np.asarray(start + share * (fit.moved - start))
+        cost = problem.whole_cost(values, trial, gust)
+        if cost < before:
+            return trial, cost
+    return start, before
+
+
+def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, ...]:
+    """The parts of the model that the data have moved for good, the surest first."""
+    out = []
+    for allowance, moved, sd in zip(problem.allowed, *_posterior(problem, fit), strict=False):
+        term = named.get(allowance.name)
+        if term is None or (moved / sd) ** 2 < NAMED:
+            continue
+        stated = problem.aircraft.derivatives.get(allowance.name)
+        if stated is not None and stated.value and abs(moved) * LOOSER < LEAST_CHANGE:
+            continue
+        out.append(Part(term, float(moved * allowance.sd), float(sd * allowance.sd), float((moved / sd) ** 2)))
+    return tuple(sorted(out, key=lambda p: -p.drop))
+
+
+def beyond(problem: Problem, fit: Fit) -> dict[str, Part]:
+    """Derivatives, and the gyro's zero, that the data put where they are taken to be impossible, though nothing is left
+    over; by allowance."""
+    far = {
+        a.name: GYRO_ZERO if a.name == GYRO else _derivative_term(a.name, problem.aircraft)
+        for a, x in zip(problem.allowed, fit.moved, strict=False)
+        if a.name in (*DERIVATIVES, GYRO) and abs(x) > BEYOND
+    }
+    if not far:
+        return {}
+    loose = [replace(a, sd=LOOSER * a.sd) if a.name in far else a for a in problem.allowed]
+    freer = Problem(problem.references, problem.aircraft, loose)
+    own = freer.refit(fit.ids, fit.values, fit.gust) if fit.values else freer.null()
+    names = {term.id: name for name, term in far.items()}
+    return {names[p.term.id]: p for p in parts(freer, own, far)}
+
+
+BIASES: Final = ("theta bias", "az bias", "ax bias", "q bias")
+TOLD: Final = 0.02
+"""Least standard deviation of a derivative that was found with the model in doubt, as a share of it."""
+
+
+def mended(problem: Problem, fit: Fit) -> Aircraft:
+    """The profile with the effects found, and with the model as the data have it; derivatives with what is then known
+    of them. Zeros of instruments within what is usual are left out: they are of the flight."""
+    aircraft = problem.aircraft
+    out = extended(aircraft, fit.values)
+    _, sds = _posterior(problem, fit)
+    for a, moved, sd in zip(problem.allowed, fit.moved, sds, strict=False):
+        extended_by = a.extend(out, a.sd * float(moved))
+        if a.name in BIASES or isinstance(extended_by, Bent):
+            continue
+        out = extended_by
+        known = out.derivatives.get(a.name)
+        if known is not None:
+            stated = aircraft.derivatives.get(a.name)
+            size = abs(stated.value) if stated is not None and stated.value else 1.0
+            sd_now = max(2 * a.sd * float(sd) * size, TOLD * abs(known.value))
+            out = out.model_copy(
+                update={"derivatives": {**out.derivatives, a.name: known.model_copy(update={"sd": sd_now})}}
+            )
+    return out
+
+
+def _posterior(problem: Problem, fit: Fit) -> tuple[Array, Array]:
+    """What is allowed for, and its standard deviation, with the effects free beside it."""
+    here = problem.at(fit.values)
+    own = [problem.effect_columns(BY_ID[i], fit.values, here) for i in fit.values]
+    effects = [np.array([c[k] for c in own]).reshape(len(own), len(y)) for k, y in enumerate(here)]
+    x, inverse, _, _ = problem.solve(here, effects, problem.allowed_columns(fit.values, here), fit.gust)
+    return x[len(own) :], np.sqrt(np.diag(inverse)[len(own) :])
+
+
+def gusts(problem: Problem, fit: Fit) -> Part | None:
+    """The vertical gust as process noise: its strength, and what is lost without it."""
+    here = problem.at(fit.values)
+    none = [np.zeros((0, len(y))) for y in here]
+    allowed = problem.allowed_columns(fit.values, here)
+    _, _, found, cost = problem.solve(here, none, allowed, fit.gust)
+    still, _, _, _ = problem.solve(here, none, allowed, [0.0] * len(here), 1)
+    left = [y + still @ a for y, a in zip(here, allowed, strict=True)]
+    drop = problem.cost(left, [0.0] * len(here), still) - cost
+    k = int(np.argmax(found))
+    if drop < NAMED or not found[k]:
+        return None
+    scale = problem.shares[k] / (1 + found[k] ** 2 * problem.shares[k])
+    information = 0.5 * float((problem.counts[k] * scale**2).sum())
+    return Part(GUST, found[k], 0.5 / found[k] / math.sqrt(information), drop)

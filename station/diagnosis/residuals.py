@@ -1,0 +1,402 @@
+"""Seven series in which measured and predicted flight are compared, and their spectra.
+
+Three compare instruments with each other, without aerodynamics: attitude against the integral of the pitch rate,
+vertical and horizontal speed against the integrals of the accelerations. One compares the vane with what the inertial
+motion would show there; what is left is the gust. Lift, moment and drag compare forces with the aircraft's model, the
+gust of the vane included. Integrals, not derivatives: noise that is white in a sensor stays bounded.
+
+An effect is removed from the measured signals (the inverse of what the sensor did) or put into the model; both come
+from the aircraft's profile, so a candidate is nothing but another profile. Each series stays in the unit of its
+sensor's noise whatever the candidate scales: otherwise a scale would explain by shrinking the noise.
+
+All functions take leading axes: signals of (..., n) give series of (..., 7, n).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, signal
+
+from station.conventions import G0
+from station.diagnosis.corrections import corrected, gain_of, instrument_of, own_motion
+from station.diagnosis.nonlinearity import Bent
+from station.diagnosis.processing import (
+    Setting,
+    at_places,
+    back,
+    derivative,
+    indicial,
+    integral,
+    passed,
+    places_of,
+    transform,
+    without_line,
+)
+from station.profile import Aircraft, Boom
+from station.simulation.boom import NO_BOOM
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Signals = Mapping[str, Any]
+T = TypeVar("T")
+
+SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
+THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
+TAPER: Final = 0.25
+GUST_PASS_HZ: Final = (4.0, 6.0)
+"""The gust from the vane is passed up to the first and stopped from the second."""
+SPEED_PASS_HZ: Final = (0.3, 0.6)
+"""The speed that lift and moment depend on is passed up to the first and stopped from the second: dynamic pressure has
+the airspeed's noise, and so has the lift made with it; a dependence on the noise would be found."""
+
+
+class Memo:
+    """Stages of the residuals that candidates for one manoeuvre share, the latest few of each."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, dict[Hashable, Any]] = {}
+
+    def get(self, stage: str, key: Hashable, make: Callable[[], T]) -> T:
+        """The stage for a key, made where it is not there."""
+        kept = self._kept.setdefault(stage, {})
+        if key not in kept:
+            if len(kept) >= _KEPT.get(stage, len(kept) + 1):
+                del kept[next(iter(kept))]
+            kept[key] = make()
+        found: T = kept[key]
+        return found
+
+
+_KEPT: Final = {"signal": 48, "motion": 8, "flow": 8, "spectra": 8}
+
+
+class _Motion(NamedTuple):
+    """What attitude, rate, accelerations and velocities say, without aerodynamics; each (..., n)."""
+
+    q: Array
+    qdot: Array
+    ax: Array
+    az: Array
+    differences: Array
+    """(..., 3, n): THETA, DOWN, NORTH."""
+    theta: Array
+    down: Array
+    base: Array
+    """Speed through the air but for its mean."""
+    mean_speed: Array
+    airspeed: Array
+
+
+class _Flow(NamedTuple):
+    """The flow angle and the gust, and what they make of the vane."""
+
+    v0: Array
+    alpha_i: Array
+    gust: Array
+    wing: Array
+    """The flow angle as the wing's lift feels it; empty without memory."""
+    tail: Array
+    vane: Array
+    """The difference VANE."""
+
+
+_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "p", "r", "v_down", "v_along")
+
+
+def series(
+    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array = 0.0, memo: Memo | None = None
+) -> Array:
+    """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
+
+    `drift` (m/s, scalar or (..., 1)) is how much faster the aircraft moves through the air mass than its mean airspeed
+    says: a gust along the path that lasts as long as the manoeuvre hides in the mean. Units of the result:
+    rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is. With a `memo` of
+    these signals and this setting, what earlier candidates share is taken from there.
+    """
+    memo = memo or Memo()
+    x, motion, flow, _ = _stages(signals, aircraft, s, drift, memo)
+    return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft, s)], axis=-2)
+
+
+def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: float, memo: Memo) -> Spectra:
+    """The spectra of `series`, those without aerodynamics from the memo where they are there."""
+    x, motion, flow, key = _stages(signals, aircraft, s, drift, memo)
+    count = sum(j < LIFT for j in s.judged)
+    first = memo.get("spectra", key, lambda: spectra(_kinematic(motion, flow), s, s.judged[:count]))
+    forces = spectra(_forces(x, motion, flow, aircraft, s), s, tuple(j - LIFT for j in s.judged[count:]), False)
+    return Spectra(
+        np.concatenate([first.bins, forces.bins], axis=-2), np.concatenate([first.steady, forces.steady], axis=-1)
+    )
+
+
+def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> Array:
+    """The angle of attack at the CG (..., n), the gust of the vane included."""
+    _, _, flow, _ = _stages(signals, aircraft, s, 0.0, memo)
+    return np.asarray(flow.alpha_i + flow.gust)
+
+
+def _kinematic(motion: _Motion, flow: _Flow) -> Array:
+    return np.concatenate([motion.differences, flow.vane[..., None, :]], axis=-2)
+
+
+def _stages(
+    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array, memo: Memo
+) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
+    """Corrected signals, motion and flow, and what they were made from."""
+    found = {name: instrument_of(aircraft, name) for name in signals}
+    x = {
+        name: memo.get(
+            "signal", (name, found[name]), partial(corrected, values, found[name], s, own_motion(name, signals, s))
+        )
+        for name, values in signals.items()
+    }
+    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
+    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
+    of_drift = drift if isinstance(drift, float) else id(drift)
+    key = (first, found.get("alpha_vane"), aircraft.boom, aircraft.unsteady, aircraft.geometry.chord, of_drift)
+    return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s, drift)), key
+
+
+def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
+    theta, q, v = x["theta"], x["q"], x["airspeed"]
+    imu = aircraft.imu_at(s.imu)
+    qdot = derivative(q, s.dt)
+    ax = x["ax"] - qdot * imu[2] + q * q * imu[0]
+    az = x["az"] + qdot * imu[0] + q * q * imu[2]
+    bank = x.get("phi")
+    turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
+    level = 1.0 if bank is None else np.cos(bank)
+    cos, sin = np.cos(theta), np.sin(theta)
+    climb = integral(az * cos * level - ax * sin + G0, s.dt)
+    along = integral(ax * cos + az * sin * level, s.dt)
+    down = without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
+    out = np.zeros((*q.shape[:-1], 3, s.n))
+    out[..., THETA, :] = (theta - integral(turned, s.dt)) * _scaled(aircraft, s, "theta")
+    out[..., DOWN, :] = down - climb
+    ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
+    if ground is not None:
+        out[..., NORTH, :] = ground - along
+    base = v if ground is None else ground
+    return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True), v)
+
+
+def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Setting, drift: float | Array) -> _Flow:
+    # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
+    # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
+    # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
+    # Either is a few per cent of the gust, and looks like another tail.
+    w = s.omega
+    v0 = motion.mean_speed + drift
+    inertial = motion.base + v0
+    there, again = places_of(inertial, v0, s)
+    boom = aircraft.boom or NO_BOOM
+    unsteady = aircraft.unsteady
+    chord = aircraft.geometry.chord
+    chords = v0 / (unsteady.reference_chord or chord)
+    alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
+    along = transform(at_places(alpha_i, there), s)
+    vane_response = _vane_response(boom, w)
+    upwash_spectrum = indicial(unsteady.upwash_motion, w, chords) * along
+    gust_upwash = indicial(unsteady.upwash_gust, w, chords)
+    turned = turned_tail = np.zeros(along.shape, dtype=complex)
+    turned_boom: float | Array = 0.0
+    if s.gusty:
+        surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
+        moved = at_places(alpha_i, there)
+        moved = moved - moved.mean(-1, keepdims=True)
+        surging = transform(surge, s)
+        turned = transform(-moved * surge, s)
+        turned_tail = transform(-moved * back(surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
+        at_boom = moved - at_places(motion.q * boom.vane_x / inertial, there)
+        turned_boom = at_places(-at_boom * back(surging * np.exp(1j * w * boom.gust_x / v0), s), again)
+        upwash_spectrum = upwash_spectrum + gust_upwash * turned
+    upwash = at_places(back(upwash_spectrum, s), again)
+    sinking = motion.q * boom.vane_x
+    if boom.vane_y and "p" in x:
+        sinking = sinking - x["p"] * boom.vane_y
+    inside = (1 + boom.upwash_body) * (alpha_i - sinking / inertial + turned_boom) + boom.upwash_wing * upwash
+    shown = transform(inside, s)
+    given: float | Complex = 1.0
+    if boom.flexure or boom.tip_load:
+        bend, load = _bending(boom, w, v0), motion.az
+        if boom.mode_frequency is not None:
+            load = load - motion.qdot * boom.vane_x
+        given = 1 + bend * (boom.tip_load / 1000 * 0.5 * (aircraft.air_density or 1.225) * v0**2)
+        shown = shown * given + transform(boom.flexure * load, s) * bend
+    vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
+
+    gust = np.zeros(along.shape, dtype=complex)
+    ahead = np.exp(1j * w * aircraft.gust_edge / v0)
+    if s.gusty:
+        met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
+        met = (met + boom.upwash_wing * gust_upwash * ahead) * given
+        quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
+        gust = transform(at_places(quick, there), s) / met
+    wing_series = tail_series = np.empty(0)
+    if unsteady.memory:
+        late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
+        wing = indicial(unsteady.lift_motion, w, chords) * along
+        wing += indicial(unsteady.lift_gust, w, chords) * (ahead * gust + turned)
+        tail = along + turned_tail + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
+        tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
+        wing_series = at_places(back(wing, s), again)
+    gust_series = at_places(back(gust + turned, s), again)
+    shown_gust = _scaled(aircraft, s, "alpha_vane") * _bent_by_gusts(boom, s, v0)
+    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * shown_gust)
+
+
+def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
+    """Lift, moment and drag (..., 3, n): the coefficients measured less those of the model."""
+    q, ax, az, de, v, qbar = motion.q, motion.ax, motion.az, x["elevator"], x["airspeed"], x["dynamic_pressure"]
+    value, unsteady = aircraft.value, aircraft.unsteady
+    area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
+    mass, inertia = aircraft.inertia.mass, aircraft.inertia.iyy or 1.0
+    thrust = x.get("thrust", s.thrust)
+    alpha = flow.alpha_i + flow.gust
+    force = qbar * area
+    cx = (mass * ax - thrust * math.cos(aircraft.thrust_angle)) / force
+    cz = (mass * az + thrust * math.sin(aircraft.thrust_angle)) / force
+    sin, cos = np.sin(alpha), np.cos(alpha)
+    cl, cd = cx * sin - cz * cos, -cx * cos - cz * sin
+    turning = inertia * motion.qdot
+    own = aircraft.inertia
+    if "p" in x and "r" in x and own.ixx is not None and own.izz is not None:
+        turning = turning + (own.ixx - own.izz) * x["p"] * x["r"] + own.ixz * (x["p"] ** 2 - x["r"] ** 2)
+    cm = (turning - thrust * aircraft.thrust_pitch_arm) / (force * chord)
+
+    reference = aircraft.reference_speed or motion.mean_speed
+    qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
+    faster: float | Array = 0.0
+    if value("CL_V") or value("Cm_V") or value("CD_V"):
+        faster = back(transform(v, s) * passed(s.omega, SPEED_PASS_HZ), s) / reference
+    cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
+    cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
+    if value("CL_gust") or value("Cm_gust"):
+        cl_model = cl_model + value("CL_gust") * flow.gust
+        cm_model = cm_model + value("Cm_gust") * flow.gust
+    cl_slope, cm_slope, cl_q, cm_q = value("CL_alpha"), value("Cm_alpha"), value("CL_q"), value("Cm_q")
+    if unsteady.memory:
+        share, arm, e = unsteady.tail_lift_slope, unsteady.tail_arm / chord, unsteady.downwash
+        tail = share * (flow.tail + q * unsteady.tail_arm / v)
+        cl_model = cl_model + (cl_slope - share * (1 - e)) * flow.wing + tail
+        cm_model = cm_model + (cm_slope + share * arm * (1 - e)) * flow.wing - arm * tail
+        cl_q -= 2 * share * arm * (1 + e)
+        cm_q += 2 * share * arm**2 * (1 + e)
+    else:
+        cl_model = cl_model + cl_slope * alpha
+        cm_model = cm_model + cm_slope * alpha
+    cl_model = cl_model + cl_q * qhat
+    cm_model = cm_model + cm_q * qhat
+    for power in (2, 3):
+        for name, bent in (("CL", cl_model), ("Cm", cm_model)):
+            if value(f"{name}_alpha{power}"):
+                bent += value(f"{name}_alpha{power}") * alpha**power
+    if isinstance(aircraft, Bent):
+        rate = derivative(flow.alpha_i, s.dt) * (0.5 * chord / v)
+        cl_model = cl_model + aircraft.more_lift(alpha)
+        cm_model = cm_model + aircraft.more_moment(alpha, rate, de)
+    if aircraft.drag is not None:
+        cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
+    else:
+        cd_model = value("CD_0") + value("CD_V") * faster + value("CD_alpha") * alpha
+
+    nominal = s.nominal.inertia
+    pressure = _scaled(aircraft, s, "dynamic_pressure")
+    lighter = nominal.mass / mass / pressure
+    easier = (nominal.iyy or 1.0) / inertia / pressure
+    out = np.empty((*q.shape[:-1], 3, s.n))
+    bent_by_gusts = _bent_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
+    out[..., 0, :] = (cl - cl_model) * lighter * _scaled(aircraft, s, "az") / bent_by_gusts
+    out[..., 1, :] = (cm - cm_model) * easier * _scaled(aircraft, s, "q")
+    out[..., 2, :] = (cd - cd_model) * lighter * _scaled(aircraft, s, "ax")
+    return out
+
+
+def _scaled(aircraft: Aircraft, s: Setting, name: str) -> float:
+    """A candidate's gain over that of the aircraft whose flights are beside."""
+    return gain_of(aircraft, name) / gain_of(s.nominal, name)
+
+
+def _bent_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
+    """What a boom that bends shows of a gust, whose lift bends it: 1 + flexure daz/dalpha.
+
+    The load at hand takes the bending by the gust out of VANE and puts its own noise into LIFT, both by this factor. To
+    be compared with other candidates, the gust must be as large as it shows and the noise as the accelerometer's: else
+    any bending that makes the gust smaller would be the likelier one.
+    """
+    if not s.gusty or not boom.flexure:
+        return 1.0
+    a = s.nominal
+    force = 0.5 * (a.air_density or 1.225) * speed**2 * a.geometry.wing_area
+    return np.asarray(1 - boom.flexure * force * a.value("CL_alpha") / a.inertia.mass)
+
+
+def _vane_response(boom: Boom, omega: Array) -> Complex:
+    return _second_order(boom.vane_frequency, boom.vane_damping, omega)
+
+
+def _second_order(frequency: float, damping: float, omega: Array) -> Complex:
+    wn = 2 * math.pi * frequency
+    return np.asarray(wn**2 / (wn**2 - omega**2 + 2j * damping * wn * omega), dtype=complex)
+
+
+def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
+    """What the vane shows of a load that would bend the boom by an angle of 1: a swinging tip also moves."""
+    if boom.mode_frequency is None:
+        return np.ones(len(omega), dtype=complex)
+    bent = _second_order(boom.mode_frequency, boom.mode_damping, omega)
+    return np.asarray(bent * (1 - 1j * omega * boom.mode_length / speed), dtype=complex)
+
+
+def _between(held: Array, integral: Array, fresh: NDArray[np.int64] | None) -> Array:
+    """A speed that repeats its values, filled in between its fresh ones by the integral of the acceleration."""
+    if fresh is None:
+        return held
+    difference = held[..., fresh] - integral[..., fresh]
+    at = np.arange(held.shape[-1])
+    flat = difference.reshape(-1, len(fresh))
+    filled = np.stack([np.interp(at, fresh, row) for row in flat]).reshape(held.shape)
+    return np.asarray(integral + filled)
+
+
+@dataclass(frozen=True, slots=True)
+class Spectra:
+    """`bins` (..., k, m): transforms at m frequencies of the k series judged, scaled so that a white series of variance
+    s2 has a mean |bin|2 of s2; `steady` (..., k): what the transform leaves out, slope times length for the integrated
+    series, mean for the others."""
+
+    bins: Complex
+    steady: Array
+
+    def minus(self, other: Spectra) -> Spectra:
+        return Spectra(self.bins - other.bins, self.steady - other.steady)
+
+
+def spectra(differences: Array, s: Setting, rows: tuple[int, ...] | None = None, integrated: bool = True) -> Spectra:
+    """Of series (..., 7, n): ends cut, line removed, tapered, transformed. `rows` in place of the setting's judged
+    ones; `integrated` tells whether the first three are integrals."""
+    c = s.cut
+    rows = s.judged if rows is None else rows
+    y = differences[..., list(rows), c : s.n - c]
+    n = y.shape[-1]
+    t, window, square = _window(n)
+    mean = y.mean(-1)
+    slope = (y @ t) / float(t @ t)
+    y = y - mean[..., None] - slope[..., None] * t
+    bins = fft.rfft(y * window, axis=-1)[..., s.bins] / math.sqrt(square)
+    sums = np.array([integrated and j in (THETA, DOWN, NORTH) for j in rows], dtype=bool)
+    return Spectra(bins, np.where(sums, slope, mean))
+
+
+@lru_cache(maxsize=16)
+def _window(n: int) -> tuple[Array, Array, float]:
+    """Time from -1/2 to 1/2, the taper, and the sum of its squares."""
+    window = signal.windows.tukey(n, TAPER)
+    return np.linspace(-0.5, 0.5, n), window, float((window**2).sum())

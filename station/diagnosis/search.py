@@ -1,0 +1,214 @@
+"""Which effects: every one alone, every pair, then more, each refitted; accepted by the drop in likelihood."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.diagnosis.effects import BY_ID, Term
+from station.diagnosis.fit import Fit, Problem, price
+
+Array = NDArray[np.float64]
+Start = tuple[float, tuple[str, ...], dict[str, float]]
+"""What a candidate promises along straight lines (a drop), its effects and their values."""
+
+FIRST: Final = 18.0
+"""Drop of -2 log likelihood for one effect: one false alarm in 200 clean flights."""
+FURTHER: Final = 18.0
+FURTHER_SHARE: Final = 0.03
+"""A further effect must also gain this share of what the first did: large corrections are never perfect."""
+PAIR: Final = 30.0
+RIVAL: Final = 6.0
+"""Candidates of one size within this of the best cannot be told from it."""
+SINGLES: Final = 7
+PAIRS: Final = 12
+PARTNERS: Final = 4
+HOPEFUL: Final = 0.5
+"""Share of the drop asked of a second effect that a pair must promise, along straight lines, to be refitted."""
+MOST: Final = 4
+"""Effects at once."""
+LEAST_PLACE: Final = 0.02
+"""Of the distance to the vane or to the tail: no drawing says better where on them a gust is met."""
+LEAST_TIME: Final = 0.05
+"""Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
+LEAST_PLAY: Final = 2.5
+"""Play below this many standard deviations of the elevator's noise is not judged."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Outcome of a search: what is accepted, what could be instead, and everything refitted on the way."""
+
+    null: Fit
+    accepted: Fit
+    rivals: tuple[Fit, ...]
+    singles: tuple[Fit, ...]
+    """Each effect alone, the best first; those not refitted have their linear estimate."""
+    refitted: Mapping[frozenset[str], Fit] = field(default_factory=dict)
+    screened: float = 0.0
+    """Cost of nothing, that the singles compare with."""
+
+    @property
+    def drop(self) -> float:
+        return self.null.cost - self.accepted.cost
+
+
+def least_judged(problem: Problem, terms: Sequence[Term]) -> dict[str, float]:
+    """The values below which effects are not judged, SI, for those that have such a limit."""
+    tick = LEAST_TIME * max(r.record.dt for r in problem.references)
+    least = {t.id: tick for t in terms if t.unit == "s"}
+    least["elevator.backlash"] = LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)
+    least |= dict.fromkeys(("gust.lead", "gust.tail_penetration"), LEAST_PLACE)
+    return least
+
+
+def search(
+    problem: Problem,
+    terms: Sequence[Term],
+    progress: Callable[[str], None] = lambda _: None,
+    first_asked: float = FIRST,
+) -> Found:
+    """Names of the effects that the records ask for, or none; `first_asked` is the drop asked of a single effect."""
+    more_asked = FURTHER + first_asked - FIRST
+    null = problem.null()
+    base = problem.at({})
+    refitted: dict[frozenset[str], Fit] = {}
+    least = least_judged(problem, terms)
+
+    def refit(ids: tuple[str, ...], start: Mapping[str, float], gust: Sequence[float]) -> Fit | None:
+        key = frozenset(ids)
+        if key not in refitted:
+            found = problem.refit(ids, start, gust)
+            if any(abs(found.values[i]) < least.get(i, 0.0) for i in ids):
+                found = Fit(found.values, found.sds, found.moved, found.gust, math.inf)
+            refitted[key] = found
+        kept = refitted[key]
+        return kept if math.isfinite(kept.cost) else None
+
+    progress(f"screening {len(terms)} effects")
+    linear = [_screened(problem, term, base, null) for term in terms]
+    order = sorted(range(len(terms)), key=lambda i: linear[i].cost)
+    for i in order[:SINGLES]:
+        refit((terms[i].id,), linear[i].values, linear[i].gust)
+    singles = sorted((refitted.get(frozenset(fit.ids), fit) for fit in linear), key=lambda fit: (fit.cost, fit.ids))
+    best = singles[0] if singles and frozenset(singles[0].ids) in refitted else null
+    first = null.cost - best.cost
+
+    accepted = null
+    if first > more_asked:
+        progress("pairs of effects")
+        threshold = max(more_asked, FURTHER_SHARE * first)
+        screened = max(null.cost - fit.cost for fit in linear)
+        pairs = [(gain - screened, ids, start) for gain, ids, start in _pairs(problem, terms, null, base)[:PAIRS]]
+        for single in [s for s in singles[:2] if frozenset(s.ids) in refitted]:
+            behind = single.cost - best.cost
+            pairs += [(gain - behind, ids, start) for gain, ids, start in _partners(problem, terms, single)[:PARTNERS]]
+        for gain, ids, start in pairs:
+            if gain > HOPEFUL * threshold:
+                refit(ids, start, best.gust)
+        doubles = _of_size(refitted, 2)
+        if first > first_asked:
+            accepted = best
+        if doubles:
+            both = doubles[0]
+            if (accepted is best and best.cost - both.cost > threshold) or (
+                accepted is null and null.cost - both.cost > PAIR + 2 * (first_asked - FIRST)
+            ):
+                accepted = both
+                for _, ids, start in pairs:  # it may have rivals
+                    refit(ids, start, best.gust)
+        while 2 <= len(accepted.values) < MOST:
+            progress(f"{len(accepted.values) + 1} effects")
+            for _, ids, start in _partners(problem, terms, accepted)[:PARTNERS]:
+                refit(ids, start, accepted.gust)
+            more = _of_size(refitted, len(accepted.values) + 1)
+            threshold = max(more_asked, FURTHER_SHARE * (null.cost - accepted.cost))
+            if not more or accepted.cost - more[0].cost <= threshold:
+                break
+            accepted = more[0]
+    rivals: tuple[Fit, ...] = ()
+    if accepted.values:
+        # How rare an effect is decides what is named first, not what is told apart.
+        best_bare = accepted.cost - price(accepted.ids)
+        rivals = tuple(
+            f
+            for f in _of_size(refitted, len(accepted.values))
+            if f is not accepted and f.cost - price(f.ids) - best_bare < RIVAL
+        )
+    return Found(null, accepted, rivals, tuple(singles), refitted, null.cost)
+
+
+def _of_size(refitted: Mapping[frozenset[str], Fit], size: int) -> list[Fit]:
+    fits = [f for ids, f in refitted.items() if len(ids) == size and math.isfinite(f.cost)]
+    return sorted(fits, key=lambda f: (f.cost, f.ids))
+
+
+def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit:
+    """One effect's linear estimate from nothing, the gust re-estimated."""
+    columns = [c[None] for c in problem.effect_columns(term, {}, base)]
+    x, inverse, gust, cost = problem.solve(base, columns, problem.allowed_columns({}, base), null.gust, 3)
+    cost += term.price
+    value = min(max(float(x[0]), term.low), term.high)
+    if value != float(x[0]) and term.low == 0:
+        cost = max(cost, null.cost)  # an effect of one sign only, and the data want the other
+    return Fit({term.id: value}, {term.id: math.sqrt(max(inverse[0, 0], 0.0))}, x[1:], gust, cost)
+
+
+def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]) -> list[Start]:
+    """Every pair by its linear drop, the largest first, with the drop and both values."""
+    columns = [problem.effect_columns(t, {}, base) for t in terms]
+    allowed = problem.allowed_columns({}, base)
+    normal, right = _projected(problem, base, columns, allowed, null.gust)
+    found: list[Start] = []
+    for i, j in itertools.combinations(range(len(terms)), 2):
+        pick = np.array([i, j])
+        a, b = normal[np.ix_(pick, pick)], right[pick]
+        determinant = a[0, 0] * a[1, 1] - a[0, 1] ** 2
+        if determinant <= 1e-4 * a[0, 0] * a[1, 1]:
+            continue
+        x = np.linalg.solve(a, b)
+        found.append((float(b @ x), (terms[i].id, terms[j].id), {terms[i].id: x[0], terms[j].id: x[1]}))
+    found.sort(key=lambda f: (-f[0], f[1]))
+    return found
+
+
+def _projected(
+    problem: Problem, y: list[Array], columns: list[list[Array]], allowed: list[Array], gust: Sequence[float]
+) -> tuple[Array, Array]:
+    """Normal equations of effects with what is allowed for taken out."""
+    e, a = len(columns), len(allowed[0])
+    whole, right = np.zeros((e + a, e + a)), np.zeros(e + a)
+    for k, data in enumerate(y):
+        stacked = np.concatenate([np.stack([c[k] for c in columns]), allowed[k]])
+        weighted = stacked * (problem.counts[k] / (1 + gust[k] ** 2 * problem.shares[k]))
+        whole += weighted @ stacked.T
+        right -= weighted @ data
+    inner = whole[e:, e:] + np.eye(a)
+    solved = np.linalg.solve(inner, np.concatenate([whole[e:, :e], right[e:, None]], axis=1))
+    return whole[:e, :e] - whole[:e, e:] @ solved[:, :e], right[:e] - whole[:e, e:] @ solved[:, e]
+
+
+def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[Start]:
+    """What else, on top of a candidate, its columns made anew there: the largest further linear drop first."""
+    here = problem.at(about.values)
+    own = [problem.effect_columns(BY_ID[i], about.values, here) for i in about.values]
+    others = [t for t in terms if t.id not in about.values]
+    columns = [problem.effect_columns(t, about.values, here) for t in others]
+    allowed = problem.allowed_columns(about.values, here)
+    normal, right = _projected(problem, here, own + columns, allowed, about.gust)
+    m = len(own)
+    found: list[Start] = []
+    for j in range(len(others)):
+        pick = np.array([*range(m), m + j])
+        x = np.linalg.lstsq(normal[np.ix_(pick, pick)], right[pick], rcond=1e-10)[0]
+        start = {i: v + float(x[n]) for n, (i, v) in enumerate(about.values.items())}
+        start[others[j].id] = float(x[m])
+        found.append((float(right[pick] @ x), (*about.values, others[j].id), start))
+    found.sort(key=lambda f: (-f[0], f[1]))
+    return [(gain, tuple(sorted(ids)), start) for gain, ids, start in found]

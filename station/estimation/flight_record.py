@@ -1,0 +1,254 @@
+"""A flight record made ready for post-flight identification: one uniform grid, gaps known, angle of attack at the CG.
+
+SI, rad. The angle of attack is the vane's, its zero, steady upwash and rate taken out (alpha = (vane - zero)/(1 + k_u0)
++ q x/V), as method II has it; without a boom in the profile the vane's own reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, detrend, sosfiltfilt
+
+from station.conventions import SIGNALS, to_si
+from station.model.coefficients import Airframe, Coefficients, at_centre_of_gravity, coefficients
+from station.numerics.atmosphere import GAS_CONSTANT, standard_density
+from station.numerics.regression import NotIdentifiable
+from station.numerics.turbulence import HIGH_HZ, LOW_HZ, classified
+from station.profile import Aircraft
+from station.rows import Quality
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FILL_S: Final = 0.1
+"""Gaps up to here are bridged by interpolation."""
+STRICT: Final = ("alpha_vane", "q", "ax", "az", "elevator")
+"""Signals that must be measured at the row's own time: a held one counts as missing."""
+NEEDED: Final = (*STRICT, "airspeed")
+NOISE: Final = {
+    "alpha_vane": to_si(0.05, "deg"),
+    "beta_vane": to_si(0.05, "deg"),
+    "elevator": to_si(0.02, "deg"),
+    "aileron": to_si(0.02, "deg"),
+    "rudder": to_si(0.02, "deg"),
+    "q": to_si(0.03, "deg/s"),
+    "theta": to_si(0.03, "deg"),
+    "airspeed": to_si(0.3, "ft/s"),
+    "ax": to_si(0.002, "g"),
+    "az": to_si(0.004, "g"),
+}
+"""Standard deviations where nothing better is known."""
+MIN_SPEED: Final = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class FlightRecord:
+    """`t_s` (n,) uniform with step `dt`; `motion` signals (n,) at the CG, short gaps bridged; `usable` (n,) rows where
+    everything that equation error needs is there; `noise` standard deviations."""
+
+    t_s: Array
+    dt: float
+    motion: Mapping[str, Array]
+    usable: Flags
+    alpha: Array
+    beta: Array
+    coefficients: Coefficients
+    airframe: Airframe
+    aircraft: Aircraft
+    noise: Mapping[str, float]
+    remarks: tuple[str, ...] = field(default=())
+
+    @classmethod
+    def of(
+        cls,
+        t_s: Array,
+        columns: Mapping[str, Array],
+        aircraft: Aircraft,
+        *,
+        quality: Mapping[str, NDArray[np.uint8]] | None = None,
+        extra: Mapping[str, Array] | None = None,
+        imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        noise: Mapping[str, float] | None = None,
+    ) -> FlightRecord:
+        """From a table's columns. Raises NotIdentifiable for a record that no method can use, saying why."""
+        missing = [name for name in NEEDED if name not in columns or not np.isfinite(columns[name]).any()]
+        if missing:
+            raise NotIdentifiable(f"the record has no {', '.join(missing)}")
+        if len(t_s) < 10:
+            raise NotIdentifiable(f"the record has {len(t_s)} rows: too short")
+        remarks: list[str] = []
+        cleaned = {n: _believed(n, c, (quality or {}).get(n)) for n, c in columns.items() if n in SIGNALS}
+        grid, dt, motion = _uniform(np.asarray(t_s, dtype=np.float64), cleaned, remarks)
+        motion = {n: _bridged(c, dt) for n, c in motion.items()}
+        motion["dynamic_pressure"] = _dynamic_pressure(motion, aircraft)
+        slow = motion["airspeed"] < MIN_SPEED
+        if slow.all():
+            raise NotIdentifiable(f"airspeed stays below {MIN_SPEED:g} m/s")
+        usable = np.all([np.isfinite(motion[n]) for n in (*NEEDED, "dynamic_pressure")], axis=0) & ~slow
+        motion = at_centre_of_gravity(motion, aircraft.imu_at(imu_position), dt)
+        # Beside a gap of the rates the angular acceleration is not known, nor what it does to an imu off the CG.
+        usable &= np.isfinite(motion["ax"]) & np.isfinite(motion["az"])
+        airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
+        alpha, beta = _flow_angles(motion, aircraft)
+        if "thrust" not in motion:
+            motion["thrust"] = _thrust(motion, airframe, aircraft, alpha, usable, remarks)
+        return cls(
+            t_s=grid,
+            dt=dt,
+            motion=motion,
+            usable=usable,
+            alpha=alpha,
+            beta=beta,
+            coefficients=coefficients(motion, airframe, alpha, dt),
+            airframe=airframe,
+            aircraft=aircraft,
+            noise={**NOISE, **{k: v for k, v in (noise or {}).items() if v > 0}},
+            remarks=tuple(remarks),
+        )
+
+    def has(self, *names: str) -> bool:
+        """Whether all these signals are there at all."""
+        return all(n in self.motion and np.isfinite(self.motion[n]).any() for n in names)
+
+    def require_complete(self) -> None:
+        """Raises NotIdentifiable where rows are missing, with when and for how long."""
+        bad = np.flatnonzero(~self.usable)
+        if len(bad):
+            at = self.t_s[bad[0]]
+            raise NotIdentifiable(f"{len(bad) * self.dt:.2f} s without all signals, first at {at:.2f} s")
+
+    def turbulence(self, gust_vertical: Array | None = None) -> tuple[str, float]:
+        """Class and standard deviation (m/s) of the vertical gust in 2-7 Hz; "unknown" and NaN if it cannot be had.
+
+        `gust_vertical` (n,), m/s, NaN where unknown; without it all of alpha times V, which also holds the motion.
+        """
+        if self.dt > 1 / 15:
+            return "unknown", float("nan")
+        w = self.alpha * self.motion["airspeed"] if gust_vertical is None else gust_vertical
+        good = np.isfinite(w)
+        if good.sum() * self.dt < 2.0 or good.mean() < 0.5:
+            return "unknown", float("nan")
+        w = np.interp(self.t_s, self.t_s[good], w[good])
+        sos = butter(4, [LOW_HZ, HIGH_HZ], "bandpass", fs=1 / self.dt, output="sos")
+        band = sosfiltfilt(sos, detrend(w))
+        level = float(np.std(band[good]))
+        speed = float(np.nanmean(self.motion["airspeed"]))
+        return classified(level, speed, self.noise["alpha_vane"], self.dt), level
+
+
+def _believed(name: str, column: Array, quality: NDArray[np.uint8] | None) -> Array:
+    """NaN where the value is suspect, missing or impossible, or held where it must not be."""
+    signal = SIGNALS[name]
+    column = np.asarray(column, dtype=np.float64)
+    bad = ~((column >= signal.low) & (column <= signal.high))
+    if quality is not None:
+        bad |= quality >= (Quality.HELD if name in STRICT else Quality.SUSPECT)
+    return np.where(bad, np.nan, column)
+
+
+def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tuple[Array, float, dict[str, Array]]:
+    """The columns on a uniform grid: as they are if theirs is one, else by linear interpolation."""
+    steps = np.diff(t)
+    if (steps <= 0).any():
+        raise NotIdentifiable("time does not increase")
+    dt = float(np.median(steps))
+    rate = round(1 / dt)
+    if rate > 0 and abs(dt * rate - 1) < 1e-6:
+        dt = 1 / rate
+    if np.max(np.abs(steps - dt)) < 0.01 * dt:
+        return t, dt, dict(columns)
+    grid = t[0] + dt * np.arange(int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1)
+    remarks.append(f"time steps vary from {steps.min():.4g} to {steps.max():.4g} s: interpolated every {dt:.4g} s")
+    after = np.clip(np.searchsorted(t, grid, "left"), 1, len(t) - 1)
+    far = (t[after] - t[after - 1]) > FILL_S + dt
+    made = {}
+    for name, column in columns.items():
+        value = np.interp(grid, t, column)
+        value[far & (np.abs(grid - t[after]) > 1e-9) & (np.abs(grid - t[after - 1]) > 1e-9)] = np.nan
+        made[name] = value
+    return grid, dt, made
+
+
+def _bridged(column: Array, dt: float) -> Array:
+    """Gaps up to FILL_S filled by a straight line; longer ones, and those at the ends, left."""
+    bad = ~np.isfinite(column)
+    if not bad.any() or bad.all():
+        return column
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
+    filled = column.copy()
+    good = np.flatnonzero(~bad)
+    for start, end in edges.reshape(-1, 2):
+        if start > 0 and end < len(column) and (end - start) * dt <= FILL_S + 1e-9:
+            filled[start:end] = np.interp(np.arange(start, end), good, column[good])
+    return filled
+
+
+def _dynamic_pressure(motion: Mapping[str, Array], aircraft: Aircraft) -> Array:
+    """Pa: as measured, else rho V^2/2 with the density of the profile, of the static air data or of the altitude."""
+    v = motion["airspeed"]
+    measured = motion.get("dynamic_pressure", np.full(len(v), np.nan))
+    density = np.full(len(v), np.nan)
+    if aircraft.air_density is not None:
+        density[:] = aircraft.air_density
+    elif "static_pressure" in motion and "air_temperature" in motion:
+        density = motion["static_pressure"] / (GAS_CONSTANT * motion["air_temperature"])
+    elif "altitude" in motion:
+        density = np.array([standard_density(height) for height in motion["altitude"].tolist()])
+    filled: Array = np.where(measured > 0, measured, 0.5 * density * v * v)
+    if not np.isfinite(filled).any():
+        raise NotIdentifiable("the record has neither dynamic pressure nor what air density follows from")
+    return filled
+
+
+def _thrust(
+    motion: Mapping[str, Array],
+    airframe: Airframe,
+    aircraft: Aircraft,
+    alpha: Array,
+    usable: Flags,
+    remarks: list[str],
+) -> Array:
+    """N, constant: on average what ax shows beyond the profile's drag polar. Left in CX it would add T/(qbar S) to
+    CL_alpha."""
+    if aircraft.drag is None or not usable.any():
+        remarks.append("thrust not recorded: counted as 0, and CX and CL hold it")
+        return np.zeros(len(alpha))
+    force = motion["dynamic_pressure"] * airframe.area
+    cz = airframe.mass * motion["az"] / force
+    cd = aircraft.drag.zero_lift + aircraft.drag.induced * cz * cz
+    surplus = airframe.mass * motion["ax"] + force * (cd * np.cos(alpha) + cz * np.sin(alpha))
+    mean = float(np.mean(surplus[usable]))
+    remarks.append(f"thrust not recorded: taken as {mean:.0f} N throughout, from the profile's drag polar")
+    return np.full(len(alpha), mean)
+
+
+def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array] | None, same_grid: bool) -> Airframe:
+    """The profile's airframe with the record's own mass and, where it has them, inertias."""
+    airframe = Airframe.of(aircraft, mass)
+    if not extra or not same_grid:
+        return airframe
+    inertias = {n: extra[n] if n in extra else getattr(airframe, n) for n in ("ixx", "iyy", "izz", "ixz")}
+    return Airframe(airframe.area, airframe.span, airframe.chord, airframe.mass, **inertias)
+
+
+def _flow_angles(motion: Mapping[str, Array], aircraft: Aircraft) -> tuple[Array, Array]:
+    vane = motion["alpha_vane"]
+    beta = motion.get("beta_vane", np.zeros(len(vane)))
+    boom = aircraft.boom
+    if boom is None:
+        return vane, beta
+    v = motion["airspeed"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alpha = (vane - boom.zero) * boom.steady_calibration + motion["q"] * boom.vane_x / v
+        if "r" in motion:
+            beta = beta - motion["r"] * boom.vane_x / v
+        if "p" in motion:
+            # A vane off the roll axis.
+            alpha = alpha - motion["p"] * boom.vane_y / v
+            beta = beta + motion["p"] * boom.vane_z / v
+    return alpha, beta

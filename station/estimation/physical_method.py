@@ -1,0 +1,292 @@
+"""Method `physical`: derivatives of wing, tail and gust by generalised least squares, live and from whole records.
+
+Signals of physical_signals.py at every tick, through the same warm high-pass and recursive transform as the other
+methods; the estimate of physical_fit.py at fixed samples of the transform, so that the same frames give the same bits.
+Estimand: the quasi-steady (tabulated) derivatives, the same in calm and turbulent air. A long flight is cut into
+segments whose normal equations are added. SI, radians, derivatives per radian with rates normalised as q c/2V.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt, sosfilt_zi
+
+from station.model import physical_columns as pc
+from station.model import physical_fit as pf
+from station.model.physical_signals import SIGNALS
+from station.numerics.spectra import HIGH_PASS_HZ, HIGH_PASS_ORDER, Transform, central_difference_factor, grid
+from station.profile import Aircraft, Card
+from station.rows import MethodEstimate, ParamEstimate, Status
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+UPDATE_TICKS: Final = 25
+"""Samples of the transform from one estimate to the next: 2 Hz."""
+SEGMENT: Final = 1.2
+"""Length of a segment, periods of the grid's step."""
+SLACK_S: Final = 4.0
+"""Signals that come this much after the flight's start (inertial and wing memories settle) still open in time."""
+MIN_PERIODS: Final = 0.5
+"""Of the lowest frequency, before anything counts as estimated."""
+EXCITED: Final = 10.0
+"""Elevator energy in the band over that of its noise."""
+MIN_R2: Final = 0.3
+WORSE: Final = 6.0
+"""Deviance by which the quasi-steady model must fit better before it is preferred."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """An estimate: CL_alpha, CL_q, CL_de, Cm_alpha, Cm_q, Cm_de, then the nuisances of physical_columns."""
+
+    theta: Array
+    """(PARAMETERS,)"""
+    stat: Array
+    """(PARAMETERS,) standard errors if the profile's constants are right: repeatability."""
+    total: Array
+    """(PARAMETERS,) standard errors with the constants' own uncertainty."""
+    r2: tuple[float, float]
+    """Of CL and Cm over the lines of all segments."""
+    gust: float
+    """0 calm, 1 turbulent: how far the gust's spectrum stands out of the vane's noise."""
+    preference: float
+    """Deviance of the quasi-steady model of split+gust less that of this one; positive: the data prefer this one."""
+
+
+class Equations:
+    """What turns spectra into a Solution; keeps the sums over closed segments."""
+
+    def __init__(self, aircraft: Aircraft, frequencies_hz: Array, dt: float, noise: Mapping[str, float]) -> None:
+        """`noise`: standard deviations of the sensors, SI."""
+        self._omega = 2.0 * np.pi * frequencies_hz
+        self._derivative = central_difference_factor(frequencies_hz, dt)
+        self._constants = pc.constants(aircraft, noise)
+        body = aircraft.boom.upwash_body if aircraft.boom else 0.0
+        self._noise = (noise["alpha_vane"] / (1.0 + body)) ** 2
+        self._past = np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N))
+        self._energies = np.zeros(4)
+        """Of the closed segments: what is left of CL and Cm, and both."""
+        self._preference = 0.0
+
+    def clear(self) -> None:
+        """Forget the closed segments."""
+        self._past[:] = 0.0
+        self._energies[:] = 0.0
+        self._preference = 0.0
+
+    def fade(self, keep: float) -> None:
+        """Keep this share of the closed segments."""
+        self._past *= keep
+        self._energies *= keep
+        self._preference *= keep
+
+    def solve(
+        self,
+        spectrum: Complex,
+        samples: float,
+        share: float,
+        speed: float,
+        density: float,
+        wind_sd: float,
+        close: bool = False,
+    ) -> Solution | None:
+        """Estimate from the spectra (CHANNELS, frequencies) of `samples` ticks; None where there is no solution.
+
+        `share`: T df, of independent lines; `speed`: mean, m/s; `density`: of the air, kg/m3; `wind_sd`: standard
+        error of the mean wind, m/s; `close` adds the segment to those before.
+        """
+        theta, stat, total = np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS)
+        quality, rho = np.zeros(pf.QUALITY), np.zeros(len(self._omega))
+        pc.set_air(self._constants, density, wind_sd / speed)
+        solved = pf.fit(
+            spectrum,
+            self._omega,
+            self._derivative,
+            speed,
+            self._constants,
+            samples * self._noise,
+            share,
+            self._past,
+            close,
+            theta,
+            stat,
+            total,
+            quality,
+            rho,
+        )
+        if not solved:
+            return None
+        energies = self._energies + quality[:4]
+        left, signal = energies[:2].tolist(), energies[2:].tolist()
+        r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(left, signal, strict=True))
+        better = float(quality[6] - quality[5])
+        preference = self._preference + (better if math.isfinite(better) else 0.0)
+        if close:
+            self._preference = preference
+            self._energies = energies
+        return Solution(theta, stat, total, (r2[0], r2[1]), float(quality[4]), preference)
+
+
+def transform(x: Array, frequencies_hz: Array, dt: float, first: int) -> Complex:
+    """Spectra (channels, frequencies) of `x` (channels, n) from sample `first` on, all of it through the high-pass.
+
+    The batch counterpart of spectra.Transform.
+    """
+    sos = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
+    start = sosfilt_zi(sos)[:, None, :] * x[None, :, 0, None]
+    y = sosfilt(sos, x, axis=1, zi=start)[0][:, first:]
+    return np.asarray(y @ np.exp(-2j * np.pi * dt * np.outer(np.arange(y.shape[1]), frequencies_hz)))
+
+
+class Physical:
+    """Streaming: samples in, an estimate at every UPDATE_TICKS-th of them."""
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        card: Card,
+        noise: Mapping[str, float],
+        names: tuple[str, ...],
+        dt: float,
+        forgetting_s: float = math.inf,
+    ) -> None:
+        """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives."""
+        self.lacking = ""
+        """What it waits for, while that is not there."""
+        self.why_not = pc.why_not(aircraft)
+        """Why the method cannot be applied to this aircraft; "" if it can."""
+        if not self.why_not and names[0].startswith("CZ"):
+            self.why_not = "estimates wind-axes derivatives only"
+        self._names = names
+        self._dt = dt
+        self._noise = noise
+        self._warm_up_s = card.warm_up
+        self._step_hz = card.step
+        self._minimum = MIN_PERIODS / card.low
+        self._frequencies = grid(card.low, card.high, card.step)
+        self._transform = Transform(pc.CHANNELS, self._frequencies, dt)
+        self._segment = round(SEGMENT / card.step / dt)
+        self._keep = math.exp(-self._segment * dt / forgetting_s)
+        self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise)
+        self._has_inertia = aircraft.inertia.iyy is not None
+        self._known = [abs(aircraft.value(n)) for n in names]
+        self._row = np.zeros(pc.CHANNELS)
+        self._from_s = 0.0
+        self._speed_sum = 0.0
+        self._wind_sd = 0.0
+        self._closed = 0
+        self._input = 0.0
+        self.solution: Solution | None = None
+        """The newest."""
+        self._judged: tuple[tuple[ParamEstimate, ...], bool, str] | None = None
+        """What `estimate` says until the next solution."""
+
+    def clear(self) -> None:
+        """Begin anew; the high-passes stay warm."""
+        self._transform.clear()
+        if self._equations:
+            self._equations.clear()
+        self._speed_sum = self._input = 0.0
+        self._closed = 0
+        self.solution = self._judged = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a segment under way, through which an error of the mean wind must stay the same."""
+        return self._transform.samples > 0.0
+
+    def add(
+        self, signals: Array, sides: Array, since_start_s: float, speed: float, density: float, wind_sd: float
+    ) -> None:
+        """One sample: `signals` (SIGNALS,) and, of the same tick, `sides`: q c/2V, elevator, CL, Cm.
+
+        `speed`: inertial, m/s; `density`: of the air, averaged, kg/m3; `wind_sd`: standard error of the mean wind in
+        the speed.
+        """
+        if self._equations is None:
+            return
+        self._row[:SIGNALS] = signals
+        self._row[SIGNALS:] = sides
+        if self._transform.filtered == 0:
+            self._from_s = since_start_s
+        is_open = since_start_s >= self._warm_up_s and self._from_s <= since_start_s - self._warm_up_s + SLACK_S
+        self._transform.step(self._row, is_open)
+        samples = int(self._transform.samples)
+        if samples == 0:
+            return
+        if samples == 1:
+            self._wind_sd = wind_sd
+        self._speed_sum += speed
+        close = samples >= self._segment
+        if not close and samples % UPDATE_TICKS:
+            return
+        spectrum = self._transform.spectrum
+        share = samples * self._dt * self._step_hz
+        mean_speed = self._speed_sum / samples
+        self.solution = self._equations.solve(spectrum, samples, share, mean_speed, density, self._wind_sd, close)
+        self._judged = None
+        if close:
+            self._input = self._keep * (self._input + self._elevator_energy())
+            self._closed += samples
+            self._equations.fade(self._keep)
+            self._transform.clear()
+            self._speed_sum = 0.0
+
+    def _elevator_energy(self) -> float:
+        elevator = self._transform.spectrum[pc.DE]
+        return float(np.vdot(elevator, elevator).real)
+
+    def estimate(self, t_ns: int) -> MethodEstimate:
+        """The newest solution as rows, with what is to be believed of it."""
+        if self._judged is None:
+            self._judged = self._judge()
+        return MethodEstimate(t_ns, "physical", *self._judged)
+
+    def _judge(self) -> tuple[tuple[ParamEstimate, ...], bool, str]:
+        status, why = self._status()
+        solution = self.solution
+        if solution is None:
+            found = tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in self._names)
+            return found, not self.why_not, self.why_not
+        values = solution.theta[:6].tolist()
+        errors = solution.total[:6].tolist()
+        parameters = []
+        for i, name in enumerate(self._names):
+            this, reason = status, why
+            r2 = solution.r2[i // 3]
+            if i >= 3 and not self._has_inertia:
+                reason = "the aircraft profile gives no iyy"
+                parameters.append(ParamEstimate(name, math.nan, math.nan, Status.INVALID, reason))
+                continue
+            if status is Status.ESTIMATED and r2 < MIN_R2:
+                this, reason = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
+            elif status is Status.ESTIMATED and not 2.0 * errors[i] <= max(abs(values[i]), self._known[i]):
+                this, reason = Status.UNESTIMATED, "2 sd exceed the value"
+            parameters.append(ParamEstimate(name, values[i], errors[i], this, reason))
+        reason = ""
+        if status is Status.ESTIMATED and solution.preference < -WORSE:
+            reason = f"the data prefer split+gust's quasi-steady model (deviance {-solution.preference:.0f} lower)"
+        return tuple(parameters), not reason, reason
+
+    def _status(self) -> tuple[Status, str]:
+        """Why there are no estimates yet; ESTIMATED if there are."""
+        if self.why_not:
+            return Status.INVALID, self.why_not
+        samples = self._closed + self._transform.samples
+        if samples == 0:
+            return Status.UNESTIMATED, self.lacking or "warming up"
+        if samples * self._dt < self._minimum:
+            return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
+        energy = self._input + self._elevator_energy()
+        if energy < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2:
+            return Status.UNESTIMATED, "no elevator input"
+        if self.solution is None:
+            return Status.INVALID, "the regressors cannot be told apart"
+        return Status.ESTIMATED, ""

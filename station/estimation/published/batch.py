@@ -1,0 +1,127 @@
+"""Methods that need the whole record: I and sidpac here, oe, fe and VI in motion_methods; one table of them all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from station.conventions import LATERAL
+from station.estimation.flight_record import FlightRecord
+from station.estimation.published import sidpac as published
+from station.estimation.published.motion_methods import method_fe, method_oe, method_vi
+from station.estimation.results import (
+    MIN_R2,
+    Axes,
+    Equation,
+    EquationFit,
+    MethodResult,
+    blocked,
+    equations,
+    inflation_of,
+    judge,
+    names,
+    not_applicable,
+    regress,
+    result_of,
+    unknown,
+)
+from station.numerics.regression import NotIdentifiable
+from station.rows import ParamEstimate, Status
+
+
+def method_i(record: FlightRecord, axes: Axes) -> MethodResult:
+    """I: time-domain equation error with a constant, errors corrected for coloured residuals."""
+    parameters: list[ParamEstimate] = []
+    fits: dict[str, EquationFit] = {}
+    for equation in equations(record, axes):
+        status, why = blocked(record, equation)
+        try:
+            if status is Status.INVALID:
+                raise NotIdentifiable(why)
+            fit, inflation = regress(record, equation)
+        except NotIdentifiable as refusal:
+            parameters += _refused(equation, status, why, refusal)
+            continue
+        m = len(equation.parameters)
+        if status is Status.ESTIMATED and fit.r2 < MIN_R2:
+            status, why = Status.INVALID, f"the model explains {max(fit.r2, 0.0):.0%} of the data"
+        parameters += judge(record, equation.parameters, fit.estimate[:m], fit.se_coloured[:m], inflation, status, why)
+        fits[equation.name] = EquationFit(fit.r2, fit.s)
+    settings = {
+        "regressors": ["alpha", "q c/2V", "elevator", "1"],
+        "standard_errors": "coloured residuals",
+        "samples": int(record.usable.sum()),
+    }
+    return result_of(parameters, fits, settings)
+
+
+def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
+    """sidpac: recursive Fourier equation error exactly as SIDPAC's rtpid, on both published grids.
+
+    `parameters` are those of the 36-line grid; `history` holds every estimate of both, CZ beside CL, once a second.
+    """
+    asked = {e.name for e in equations(record, axes)}
+    history: dict[str, Any] = {}
+    parameters: list[ParamEstimate] = []
+    fits: dict[str, EquationFit] = {}
+    for label, lines in (("rtpid_36", published.GRID_36), ("rtpid_191", published.GRID_191)):
+        history[label] = {}
+        for equation in equations(record, axes, ("CZ", "CL", "Cm")):
+            status, why = blocked(record, equation)
+            mine = label == "rtpid_36" and equation.name in asked
+            try:
+                if status is Status.INVALID:
+                    raise NotIdentifiable(why)
+                record.require_complete()
+                x, z = equation.regressors, equation.measured
+                found = published.recursive_fourier(x, z, record.dt, published.grid(lines))
+            except NotIdentifiable as refusal:
+                if mine:
+                    parameters += _refused(equation, status, why, refusal)
+                continue
+            history[label][equation.name] = {
+                "parameters": list(equation.parameters),
+                "t_s": found.t_s.tolist(),
+                "estimate": found.estimate.tolist(),
+                "std_error": found.se.tolist(),
+            }
+            if mine:
+                last = found.estimate[-1]
+                residual = z - x @ last
+                fits[equation.name] = EquationFit(published.r_squared(x, z, last), float(np.std(residual)))
+                inflation = inflation_of(x)
+                parameters += judge(record, equation.parameters, last, found.se[-1], inflation, status, why)
+    first, step, count = published.GRID_36
+    settings = {
+        "frequencies_hz": [first, step, first + step * (count - 1)],
+        "standard_errors": "as published: not corrected for coloured residuals",
+    }
+    return result_of(parameters, fits, settings, history)
+
+
+def _refused(equation: Equation, status: Status, why: str, refusal: NotIdentifiable) -> tuple[ParamEstimate, ...]:
+    """Every parameter of an equation without a solution: for what was the matter before, if anything was."""
+    return unknown(equation.parameters, status if why else Status.INVALID, why or str(refusal))
+
+
+POSTFLIGHT: Final[Mapping[str, Callable[[FlightRecord, Axes], MethodResult]]] = {
+    "I": method_i,
+    "VI": method_vi,
+    "oe": method_oe,
+    "fe": method_fe,
+    "sidpac": method_sidpac,
+}
+
+
+def run(name: str, record: FlightRecord, axes: Axes) -> MethodResult:
+    """A method's result, refusals included: never an exception for what a record lacks."""
+    lateral = name in ("I", "sidpac") and any(e.name == "CY" for e in equations(record, axes))
+    wanted = (*names(axes), *(LATERAL if lateral else ()))
+    try:
+        return POSTFLIGHT[name](record, axes)
+    except NotIdentifiable as refusal:
+        return not_applicable(str(refusal), wanted)
+    except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError) as failure:
+        return not_applicable(f"the numbers break down: {failure}", wanted)

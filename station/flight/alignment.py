@@ -1,0 +1,303 @@
+"""Samples of many streams -> one frame per tick, and the health of each stream.
+
+A frame at time T holds each signal at T: the straight line through the samples within half a tick of T where there
+are several (a stream faster than the ticks), else between the two samples around T. Either way the group delay is zero
+for every stream; what 20 ms of averaging takes at 2 Hz is 0.3 %. Where the newest sample is older than T the value is
+held and says how old it is; where it is too old, or suspect, it is NaN. Each stream is shifted by its own latency from
+the rig. Pure: the same samples and ticks give the same frames and events.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+
+from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream
+from station.flight import rings
+from station.flight.timebase import ClockMap
+from station.rows import Code, Event, Frame, Health, Rows, Sample, StreamHealth, TimeSync
+
+KEEP_S: Final = 3.0
+PENDING: Final = 128
+"""Samples that wait for a frame before they are sorted in by themselves."""
+LATE_NS: Final = 50_000_000
+SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
+STUCK_AFTER_S: Final = 0.25
+NOISE_JUMP: Final = 8.0
+"""Standard deviations of noise that two samples may differ by without it being a jump."""
+REPEAT_NS: Final = 500_000_000
+"""Like events of one source are told at once and then counted, at most one row in this time."""
+SLOW_SHARE: Final = 0.8
+NAN: Final = math.nan
+
+
+class _Buffer:
+    """Recent samples of one stream and what is wrong with it now."""
+
+    def __init__(self, index: int, stream: Stream, noise: Mapping[str, float], phase_ns: int) -> None:
+        self.index = index
+        self.stream = stream
+        self.pack = struct.Struct(f"qq{len(stream.signals)}d").pack_into
+        known = [SIGNALS[name] for name in stream.signals]
+        self.limits = (
+            tuple(signal.low for signal in known),
+            tuple(signal.high for signal in known),
+            tuple(signal.max_rate for signal in known),
+            tuple(NOISE_JUMP * noise.get(name, 0.0) for name in stream.signals),
+        )
+        """Of each signal: least and greatest value, rate, and noise in a jump."""
+        self.period_ns = round(1e9 / stream.rate_hz)
+        # A stamp counted in steps is half a step early against the floor of arrivals, whether it is cut or rounded:
+        # the floor is where cutting took nothing, or where rounding added half a step.
+        self.latency_ns = round((stream.latency_s - 0.5 * stream.stamp_resolution_s) * 1e9)
+        self.stale_ns = round(stream.stale_after_s * 1e9)
+        self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
+        """Longest gap between samples that may be interpolated over."""
+        self.clock = ClockMap(self.period_ns, phase_ns)
+        self.arrivals: deque[int] = deque()
+        can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
+        self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
+        self.same = 0
+        self.suspect_until = [0] * len(stream.signals)
+        self.last_values: tuple[float, ...] | None = None
+        self.last_t_ns = 0
+        self.last_seq: int | None = None
+        self.last_arrival_ns: int | None = None
+        self.first_arrival_ns: int | None = None
+        self.count = 0
+        self.gaps = 0
+        self.late_until = 0
+        self.window_ns = max(400_000_000, 6 * self.period_ns)
+        """Over which the rate is counted."""
+        self.few = SLOW_SHARE * self.window_ns / self.period_ns - 1
+        self.active: dict[Code, int] = {}
+        """Conditions that hold, and since when."""
+
+
+class Aligner:
+    """Takes rows in arrival order and gives a frame, events and (once a second) health for each tick."""
+
+    def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
+        """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
+        self._buffers = {s.name: _Buffer(i, s, noise, i * 3 * TICK_NS) for i, s in enumerate(streams)}
+        known = list(self._buffers.values())
+        width = max((len(b.stream.signals) for b in known), default=1)
+        keep = max((math.ceil(KEEP_S * b.stream.rate_hz) for b in known), default=1)
+        self._rings = rings.make_rings(len(known), keep + 64, width)
+        # Samples accepted since the last frame: stream and time as whole numbers, then values.
+        self._pending = np.zeros((PENDING, 2 + width))
+        self._row_bytes = self._pending.strides[0]
+        self._waiting = 0
+        self._layout = rings.Layout(
+            np.array([(b.bridge_ns, b.stale_ns, len(b.stream.signals)) for b in known], dtype=np.int64).reshape(-1, 3),
+            _table([[SIGNAL_INDEX[name] for name in b.stream.signals] for b in known], width),
+            _table([[name in ANGLES_THAT_WRAP for name in b.stream.signals] for b in known], width),
+        )
+        self._is_stuck = np.zeros(len(known), dtype=np.bool_)
+        self._out = np.empty((3, len(SIGNALS)))
+        # Compiled now: no tick of a flight has to.
+        self._sort_in()
+        rings.interpolate(self._rings, self._layout, self._is_stuck, 0, self._out)
+        self._by_device: dict[str, list[_Buffer]] = {}
+        for buffer in self._buffers.values():
+            self._by_device.setdefault(buffer.stream.device, []).append(buffer)
+        self._events: list[Event] = []
+        self._told: dict[tuple[str, Code], tuple[int, int]] = {}
+        self._bad: dict[str, int] = {}
+        self._lost: dict[str, int] = {}
+        self._start_ns: int | None = None
+        self._overruns = 0
+        self._dropped = 0
+
+    def accept(self, row: Rows) -> None:
+        """Take one row; all but samples, clock exchanges and events pass by."""
+        if type(row) is Sample:
+            buffer = self._buffers.get(row.stream)
+            if buffer is not None:
+                self._take(buffer, row)
+        elif isinstance(row, TimeSync):
+            for buffer in self._by_device.get(row.device, ()):
+                buffer.clock.exchange(row.offset_ns, row.round_trip_ns, row.t_ns)
+        elif isinstance(row, Event):
+            if row.code is Code.CRC:
+                self._bad[row.source] = self._bad.get(row.source, 0) + row.count
+            elif row.code is Code.GAP:
+                self._lost[row.source] = self._lost.get(row.source, 0) + row.count
+            elif row.code is Code.OVERRUN:
+                self._overruns += row.count
+            elif row.code is Code.DROPPED:
+                self._dropped += row.count
+
+    def frame(self, k: int, tick_ns: int, t_ns: int) -> tuple[Frame, list[Event], Health | None]:
+        """The frame at `t_ns` as of tick `k` at `tick_ns`; what changed since the last tick; health once a second."""
+        if self._start_ns is None:
+            self._start_ns = tick_ns
+        for buffer in self._buffers.values():
+            self._watch(buffer, tick_ns)
+        self._sort_in()
+        rings.interpolate(self._rings, self._layout, self._is_stuck, t_ns, self._out)
+        values, ages, quality = self._out.tolist()
+        self._tell_counted(tick_ns)
+        events, self._events = self._events, []
+        health = self._health(tick_ns) if k % TICK_HZ == 0 else None
+        return Frame(t_ns, k, tuple(values), tuple(ages), tuple(map(int, quality))), events, health
+
+    # --- samples in
+
+    def _take(self, buffer: _Buffer, row: Sample) -> None:
+        name = buffer.stream.name
+        if row.t_device_ns is None:
+            t_ns = row.t_ns
+        else:
+            was = buffer.clock.state
+            mapped = buffer.clock.update(row.t_device_ns, row.t_ns)
+            t_ns = mapped.t_ns
+            if mapped.stepped:
+                self._count(row.t_ns, name, Code.CLOCK_STEP, 1, "device clock jumped; synchronising again")
+                self._sort_in()
+                self._rings.first[buffer.index] = self._rings.kept[buffer.index]
+                buffer.last_values = None
+            if mapped.late_ns > LATE_NS:
+                buffer.late_until = row.t_ns + REPEAT_NS
+            if buffer.clock.state != was:
+                self._events.append(Event(row.t_ns, name, Code.CLOCK_STATE, 1, buffer.clock.state))
+        t_ns -= buffer.latency_ns
+        buffer.count += 1
+        buffer.last_arrival_ns = row.t_ns
+        if buffer.first_arrival_ns is None:
+            buffer.first_arrival_ns = row.t_ns
+        buffer.arrivals.append(row.t_ns)
+        self._check_sequence(buffer, row)
+        values = self._check_values(buffer, row, t_ns)
+        if self._waiting == PENDING:
+            self._sort_in()
+        buffer.pack(self._pending.data, self._waiting * self._row_bytes, buffer.index, t_ns, *values)
+        self._waiting += 1
+
+    def _sort_in(self) -> None:
+        rings.take(self._rings, self._pending, self._pending.view(np.int64), self._waiting)
+        self._waiting = 0
+
+    def _check_sequence(self, buffer: _Buffer, row: Sample) -> None:
+        if row.seq is None:
+            return
+        if buffer.last_seq is not None:
+            gap = row.seq - buffer.last_seq - 1
+            if gap > 0:
+                buffer.gaps += gap
+                self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
+        buffer.last_seq = row.seq
+
+    def _check_values(self, buffer: _Buffer, row: Sample, t_ns: int) -> tuple[float, ...]:
+        """The values with those that cannot be true as NaN."""
+        values = row.values
+        last = buffer.last_values
+        if buffer.stuck_count_at:
+            buffer.same = buffer.same + 1 if values == last else 0
+        masked: list[float] | None = None
+        dt = max((t_ns - buffer.last_t_ns) * 1e-9, 0.5e-9 * buffer.period_ns)
+        low, high, max_rate, jitter = buffer.limits
+        suspect_until = buffer.suspect_until
+        for i, value in enumerate(values):
+            if not low[i] <= value <= high[i]:
+                signal = buffer.stream.signals[i]
+                if not math.isnan(value):
+                    is_said = math.isfinite(value)
+                    wrong = f"= {value:.4g} cannot be true" if is_said else "is beyond what its message carries"
+                    self._count(row.t_ns, buffer.stream.name, Code.RANGE, 1, f"{signal} {wrong}")
+                masked = masked or list(values)
+                masked[i] = NAN
+                continue
+            if last is not None and math.inf > abs(value - last[i]) > max_rate[i] * dt + jitter[i]:
+                suspect_until[i] = t_ns + SUSPECT_AFTER_JUMP_NS
+                detail = f"{buffer.stream.signals[i]} jumped by {value - last[i]:.4g}"
+                self._count(row.t_ns, buffer.stream.name, Code.JUMP, 1, detail)
+            if t_ns < suspect_until[i]:
+                masked = masked or list(values)
+                masked[i] = NAN
+        buffer.last_values = values
+        buffer.last_t_ns = t_ns
+        return values if masked is None else tuple(masked)
+
+    # --- health
+
+    def _watch(self, buffer: _Buffer, now_ns: int) -> None:
+        arrived_ns, active, arrivals = buffer.last_arrival_ns, buffer.active, buffer.arrivals
+        never = arrived_ns is None
+        silent_ns = now_ns - ((self._start_ns or now_ns) if arrived_ns is None else arrived_ns)
+        stale = silent_ns > (2_000_000_000 if never else buffer.stale_ns)
+        if stale is not (Code.STALE in active):
+            self._turn(now_ns, buffer, Code.STALE, f"nothing for {silent_ns * 1e-9:.2f} s")
+        stuck = 0 < buffer.stuck_count_at <= buffer.same and not stale
+        if stuck is not (Code.STUCK in active):
+            self._is_stuck[buffer.index] = stuck
+            self._turn(now_ns, buffer, Code.STUCK, "the same values again and again")
+        if (now_ns < buffer.late_until) is not (Code.LATE in active):
+            self._turn(now_ns, buffer, Code.LATE, "messages arrive late by their own clock")
+        since_ns = now_ns - buffer.window_ns
+        while arrivals and arrivals[0] < since_ns:
+            arrivals.popleft()
+        settled = buffer.first_arrival_ns is not None and buffer.first_arrival_ns < since_ns
+        slow = settled and not stale and len(arrivals) < buffer.few
+        if slow is not (Code.SLOW in active):
+            self._turn(now_ns, buffer, Code.SLOW, f"below {SLOW_SHARE:.0%} of {buffer.stream.rate_hz:g} Hz")
+
+    def _turn(self, t_ns: int, buffer: _Buffer, code: Code, detail: str) -> None:
+        """Tell that a condition begins, or that it ends."""
+        since_ns = buffer.active.pop(code, None)
+        if since_ns is None:
+            buffer.active[code] = t_ns
+            self._events.append(Event(t_ns, buffer.stream.name, code, 1, detail))
+        else:
+            over = f"{code} over after {(t_ns - since_ns) * 1e-9:.2f} s"
+            self._events.append(Event(t_ns, buffer.stream.name, Code.FRESH, 1, over))
+
+    def _count(self, t_ns: int, source: str, code: Code, count: int, detail: str) -> None:
+        """Tell at once the first time, then count until `REPEAT_NS` have passed."""
+        key = (source, code)
+        if key in self._told:
+            told_ns, waiting = self._told[key]
+            self._told[key] = (told_ns, waiting + count)
+        else:
+            self._told[key] = (t_ns, 0)
+            self._events.append(Event(t_ns, source, code, count, detail))
+
+    def _tell_counted(self, now_ns: int) -> None:
+        for key, (told_ns, waiting) in list(self._told.items()):
+            if now_ns - told_ns >= REPEAT_NS:
+                if waiting:
+                    self._told[key] = (now_ns, 0)
+                    self._events.append(Event(now_ns, key[0], key[1], waiting, "more of the same"))
+                else:
+                    del self._told[key]
+
+    def _health(self, now_ns: int) -> Health:
+        rows = []
+        for name, b in self._buffers.items():
+            age_s = max(now_ns - b.last_arrival_ns, 0) * 1e-9 if b.last_arrival_ns is not None else NAN
+            rows.append(
+                StreamHealth(
+                    stream=name,
+                    device=b.stream.device,
+                    rate_hz=len(b.arrivals) / (1e-9 * b.window_ns),
+                    age_s=age_s,
+                    clock=b.clock.state,
+                    offset_s=b.clock.offset_s,
+                    drift_ppm=b.clock.drift_ppm,
+                    samples=b.count,
+                    gaps=b.gaps + self._lost.get(b.stream.device, 0),
+                    bad=self._bad.get(b.stream.device, 0),
+                    alive=b.last_arrival_ns is not None and Code.STALE not in b.active,
+                )
+            )
+        return Health(now_ns, tuple(rows), self._dropped, self._overruns)
+
+
+def _table(rows: list[list[int]] | list[list[bool]], width: int) -> rings.Whole:
+    """Of each stream's signals; 0 where a stream has fewer."""
+    return np.array([[*row, *[0] * (width - len(row))] for row in rows], dtype=np.int64).reshape(-1, width)

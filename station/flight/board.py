@@ -1,0 +1,251 @@
+"""What the operator should know now: digested from the rows of each tick, rendered by screen/terminal.py.
+
+`update` runs in the 50 Hz loop and only writes fields; rendering happens in another thread and only reads them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from station.clock import Clock
+from station.conventions import LATERAL, LONGITUDINAL
+from station.estimation.methods import recommended
+from station.profile import Profiles
+from station.rows import (
+    AlphaEstimate,
+    Code,
+    Event,
+    Health,
+    Level,
+    MethodEstimate,
+    ParamEstimate,
+    Row,
+    Status,
+    StreamHealth,
+    Tick,
+)
+
+CONDITIONS: Final = frozenset((Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE))
+"""Events that hold until another ends them; all others are over when told."""
+RECENT_NS: Final = 3_000_000_000
+_MAX_EVENTS: Final = 200
+
+
+class Board:
+    """The newest of everything, for the terminal screen, the plain lines and the JSON lines."""
+
+    def __init__(self, profiles: Profiles | None, clock: Clock, *, address: str = "") -> None:
+        self.title = f"{profiles.card.name}: {profiles.aircraft.name} on {profiles.rig.name}" if profiles else "station"
+        self.accuracy = profiles.card.accuracy if profiles else 0.0
+        """2 sd below this share of a derivative's value is enough; 0 where no card says so."""
+        self.derivatives: tuple[str, ...] = LONGITUDINAL
+        self.lateral: tuple[str, ...] = ()
+        """Lateral derivatives, where a method gives any."""
+        self.lateral_method = "split"
+        """The method to believe first for them; looked at once a second."""
+        self.recommended = "split"
+        """The method to believe first; looked at once a second."""
+        self.address = address
+        self.start_ns: int | None = None
+        self.alpha: AlphaEstimate | None = None
+        self.methods: dict[str, MethodEstimate] = {}
+        self.health: Health | None = None
+        self.conditions: dict[tuple[str, Code], Event] = {}
+        """What holds now, by source and code."""
+        self.counted: dict[tuple[str, Code], Event] = {}
+        """The last of each kind of event that is over when told."""
+        self.point: Event | None = None
+        """The start of the open test point."""
+        self.ever_complete = False
+        """Whether all streams were alive at once at some time."""
+        self.log_path = Path()
+        self.log_bytes = 0
+        self.view_dropped = 0
+        self._clock = clock
+        self._events: deque[tuple[int, Event]] = deque(maxlen=_MAX_EVENTS)
+        self._told = 0
+        self._take: dict[type, Callable[[Any], None]] = {
+            AlphaEstimate: self._take_alpha,
+            MethodEstimate: self._take_method,
+            Health: self._take_health,
+            Event: self._take_event,
+            Tick: self._take_tick,
+        }
+
+    def update(self, rows: Iterable[Row]) -> None:
+        """Digest the rows of a tick."""
+        take = self._take
+        for row in rows:
+            handler = take.get(type(row))
+            if handler is not None:
+                handler(row)
+
+    def recording(self, path: Path, size: int, view_dropped: int) -> None:
+        """What the recording and the page say of themselves: file, bytes, ticks not shown."""
+        self.log_path, self.log_bytes, self.view_dropped = path, size, view_dropped
+
+    def _take_tick(self, row: Tick) -> None:
+        if self.start_ns is None:
+            self.start_ns = row.t_ns
+
+    def _take_alpha(self, row: AlphaEstimate) -> None:
+        self.alpha = row
+
+    def _take_method(self, row: MethodEstimate) -> None:
+        self.methods[row.method] = row
+
+    def _take_health(self, row: Health) -> None:
+        self.health = row
+        self._choose_lateral()
+        given = {
+            name: sum(p.status is Status.ESTIMATED and p.name in self.derivatives for p in method.parameters)
+            for name, method in self.methods.items()
+            if method.applicable
+        }
+        self.recommended = recommended(given, self.alpha.turbulence if self.alpha else "unknown") or "split"
+        self.ever_complete = self.ever_complete or (bool(row.streams) and all(s.alive for s in row.streams))
+
+    def _choose_lateral(self) -> None:
+        """split, which carries the side gust to the CG; II where split gives fewer."""
+        given = {}
+        for name, row in self.methods.items():
+            lateral = [p for p in row.parameters if p.name in LATERAL]
+            if lateral:
+                self.lateral = tuple(p.name for p in lateral)
+                given[name] = sum(p.status is Status.ESTIMATED for p in lateral) if row.applicable else 0
+        self.lateral_method = "II" if given.get("II", 0) > given.get("split", 0) else "split"
+
+    def _take_event(self, row: Event) -> None:
+        if row.code not in (Code.MARK, Code.START):
+            self._settle(row)
+        self._told += 1
+        self._events.append((self._told, row))
+
+    def _settle(self, row: Event) -> None:
+        source, code = row.source, row.code
+        if code is Code.FRESH:
+            # The detail begins with the code of what is over.
+            ended = row.detail.partition(" ")[0]
+            for key in list(self.conditions):
+                if key[0] == source and key[1] not in (Code.DISCONNECT, Code.DISK) and ended in ("", key[1]):
+                    del self.conditions[key]
+        elif code in (Code.CONNECT, Code.RECONNECT):
+            self.conditions.pop((source, Code.DISCONNECT), None)
+        elif code is Code.AGREE:
+            self.conditions.pop((source, Code.DISAGREE), None)
+        elif code is Code.DISK and row.detail.startswith("recording again"):
+            self.conditions.pop((source, code), None)
+        elif code in CONDITIONS:
+            self.conditions[source, code] = row
+        elif code is Code.POINT_START:
+            self.point = row
+        elif code is Code.POINT_END:
+            self.point = None
+        elif row.level is not Level.INFO:
+            self.counted[source, code] = row
+
+    @property
+    def alarms(self) -> list[Event]:
+        """Conditions that hold now and must not be missed, oldest first."""
+        return sorted((e for e in list(self.conditions.values()) if e.level is Level.ALARM), key=lambda e: e.t_ns)
+
+    @property
+    def disagreements(self) -> list[Event]:
+        """Where instruments, or they and the model, disagree now; oldest first."""
+        return sorted((e for e in list(self.conditions.values()) if e.code is Code.DISAGREE), key=lambda e: e.t_ns)
+
+    def flags(self, stream: str, device: str, now_ns: int) -> list[Code]:
+        """What is or was just now the matter with a stream or its device."""
+        sources = (stream, device)
+        found = [code for source, code in list(self.conditions) if source in sources]
+        for event in list(self.counted.values()):
+            if event.source in sources and now_ns - event.t_ns < RECENT_NS and event.code not in found:
+                found.append(event.code)
+        return found
+
+    def events_after(self, number: int) -> list[tuple[int, Event]]:
+        """Events told after the one so numbered (0: all that are kept), oldest first."""
+        return [(n, event) for n, event in list(self._events) if n > number]
+
+    def elapsed_s(self, t_ns: int | None = None) -> float:
+        """Seconds since the first tick, now or at `t_ns`."""
+        if self.start_ns is None:
+            return 0.0
+        return ((self._clock.now_ns() if t_ns is None else t_ns) - self.start_ns) * 1e-9
+
+    def parameter(self, method: str, name: str) -> ParamEstimate | None:
+        """A method's estimate of a derivative; None before there is one. Not applicable reads as invalid."""
+        row = self.methods.get(method)
+        if row is None:
+            return None
+        for p in row.parameters:
+            if p.name == name:
+                return p if row.applicable else ParamEstimate(name, p.value, p.sd, Status.INVALID, row.why)
+        return None
+
+    def is_enough(self, p: ParamEstimate) -> bool:
+        """Whether a derivative is known as well as the card asks."""
+        return p.status is Status.ESTIMATED and 2 * p.sd < self.accuracy * abs(p.value)
+
+    def snapshot(self, events: Iterable[tuple[int, Event]] = ()) -> dict[str, Any]:
+        """Schema "station.run/1": SI and radians, null for unknown; with `events` as `events_after` gives them."""
+        a, health, point = self.alpha, self.health, self.point
+        return {
+            "schema": "station.run/1",
+            "elapsed_s": round(self.elapsed_s(), 3),
+            "alpha": None if a is None else _alpha(a),
+            "turbulence": None
+            if a is None
+            else {"level": a.turbulence, "w_std_2_7hz_mps": _number(a.turbulence_level)},
+            "recommended": self.recommended,
+            "derivatives": {m: self._method(row) for m, row in list(self.methods.items())},
+            "links": {} if health is None else {s.stream: _link(s) for s in health.streams},
+            "overruns": 0 if health is None else health.overruns,
+            "dropped": 0 if health is None else health.dropped,
+            "test_point": None if point is None else point.count,
+            "alarms": [_event(e, self.elapsed_s(e.t_ns)) for e in self.alarms],
+            "disagreements": [_event(e, self.elapsed_s(e.t_ns)) for e in self.disagreements],
+            "events": [_event(e, self.elapsed_s(e.t_ns)) for _, e in events],
+            "log": {"path": str(self.log_path), "bytes": self.log_bytes},
+            "view": {"address": self.address, "dropped": self.view_dropped},
+        }
+
+    def _method(self, row: MethodEstimate) -> dict[str, Any]:
+        found = ((p.name, self.parameter(row.method, p.name) or p) for p in row.parameters)
+        return {
+            name: {"estimate": _number(p.value), "std_error": _number(p.sd), "status": p.status.value, "why": p.why}
+            for name, p in found
+        }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _alpha(a: AlphaEstimate) -> dict[str, Any]:
+    values = msgspec.structs.asdict(a)
+    left_out = ("t_ns", "turbulence_level", "turbulence")
+    return {k: _number(v) if isinstance(v, float) else v for k, v in values.items() if k not in left_out}
+
+
+def _link(s: StreamHealth) -> dict[str, Any]:
+    values = msgspec.structs.asdict(s)
+    return {k: _number(v) if isinstance(v, float) else v for k, v in values.items() if k != "stream"}
+
+
+def _event(e: Event, elapsed_s: float) -> dict[str, Any]:
+    level = e.level.name.lower()
+    return {
+        "elapsed_s": round(elapsed_s, 3),
+        "source": e.source,
+        "code": e.code.value,
+        "level": level,
+        "count": e.count,
+        "detail": e.detail,
+    }

@@ -1,0 +1,209 @@
+"""The 50 Hz loop: one function for live, replay and emulation.
+
+Order of rows in a recording, which replay relies on: rows drained by tick k, Tick k, the aligner's events and health,
+Frame k, then the estimates made from it and where instruments disagree (events DISAGREE and AGREE; ESTIMATOR, should an
+estimator fail). Every stage is logged before the next one runs. Frames are logged as measured; where the profile knows
+of instrument errors, estimators get them undone, and where one of those is a delay, estimates are of an earlier frame.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Final, NamedTuple, Protocol
+
+import msgspec
+
+from station.clock import Clock
+from station.conventions import SIGNAL_INDEX, TICK_NS
+from station.flight.alignment import Aligner
+from station.flight.bus import Bus
+from station.rows import (
+    AlphaEstimate,
+    Code,
+    Event,
+    Frame,
+    MethodEstimate,
+    RawBlock,
+    Rows,
+    Sample,
+    Tick,
+    TimeSync,
+)
+
+WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.ESTIMATOR))
+"""Events that are made from frames, and not from what was drained."""
+_VANE: Final = SIGNAL_INDEX["alpha_vane"]
+
+
+class Beat(NamedTuple):
+    """One tick and the rows drained for it; `recorded` are the estimates that a recording holds for it."""
+
+    tick: Tick
+    rows: Sequence[Rows]
+    recorded: Sequence[Rows] = ()
+
+
+class Estimating(Protocol):
+    """What the loop asks of an estimator. `step` never raises."""
+
+    def step(self, frame: Frame) -> tuple[AlphaEstimate, tuple[MethodEstimate, ...]]: ...
+
+    def start_point(self) -> None:
+        """Estimate afresh from the next frame on: a test point begins."""
+        ...
+
+
+class Correcting(Protocol):
+    """What the loop asks of what undoes instrument errors. `step` never raises."""
+
+    def step(self, frame: Frame) -> tuple[Frame, Frame] | None:
+        """A frame as measured and as corrected, this one or an earlier; None while late instruments are waited for."""
+        ...
+
+
+class Watching(Protocol):
+    """What the loop asks of who compares instruments and model in flight. `step` never raises."""
+
+    def step(self, frame: Frame, alpha: AlphaEstimate) -> Sequence[Event]: ...
+
+
+class Recording(Protocol):
+    def append(self, rows: Iterable[Rows]) -> None: ...
+
+    def flush(self) -> None: ...
+
+
+def run(
+    source: Iterable[Beat],
+    aligner: Aligner,
+    estimator: Estimating,
+    log: Recording | None,
+    show: Callable[[Sequence[Rows]], None] | None,
+    done: Callable[[Beat, Sequence[Rows]], None] | None = None,
+    watch: Watching | None = None,
+    correct: Correcting | None = None,
+) -> None:
+    """Align, log, correct, estimate, log and show each beat of `source` until it ends.
+
+    `done` is handed each beat, and the frame and estimates made of it, when all else is through.
+    """
+    fault = ""
+    for beat in source:
+        tick = beat.tick
+        if log is not None:
+            log.append(beat.rows)
+            log.append((tick,))
+        for row in beat.rows:
+            if type(row) is RawBlock:  # for the log alone
+                continue
+            aligner.accept(row)
+            if isinstance(row, Event) and row.code is Code.POINT_START:
+                estimator.start_point()
+        frame, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
+        aligned: list[Rows] = [*events]
+        if health is not None:
+            aligned.append(health)
+        aligned.append(frame)
+        if log is not None:
+            log.append(aligned)
+        estimates, why = _estimate(frame, estimator, watch, correct)
+        if why and why != fault:
+            estimates.append(Event(frame.t_ns, "estimator", Code.ESTIMATOR, 1, why))
+        fault = why
+        if log is not None:
+            log.append(estimates)
+            log.flush()
+        if show is not None:
+            show([*beat.rows, tick, *aligned, *estimates])
+        if done is not None:
+            done(beat, [frame, *estimates])
+
+
+def _estimate(
+    frame: Frame, estimator: Estimating, watch: Watching | None, correct: Correcting | None
+) -> tuple[list[Rows], str]:
+    """What is made of a frame, and what went wrong: neither is to raise, but if one does, the recording goes on."""
+    made: list[Rows] = []
+    try:
+        pair = (frame, frame) if correct is None else correct.step(frame)
+        if pair is None:
+            return made, ""
+        measured, seen = pair
+        alpha, methods = estimator.step(seen)
+        if correct is not None:
+            alpha = _with_vane(alpha, measured.values[_VANE])
+        made += (alpha, *methods)
+        if watch is not None:
+            made += watch.step(seen, alpha)
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+        unknown = (math.nan,) * 12
+        if not made:
+            made.append(AlphaEstimate(frame.t_ns, *unknown, "unknown", *unknown[:3], False, f"estimator failed: {why}"))
+        return made, why
+    return made, ""
+
+
+def _with_vane(alpha: AlphaEstimate, vane: float) -> AlphaEstimate:
+    """An angle of attack of a corrected vane, told from the one measured."""
+    if not math.isfinite(alpha.vane - vane):
+        return alpha
+    return msgspec.structs.replace(alpha, vane=vane, instrument=alpha.vane - vane)
+
+
+def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_s: float | None) -> Iterator[Beat]:
+    """Ticks on an absolute schedule until `stop` or `duration_s`.
+
+    A tick that comes a whole period late is given up: an OVERRUN event, and on to the next slot, never a burst.
+    """
+    lag_ns = round(lag_s * 1e9)
+    start_ns = clock.now_ns() + TICK_NS
+    last = None if duration_s is None else round(duration_s * 1e9) // TICK_NS
+    k = 0
+    while not stop.is_set() and (last is None or k < last):
+        due_ns = start_ns + k * TICK_NS
+        clock.sleep_until_ns(due_ns)
+        missed = (clock.now_ns() - due_ns) // TICK_NS
+        if missed > 0:
+            bus.put(Event(clock.now_ns(), "loop", Code.OVERRUN, missed, "the machine was busy; slots skipped"))
+            k += missed
+            due_ns += missed * TICK_NS
+        yield Beat(Tick(due_ns, k, due_ns - lag_ns), bus.drain())
+        k += 1
+
+
+def recorded_beats(rows: Iterable[Rows]) -> Iterator[Beat]:
+    """The beats of a recording, in file order. Rows after the last tick (a crash) are left out."""
+    drained: list[Rows] = []
+    estimates: list[Rows] = []
+    tick: Tick | None = None
+    aligning = False
+    pending: list[Rows] = []
+    for row in rows:
+        if isinstance(row, Tick):
+            if tick is not None:
+                yield Beat(tick, pending, estimates)
+            tick, pending, drained, estimates = row, drained, [], []
+            aligning = True
+        elif isinstance(row, Frame):
+            estimates.append(row)
+            aligning = False
+        elif isinstance(row, (AlphaEstimate, MethodEstimate)) or (isinstance(row, Event) and row.code in WATCHED):
+            estimates.append(row)
+        elif isinstance(row, (Sample, TimeSync, Event, RawBlock)) and not aligning:
+            drained.append(row)
+    if tick is not None:
+        yield Beat(tick, pending, estimates)
+
+
+def paced(source: Iterable[Beat], clock: Clock, speed: float) -> Iterator[Beat]:
+    """Beats at `speed` times real time."""
+    first_ns: int | None = None
+    start_ns = clock.now_ns()
+    for beat in source:
+        if first_ns is None:
+            first_ns = beat.tick.t_ns
+        clock.sleep_until_ns(start_ns + round((beat.tick.t_ns - first_ns) / speed))
+        yield beat

@@ -1,0 +1,131 @@
+"""What a record tells without aerodynamics: instrument errors, the vane's calibration, and how early it meets gusts.
+
+One stretch without gaps is chosen, the longest; each part says itself why it cannot be had. SI, rad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import to_si
+from station.estimation.flight_record import FlightRecord
+from station.model.compatibility import Compatibility, compatibility, through_vane
+from station.model.gust_delay import GustDelay, gust_delay
+from station.model.gust_model import Equation
+from station.model.inertial_path import InertialPath, inertial_path
+from station.model.vane_calibration import VaneCalibration, calibrate_vane
+from station.numerics.regression import NotIdentifiable
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+LONGEST_S: Final = 300.0
+CLOSED_S: Final = 60.0
+"""Of that, what is integrated open loop."""
+WANTED: Final = ("phi", "theta", "psi", "p", "r", "ay", "beta_vane", "v_north", "v_east", "v_down")
+"""Beside what every row needs: used where they are, and then the stretch is one where they are."""
+VELOCITY_NOISE: Final = to_si(0.1, "ft/s")
+
+
+@dataclass(frozen=True, slots=True)
+class Kinematics:
+    """Each part, or why there is none; `rows` of the record it is made of, those of `closed` for the reconstruction."""
+
+    rows: slice
+    closed: slice
+    compatibility: Compatibility | str
+    vane: VaneCalibration | str
+    delay: GustDelay | str
+
+
+def kinematics(record: FlightRecord) -> Kinematics:
+    """All three parts of a record. Never raises: what cannot be had says why."""
+    rows = _longest(record)
+    closed = slice(rows.start, min(rows.stop, rows.start + round(CLOSED_S / record.dt)))
+    if rows.stop - rows.start < 2:
+        why = "no stretch without gaps"
+        return Kinematics(rows, closed, why, why, why)
+
+    def cut(at: slice) -> dict[str, Array]:
+        return {n: c[at] for n, c in record.motion.items() if np.isfinite(c[at]).all()}
+
+    alpha, beta, vane = _as_the_vanes_show(record, closed)
+    has_beta = record.has("beta_vane")
+    made = _attempt(lambda: compatibility(cut(closed), alpha, beta if has_beta else None, record.dt, vane))
+    motion = cut(rows)
+    return Kinematics(
+        rows,
+        closed,
+        made,
+        _attempt(lambda: _vane(record, motion, rows)),
+        _attempt(lambda: _delay(record, motion, rows)),
+    )
+
+
+def _attempt(make: Callable[[], T]) -> T | str:
+    try:
+        return make()
+    except NotIdentifiable as refusal:
+        return str(refusal)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return "the record's numbers do not determine it"
+
+
+def _longest(record: FlightRecord) -> slice:
+    good = record.usable & np.isfinite(record.alpha)
+    for name in WANTED:
+        column = record.motion.get(name)
+        # A signal that is mostly missing is done without rather than taken as the measure of all rows.
+        if column is not None and np.isfinite(column).mean() > 0.5:
+            good &= np.isfinite(column)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8))).reshape(-1, 2)
+    if not len(edges):
+        return slice(0, 0)
+    start, end = (int(x) for x in edges[int(np.argmax(edges[:, 1] - edges[:, 0]))])
+    return slice(start, min(end, start + round(LONGEST_S / record.dt)))
+
+
+def _as_the_vanes_show(record: FlightRecord, rows: slice) -> tuple[Array, Array, tuple[float, float] | None]:
+    """Angles of attack and sideslip at the CG as the vanes' own dynamics show all of them, and these: the record has
+    taken the rates' parts out as they are now."""
+    boom, motion, dt = record.aircraft.boom, record.motion, record.dt
+    alpha, beta = record.alpha[rows], record.beta[rows]
+    if boom is None:
+        return alpha, beta, None
+    vane = (boom.vane_frequency, boom.vane_damping)
+    by_vane = (motion["alpha_vane"][rows] - boom.zero) * boom.steady_calibration
+    by_side = motion["beta_vane"][rows] if "beta_vane" in motion else np.zeros_like(beta)
+    turning = (through_vane(alpha - by_vane, vane, dt), through_vane(beta - by_side, vane, dt))
+    return by_vane + turning[0], by_side + turning[1], vane
+
+
+def _vane(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> VaneCalibration:
+    if "theta" not in motion or "v_down" not in motion:
+        raise NotIdentifiable("no inertial angle of attack: no theta and v_down throughout")
+    # The air velocity that the wind is taken from must not rest on the vane that is to be calibrated.
+    level = motion["theta"] + motion["v_down"] / motion["airspeed"]
+    boom = record.aircraft.boom
+    side = record.beta[rows] if boom and record.has("beta_vane") else np.zeros(len(level))
+    path = inertial_path(motion, level, side, record.dt, wind_down=0.0)
+    arm = boom.vane_x if boom else 0.0
+    noise = record.noise.get("theta", 0.0)
+    return calibrate_vane(motion["alpha_vane"], path.alpha, arm * motion["q"] / path.speed, record.dt, noise)
+
+
+def _delay(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> GustDelay:
+    if record.aircraft.kinematics_only:
+        raise NotIdentifiable("the aircraft profile is for kinematics only")
+    if record.dt > 0.04:
+        raise NotIdentifiable(f"recorded at {1 / record.dt:.3g} Hz: needs 25 Hz")
+    path: InertialPath = inertial_path(motion, record.alpha[rows], record.beta[rows], record.dt)
+    measured: dict[Equation, Array] = {"CL": record.coefficients.CL[rows]}
+    moment = record.coefficients.Cm[rows]
+    if np.isfinite(moment).all():
+        measured["Cm"] = moment
+    noise = {"v_down": VELOCITY_NOISE, **record.noise}
+    return gust_delay(motion, path, measured, record.aircraft, noise, record.dt)

@@ -1,0 +1,177 @@
+"""What wrong regressors do to the estimates of split+gust: a mean wind known from a minute, the vane's place, delay and
+scale as well as the profile knows them, and noise.
+
+Of a regression z = X theta on regressors that are wrong by dX, the estimates are off by -M^-1 Re(X^H dX theta), which
+the residuals do not show. By a share e of the speed
+
+    the mean wind is wrong: the inertial angle of attack is off by e (alpha_i - pitch); the gust, read from the vane
+        less the motion, makes up for it, but comes x/V later: d alpha = e (1 - e^{-s x/V}) (alpha_i - pitch)
+    the gusts' u has a mean over the record: what it takes from alpha_i is read as a gust, and carried x/V; and gusts
+        travel at another speed than the airspeed: d alpha = e (1 - e^{-s x/V}) alpha_i + e s (x/V) g
+
+    a vane behind the CG, or near it and slow, shows gusts when they have passed, t = the vane's lag - x/V too late:
+        d alpha = g (1 - e^{s t}), with g as the vane has it; wholly, whatever the wind
+
+and d alike. The first two have the standard error of a mean wind over that time, and are taken as independent. With the
+flow at the boom, c = alpha_i - q x/V + g e^{s x/V}, a vane
+
+    whose scale is wrong by e, that is late by t or whose lead over the CG is wrong by t, makes
+        d alpha = e^{-s x/V} (e c, -t s c, t (q - s g e^{s x/V})),
+
+d alike again; the profile's `[uncertainty]` has the three standard deviations. White noise of vane, pitch rate and
+elevator, of known size, adds its own energy to M, not to X^H z. SI, rad.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.numerics.second_order import vane_lag
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+PITCH, GUST, MOTION_A, MOTION_D, GUST_A, GUST_D, SEEN, SEEN_Q, SCALE, LATE, LEAD_Q, LEAD_G, SINCE, MISSED = range(14)
+ROWS: Final = 14
+"""Of `weights`: pitch for a unit of q c/2V; g for one of d; errors of alpha and d for one of a motion that is carried
+with the gust, and for one of g that travels at another speed; c e^{-s x/V} for a unit of motion and of q c/2V, what
+the vane's scale and delay make of it, and its lead of q c/2V and g, each by its standard deviation; d for one of g;
+errors of alpha and d for one of a gust that is seen too late."""
+CAUSES: Final = 6
+"""Mean wind, u, the vane's scale, delay and lead, and gusts seen too late."""
+SUMS: Final = 8 * CAUSES
+"""Over closed segments: each of four regressors times alpha's and d's errors, by each cause."""
+MINUTE: Final = 60.0
+"""s: mean winds of times so far apart err independently."""
+
+
+def lengths(aircraft: Aircraft) -> tuple[float, float, float, float]:
+    """Half the chord, how far ahead the vane meets gusts and the tail's arm, m, and the vane's lag, s, which `weights`
+    depend on."""
+    boom = aircraft.boom
+    ahead, lag = (boom.gust_x, vane_lag(boom.vane_frequency, boom.vane_damping)) if boom else (0.0, 0.0)
+    return aircraft.geometry.chord / 2, ahead, aircraft.unsteady.tail_arm, lag
+
+
+def deviations(aircraft: Aircraft, noise: Mapping[str, float]) -> tuple[float, float, float, float, float, float]:
+    """Standard deviations that `weights` depend on: noise of the vane behind the body's upwash, of q and of elevator,
+    SI; of the vane's scale, delay and lead over the CG, s."""
+    body = aircraft.boom.upwash_body if aircraft.boom else 0.0
+    known = aircraft.uncertainty
+    vane = (known.vane_scale, known.vane_delay, known.vane_x) if aircraft.boom else (0.0, 0.0, 0.0)
+    return noise["alpha_vane"] / (1.0 + body), noise["q"], noise["elevator"], *vane
+
+
+@njit(cache=True, error_model="numpy")
+def weights(
+    about: tuple[float, float, float, float],
+    speed: float,
+    frequencies: Array,
+    sd: tuple[float, float, float, float, float, float],
+    wrong: Complex,
+    noise: Array,
+) -> None:
+    """`wrong` (ROWS, frequencies) and the energy `noise` (4, 4) of a sample's noise in the regressors, on all lines, at
+    a mean airspeed (m/s) and frequencies (Hz).
+
+    `about`: see `lengths`; `sd`: see `deviations`.
+    """
+    half, ahead, arm, lag = about
+    lead, late = max(ahead, 0.0), max(lag - ahead / speed, 0.0)
+    noise[:] = 0.0
+    for i in range(frequencies.shape[0]):
+        s = 2j * math.pi * frequencies[i]
+        to_tail = np.exp(-s * arm / speed)
+        early = np.exp(-s * lead / speed)
+        wrong[PITCH, i] = speed / (half * s)
+        wrong[GUST, i] = 1.0 / (1.0 - to_tail) if arm > 0.0 else 0.0
+        wrong[MOTION_A, i], wrong[MOTION_D, i] = 1.0 - early, -early * (1.0 - to_tail)
+        wrong[GUST_A, i] = s * lead / speed
+        wrong[GUST_D, i] = wrong[GUST_A, i] * (1.0 - to_tail) - s * arm / speed * to_tail
+        wrong[SEEN, i], wrong[SEEN_Q, i], wrong[SINCE, i] = early, -early * lead / half, 1.0 - to_tail
+        wrong[SCALE, i], wrong[LATE, i] = sd[3], -sd[4] * s
+        wrong[LEAD_Q, i], wrong[LEAD_G, i] = sd[5] * early * speed / half, -sd[5] * s
+        wrong[MISSED, i] = 1.0 - np.exp(s * late)
+        step = 1.0 - to_tail.real
+        noise[0, 0] += sd[0] ** 2
+        noise[0, 3] += sd[0] ** 2 * step
+        noise[3, 3] += 2.0 * sd[0] ** 2 * step
+        noise[1, 1] += (sd[1] * half / speed) ** 2
+        noise[2, 2] += sd[2] ** 2
+    noise[3, 0] = noise[0, 3]
+
+
+@njit(cache=True, error_model="numpy")
+def off(
+    wrong: Complex,
+    noise: Array,
+    samples: float,
+    wind: float,
+    x: Complex,
+    theta: Array,
+    inverse: Array,
+    past: Array,
+    close: bool,
+    out: Array,
+) -> None:
+    """Standard deviations `out` (2, 3) by which the estimates of both equations, `theta` (2, 4), are off.
+
+    `samples`: of all segments; `wind`: standard deviation of the mean wind, share of the speed. `inverse` (4, 4): of
+    the normal matrix of `x` (4, frequencies): alpha, q c/2V, elevator, d. `past` (SUMS,): sums over closed segments;
+    `close` adds this one.
+    """
+    sums = np.zeros((2 * CAUSES, 4))
+    for f in range(x.shape[1]):
+        gust = wrong[GUST, f] * x[3, f]
+        motion = x[0, f] - gust
+        path = motion - wrong[PITCH, f] * x[1, f]
+        seen = wrong[SEEN, f] * motion + wrong[SEEN_Q, f] * x[1, f] + gust
+        lead = wrong[LEAD_Q, f] * x[1, f] + wrong[LEAD_G, f] * gust
+        errors = (
+            wrong[MOTION_A, f] * path,
+            wrong[MOTION_D, f] * path,
+            wrong[MOTION_A, f] * motion + wrong[GUST_A, f] * gust,
+            wrong[MOTION_D, f] * motion + wrong[GUST_D, f] * gust,
+            wrong[SCALE, f] * seen,
+            wrong[SCALE, f] * seen * wrong[SINCE, f],
+            wrong[LATE, f] * seen,
+            wrong[LATE, f] * seen * wrong[SINCE, f],
+            lead,
+            lead * wrong[SINCE, f],
+            wrong[MISSED, f] * gust,
+            wrong[MISSED, f] * x[3, f],
+        )
+        for k, error in enumerate(errors):
+            for i in range(4):
+                sums[k, i] += x[i, f].real * error.real + x[i, f].imag * error.imag
+    for k in range(2 * CAUSES):
+        for i in range(4):
+            sums[k, i] += past[4 * k + i]
+            if close:
+                past[4 * k + i] = sums[k, i]
+    for e in range(2):
+        for j in range(3):
+            noisy = 0.0
+            for i in range(4):
+                for k in range(4):
+                    noisy += inverse[j, i] * noise[i, k] * theta[e, k]
+            square = (samples * noisy) ** 2
+            for cause in range(CAUSES):
+                by = 0.0
+                for i in range(4):
+                    by += inverse[j, i] * (theta[e, 0] * sums[2 * cause, i] + theta[e, 3] * sums[2 * cause + 1, i])
+                square += (by * wind) ** 2 if cause < 2 else by * by
+            out[e, j] = math.sqrt(square)
+
+
+@njit(cache=True, error_model="numpy")
+def wind_share(sd: float, speed: float, seconds: float) -> float:
+    """Of `off`: from the standard error of a mean wind over a minute, m/s, for a record of so many seconds."""
+    return sd / speed / math.sqrt(max(seconds / MINUTE, 1.0))

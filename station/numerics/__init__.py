@@ -1,0 +1,1 @@
+"""What several wings compute alike, each once. Pure: no clock, file or row."""

@@ -1,0 +1,1 @@
+"""What the operator sees: the terminal, the Rerun page, and the go / no-go table."""

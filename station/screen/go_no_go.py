@@ -1,0 +1,54 @@
+"""The go / no-go table of `station check`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from station.conventions import Stream
+from station.flight.board import CONDITIONS, Board
+from station.rows import Code, Event, Level
+from station.screen.plots import event_text
+
+
+def print_check(card: str, board: Board, streams: Sequence[Stream], told: Sequence[Event]) -> bool:
+    """The go / no-go table of what was heard, and below it what is the matter; whether all is go."""
+    grid = Table(title=f"check {card}")
+    for name in ("stream", "alive", "rate Hz", "clock", "range", "verdict"):
+        grid.add_column(name, no_wrap=name != "range")
+    heard = board.health.streams if board.health is not None else ()
+    all_go = bool(heard)
+    for s, stream in zip(heard, streams, strict=False):
+        mine = (s.stream, s.device)
+        holding = [e for (source, _), e in board.conditions.items() if source in mine]
+        outside = next((e.detail for e in told if e.source in mine and e.code is Code.RANGE), "")
+        go = s.alive and s.rate_hz >= 0.9 * stream.rate_hz and s.clock != "rejected"
+        go = go and not outside and not any(e.level is Level.ALARM or e.code is Code.STUCK for e in holding)
+        all_go &= go
+        grid.add_row(
+            *(s.stream, "yes" if s.alive else "no", f"{s.rate_hz:.0f} of {stream.rate_hz:g}", s.clock),
+            Text(outside or ("ok" if s.alive else "-")),
+            "[green]GO[/]" if go else "[red]NO-GO[/]",
+        )
+    console = Console()
+    console = console if console.is_terminal else Console(width=100)
+    console.print(grid)
+    for line in _remarks(board, streams, told):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return all_go
+
+
+def _remarks(board: Board, streams: Sequence[Stream], told: Sequence[Event]) -> list[str]:
+    """What holds at the end, then what was counted; nothing of the streams of a device that is not there."""
+    away = {source for source, code in board.conditions if code is Code.DISCONNECT}
+    silent = {s.name for s in streams if s.device in away}
+    lines = [event_text(e) for (source, _), e in board.conditions.items() if source not in silent]
+    counts: Counter[tuple[str, Code]] = Counter()
+    for e in told:
+        if e.level is Level.WARNING and e.code not in CONDITIONS and e.source not in silent:
+            counts[e.source, e.code] += e.count
+    return lines + [f"{source} {code} {n}" for (source, code), n in counts.items()]

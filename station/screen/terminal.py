@@ -1,0 +1,385 @@
+"""The operator's terminal: a screen drawn four times a second, or plain or JSON lines where there is no terminal.
+
+A number without status is never shown as valid: what is not estimated is a dash, what is invalid is dimmed with why.
+"""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import json
+import math
+import os
+import select
+import sys
+import termios
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from rich.cells import set_cell_size
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.live import Live
+from rich.text import Text
+
+from station.clock import Clock
+from station.conventions import from_si
+from station.flight.board import Board
+from station.rows import LEVELS, AlphaEstimate, Level, Status, StreamHealth
+from station.screen.derivative_tables import (
+    TITLE,
+    derivative_lines,
+    lateral_lines,
+    lateral_summary,
+    significant,
+    styled,
+    value_text,
+)
+from station.screen.plots import event_text, is_routine
+
+__all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
+
+REFRESH_S: Final = 0.25
+SECOND_NS: Final = 1_000_000_000
+TWO_COLUMNS: Final = 160
+"""Terminals as wide as this get the links and events beside the numbers."""
+LEFT: Final = 86
+_STREAM: Final = 22
+_LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "bold red"}
+_LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
+_CLOCK_STYLES: Final = {"synced": "green", "none": "", "converging": "yellow"}
+MOST_WARNINGS: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Callbacks:
+    """What the keys do. `on_point` starts or ends a test point: the number of the one now open, None if none is."""
+
+    on_mark: Callable[[str], None]
+    on_point: Callable[[], int | None]
+    on_quit: Callable[[], None]
+
+
+def run_panel(
+    board: Board, callbacks: Callbacks, stop: threading.Event, clock: Clock, console: Console | None = None
+) -> None:
+    """Draw the screen and obey the keys until q is pressed or `stop` is set. Blocks; the terminal is put right after.
+
+    The keyboard is standard input, which must be a terminal.
+    """
+    keyboard = sys.stdin.fileno()
+    before = termios.tcgetattr(keyboard)
+    keys = _Keys(callbacks, clock)
+    screen = _Screen(board, keys, clock)
+    try:
+        tty.setcbreak(keyboard)
+        with Live(screen, console=console, screen=True, auto_refresh=False) as live:
+            while not stop.is_set() and not keys.quit:
+                live.refresh()
+                if not select.select([keyboard], [], [], REFRESH_S)[0]:
+                    continue
+                pressed = os.read(keyboard, 1024)
+                if not pressed:
+                    raise OSError("end of input")
+                keys.press(pressed)
+    except OSError:  # the terminal is gone: the flight goes on until it is stopped
+        stop.wait()
+    finally:
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+
+
+class _Keys:
+    """Turns key presses into callbacks; holds the note being typed."""
+
+    def __init__(self, callbacks: Callbacks, clock: Clock) -> None:
+        self.note: str | None = None
+        self.quit = False
+        self._callbacks = callbacks
+        self._clock = clock
+        self._marked_ns = 0
+        self._decoder = codecs.getincrementaldecoder("utf-8")("ignore")
+
+    def press(self, pressed: bytes) -> None:
+        """Bytes from the terminal. Sequences of arrow and function keys are ignored."""
+        if pressed.startswith(b"\x1b") and len(pressed) > 1:
+            return
+        for key in self._decoder.decode(pressed):
+            if self.note is None:
+                self._command(key)
+            else:
+                self._type(key, self.note)
+
+    def _command(self, key: str) -> None:
+        if key in "mM":
+            self.note, self._marked_ns = "", self._clock.now_ns()
+        elif key in "pP":
+            self._callbacks.on_point()
+        elif key in "qQ":
+            self.quit = True
+            self._callbacks.on_quit()
+
+    def _type(self, key: str, note: str) -> None:
+        if key in "\r\n":
+            late_s = (self._clock.now_ns() - self._marked_ns) * 1e-9
+            self._callbacks.on_mark(f"{note} (m pressed {late_s:.1f} s before)".lstrip() if late_s >= 0.05 else note)
+            self.note = None
+        elif key == "\x1b":
+            self.note = None
+        elif key in "\x7f\b":
+            self.note = note[:-1]
+        elif key.isprintable() and len(note) < 200:
+            self.note = note + key
+
+
+@dataclass(frozen=True, slots=True)
+class _Screen:
+    """The whole screen, drawn anew each time that rich asks."""
+
+    board: Board
+    keys: _Keys
+    clock: Clock
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width, height = options.max_width, options.height or console.height
+        yield Text("\n").join(_lines(self.board, self.clock.now_ns(), width, height, self.keys.note))
+
+
+def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None) -> list[Text]:
+    """The screen's lines, no more than `height` of them and none wider than `width`."""
+    top = [*_header(board, now_ns), *_banner(board, width)]
+    wide = LEFT if width >= TWO_COLUMNS else width
+    numbers = [*_alpha_lines(board), Text(), *derivative_lines(board, wide), *lateral_lines(board)]
+    links = list(_link_lines(board, now_ns))
+    room = height - len(top) - 1
+    if width >= TWO_COLUMNS:
+        right = [*links, Text()]
+        body = [Text(), *_side_by_side(numbers, [*right, *_event_lines(board, room - len(right) - 2)])]
+    else:
+        body = [Text(), *numbers, Text(), *links, Text()]
+        if room < len(body) + 4:
+            body = [line for line in body if line]
+        if room < len(body) + 4:
+            body = [line for line in (*numbers, *_link_lines(board, now_ns, only_bad=True)) if line]
+        body += _event_lines(board, room - len(body) - 1)
+    body = body[:room]
+    body += [Text()] * (room - len(body))
+    lines = [*top, *body, _footer(note)]
+    for line in lines:
+        line.truncate(width)
+        line.no_wrap = True
+    return lines
+
+
+def _side_by_side(left: list[Text], right: list[Text]) -> Iterator[Text]:
+    for i in range(max(len(left), len(right))):
+        line = Text().append_text(left[i]) if i < len(left) else Text()
+        line.truncate(LEFT, pad=True)
+        yield line.append_text(right[i]) if i < len(right) else line
+
+
+def _header(board: Board, now_ns: int) -> Iterator[Text]:
+    line = Text(" ").append(board.title, "bold").append("   ").append(hms(board.elapsed_s(now_ns)), "bold")
+    point = board.point
+    if point is not None:
+        since_s = max(0.0, (now_ns - point.t_ns) * 1e-9)
+        line.append("   ").append(f" TEST POINT {point.count}  {since_s:.0f} s ", "bold black on green")
+    health = board.health
+    if health is not None and (health.overruns or health.dropped):
+        line.append(f"   {health.overruns} ticks missed, {health.dropped} rows dropped", "yellow")
+    yield line
+    yield styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
+    if board.address:
+        line = Text(f" {board.address}")
+        if board.view_dropped:
+            line.append(f"  {board.view_dropped} ticks not shown", "yellow")
+        yield line
+
+
+def _banner(board: Board, width: int) -> Iterator[Text]:
+    for alarm in board.alarms[:4]:
+        text = f" ALARM  {alarm.source} {alarm.code}  {hms(board.elapsed_s(alarm.t_ns))}  {alarm.detail}"
+        yield Text(set_cell_size(text, width), "bold white on red")
+    if len(board.alarms) > 4:
+        yield Text(set_cell_size(f" and {len(board.alarms) - 4} more alarms", width), "bold white on red")
+    disagreements = board.disagreements
+    for warning in disagreements[-MOST_WARNINGS:]:
+        text = f" CHECK  {hms(board.elapsed_s(warning.t_ns))}  {warning.detail}"
+        yield Text(set_cell_size(text, width), "bold black on yellow")
+    if len(disagreements) > MOST_WARNINGS:
+        text = f" and {len(disagreements) - MOST_WARNINGS} more to check"
+        yield Text(set_cell_size(text, width), "bold black on yellow")
+
+
+def _alpha_lines(board: Board) -> Iterator[Text]:
+    a = board.alpha
+    title = styled(" ANGLE OF ATTACK [deg]", TITLE)
+    if a is None:
+        yield title
+        yield styled("   no estimate yet", "dim")
+        return
+    if not a.valid:
+        title.append(f"   INVALID: {a.why}", "bold red")
+    elif a.why:
+        title.append(f"   DEGRADED: {a.why}", "yellow")
+    yield title
+    main = "bold green" if a.valid else "dim"
+    yield (
+        Text("   corrected ")
+        .append(_believed(f"{_deg(a.alpha)} ± {_deg(2 * a.alpha_sd, sign=False)}", a.valid), main)
+        .append("  vane ", "dim")
+        .append(_deg(a.vane))
+        .append("   inertial ", "dim")
+        .append(_deg(a.alpha_inertial))
+        .append("   gust part ", "dim")
+        .append(_deg(a.alpha_gust), "" if a.valid else "dim")
+    )
+    line = styled("   corrections", "dim")
+    own = ("instrument",) if a.instrument else ()
+    for name in (*own, "zero", "upwash", "rate", "lag", "gust"):
+        line.append(f"  {name} ", "dim").append(_deg(getattr(a, name)), "" if a.valid else "dim")
+    yield line
+    yield _air_line(a)
+
+
+def _believed(text: str, valid: bool) -> str:
+    return f" {text} " if valid else f"({text})"
+
+
+def _air_line(a: AlphaEstimate) -> Text:
+    styles = {"calm": "green", "light": "green", "moderate": "yellow", "severe": "bold red"}
+    line = styled("   turbulence ", "dim").append(f"{a.turbulence:<8}", styles.get(a.turbulence, "dim"))
+    settled = a.turbulence != "unknown"
+    line.append(f" {a.turbulence_level:5.3f} m/s" if settled else "    –    ", "" if settled else "dim")
+    return (
+        line.append("  w gust ", "dim")
+        .append(_fixed(a.gust_vertical, "+6.2f"), "" if a.valid else "dim")
+        .append(" wind N E D ", "dim")
+        .append(" ".join(_fixed(w, "+5.1f") for w in (a.wind_north, a.wind_east, a.wind_down)))
+        .append(" m/s", "dim")
+    )
+
+
+def _link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterator[Text]:
+    title = f"{' LINKS':<{_STREAM}}{'rate':>6}{'age':>8}  {'clock':<10}{'offset s':>10}{'ppm':>5}{'gaps/bad':>9}"
+    health = board.health
+    if health is None:
+        yield styled(" LINKS", TITLE).append("   nothing heard yet", "dim")
+        return
+    if only_bad:
+        title = f" LINKS  {sum(s.alive for s in health.streams)} of {len(health.streams)} alive"
+    yield styled(title, TITLE)
+    for s in health.streams:
+        flags = board.flags(s.stream, s.device, now_ns)
+        alive = s.alive and not any(LEVELS[flag] is Level.ALARM for flag in flags)
+        if flags or not alive or not only_bad:
+            yield _link_line(s, alive, " ".join(flags))
+
+
+def _link_line(s: StreamHealth, alive: bool, flags: str) -> Text:
+    style = "bold red" if not alive else "yellow" if flags else "green"
+    line = styled(f" {'●' if alive else '✗'} {s.stream:<{_STREAM - 3}}", style)
+    age = f"{1000 * s.age_s:.0f} ms" if s.age_s < 1 else f"{s.age_s:.1f} s" if math.isfinite(s.age_s) else "–"
+    line.append(f"{_fixed(s.rate_hz, '.0f'):>3} Hz{age:>8}", "" if alive else "bold red")
+    line.append(f"  {s.clock:<10}", _CLOCK_STYLES.get(s.clock, "bold red"))
+    known = s.clock not in ("none", "unsynced")
+    line.append(f"{_fixed(s.offset_s, '+.2f') if known else '–':>10}{_fixed(s.drift_ppm, '+.0f') if known else '–':>5}")
+    line.append(f"{f'{s.gaps}/{s.bad}':>9}", "yellow" if s.gaps or s.bad else "")
+    return line.append(f"  {flags}", "bold red" if not alive else "bold yellow")
+
+
+def _event_lines(board: Board, count: int) -> list[Text]:
+    """The title and the last events, `count` of them; nothing if there is room for none."""
+    if count < 1:
+        return []
+    lines = [styled(" EVENTS", TITLE)]
+    for event in [event for _, event in board.events_after(0) if not is_routine(event)][-count:]:
+        style = _LEVEL_STYLES[event.level]
+        lines.append(styled(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
+    return lines
+
+
+def _footer(note: str | None) -> Text:
+    if note is not None:
+        return (
+            styled(" note: ", "bold black on yellow")
+            .append(f" {note}█")
+            .append("   Enter records  Esc drops it", "dim")
+        )
+    line = Text()
+    for key, what in (("m", "mark an event"), ("p", "start/end test point"), ("q", "quit")):
+        line.append(f" {key} ", "reverse").append(f" {what}   ")
+    return line
+
+
+def hms(seconds: float) -> str:
+    """Hours, minutes and seconds of flight."""
+    whole = int(max(0.0, seconds))
+    return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def _deg(angle: float, *, sign: bool = True) -> str:
+    return _fixed(from_si(angle, "deg"), "+6.2f" if sign else ".2f")
+
+
+def _fixed(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else "–".rjust(int(form[1]) if form[1:2].isdigit() else 1)
+
+
+def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
+    """Without a terminal: each event as it comes and a status line a second, until `stop` is set."""
+    told, due_ns = 0, clock.now_ns() + SECOND_NS
+    ended = False
+    while not ended:
+        ended = stop.wait(0.1)
+        for number, event in board.events_after(told):
+            told = number
+            if is_routine(event):
+                continue
+            time = hms(board.elapsed_s(event.t_ns))
+            write(f"{time} {_LEVEL_WORDS[event.level]:<5} {event_text(event)}")
+        if clock.now_ns() >= due_ns or ended:
+            due_ns += SECOND_NS
+            write(_status_line(board))
+
+
+def _status_line(board: Board) -> str:
+    parts = [hms(board.elapsed_s())]
+    a = board.alpha
+    if a is None:
+        parts.append("alpha –")
+    else:
+        alpha = (
+            f"alpha {_deg(a.alpha)} ± {_deg(2 * a.alpha_sd, sign=False)} deg" if a.valid else f"alpha invalid: {a.why}"
+        )
+        parts += [alpha, f"turbulence {a.turbulence}"]
+    shown = []
+    for name in board.derivatives:
+        p = board.parameter(board.recommended, name)
+        if p is not None and p.status is Status.ESTIMATED:
+            shown.append(f"{name} {value_text(p)} ± {significant(2 * p.sd, p.value)}")
+    parts.append(", ".join(shown) if shown else "derivatives unestimated")
+    if board.lateral:
+        parts.append(f"lateral {lateral_summary(board)}")
+    if board.health is not None:
+        streams = board.health.streams
+        parts.append(f"links {sum(s.alive for s in streams)}/{len(streams)}")
+    parts.append(f"log {board.log_bytes / 2**20:.1f} MiB")
+    parts += [f"ALARM {e.source} {e.code}" for e in board.alarms]
+    parts += [f"CHECK {e.detail}" for e in board.disagreements]
+    return " | ".join(parts)
+
+
+def json_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
+    """One JSON object a second, schema "station.run/1", each with the events since the one before, until `stop`."""
+    told, due_ns = 0, clock.now_ns() + SECOND_NS
+    ended = False
+    while not ended:
+        ended = stop.wait(0.1)
+        if clock.now_ns() >= due_ns or ended:
+            due_ns += SECOND_NS
+            newest = board.events_after(told)
+            write(json.dumps(board.snapshot(newest), allow_nan=False))
+            told = newest[-1][0] if newest else told

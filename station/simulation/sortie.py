@@ -1,0 +1,66 @@
+"""What flies a card, and whole flights with their sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import SIGNALS, TICK_HZ
+from station.profile import Aircraft, Card, Rig
+from station.simulation.installed import Installed, Source
+from station.simulation.jsbsim_flight import JsbsimFlight
+from station.simulation.motion import DT, EVERY
+from station.simulation.sensors import Channel, Sensor, sensors_of
+from station.simulation.six_degrees import LateralSimulation
+from station.simulation.three_degrees import Simulation
+
+Position = tuple[float, float, float]
+
+
+def source_of(
+    aircraft: Aircraft, card: Card, imu_position: Position = (0.0, 0.0, 0.0), seed: int | None = None
+) -> Source:
+    """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder, or
+    JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises ProfileError.
+    """
+    place = aircraft.imu_at(imu_position)
+    if card.flight.source == "jsbsim":
+        return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed)
+    if any(m.surface != "elevator" for m in card.manoeuvres):
+        return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed)
+    return Simulation(aircraft, card.flight, card.manoeuvres, place, seed)
+
+
+def installed(aircraft: Aircraft, rig: Rig, card: Card, seed: int | None = None) -> Installed:
+    """The card's flight as the profile's instruments show it; what the rig's devices add is still to come."""
+    drifts = {name: sensor.drift for name, sensor in sensors_of(rig).items()}
+    seed = card.flight.seed if seed is None else seed
+    return Installed(source_of(aircraft, card, rig.imu_position, seed), aircraft, drifts, seed)
+
+
+def fly(
+    aircraft: Aircraft,
+    sensors: Rig | Mapping[str, Sensor],
+    card: Card,
+    duration_s: float,
+    seed: int | None = None,
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
+    """A whole flight of a card: what the sensors show at 50 Hz, and the truth at the same instants.
+
+    With a rig, its signals with its noise; with a mapping, every signal, perfect where the mapping has none. The errors
+    of the profile's instruments are in what is shown, and so is where the imu is. Both dictionaries hold (n,) arrays in
+    SI; truth has "time" (s), all signals without errors, and TRUTH. `seed` replaces the flight's. Raises ProfileError.
+    """
+    if isinstance(sensors, Rig):
+        channels, place = sensors_of(sensors), sensors.imu_position
+    else:
+        channels, place = {name: sensors.get(name, Sensor()) for name in SIGNALS}, (0.0, 0.0, 0.0)
+    seed = card.flight.seed if seed is None else seed
+    drifts = {name: sensor.drift for name, sensor in channels.items()}
+    flight = Installed(source_of(aircraft, card, place, seed), aircraft, drifts, seed)
+    exact = flight.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
+    shown = {name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items()}
+    return shown, {name: values[::EVERY].copy() for name, values in flight.truth.items()}

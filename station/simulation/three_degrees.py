@@ -1,0 +1,153 @@
+"""A simulated flight with its wings level: aircraft, air, boom and test inputs together, stepped at 200 Hz.
+
+Deterministic: the same seed gives the same bits however the flight is cut into pieces.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.profile import Aircraft, Flight, Manoeuvre
+from station.simulation import airframe as ac
+from station.simulation.boom import NO_BOOM, vane_constants
+from station.simulation.gusts import GustField, dryden_of, field_constants
+from station.simulation.manoeuvres import elevator_input
+from station.simulation.motion import COLUMNS, DT, Site, Tables, advance, at_rest
+
+ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
+"""Latitude and longitude where every simulated flight begins, rad."""
+_EQUATOR: Final = 6378137.0
+_ECCENTRICITY2: Final = 6.69437999014e-3
+BLOCK: Final = 400
+"""Steps whose elevator commands are made together."""
+SPEED_MARGIN: Final = 2.0
+"""The gust field is made this many trim speeds times the block's time ahead."""
+
+
+class Simulation:
+    """One flight from trim, as far as it is asked for; memory stays flat however long it lasts.
+
+    The aircraft begins trimmed at the flight's speed and altitude in a turbulence that has always been there (or that
+    begins at `gust_start`). Wings stay level and the heading constant; a mean wind carries the air. Unless `hold` is
+    false, a pilot holds speed and height with slow thrust. Side gusts show on the beta vane only.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        flight: Flight,
+        manoeuvres: Sequence[Manoeuvre] = (),
+        imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        seed: int | None = None,
+        hold: bool = True,
+        deflection: NDArray[np.float64] | None = None,
+    ) -> None:
+        """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
+        one, commanded from trim at every half step (rad), is flown in place of the manoeuvres. Raises ProfileError."""
+        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft))
+        self._tables = indicial_tables(aircraft)
+        self._vane = vane_constants(aircraft.boom or NO_BOOM, DT)
+        self._site = site(flight, imu_position)
+        self._manoeuvres = tuple(manoeuvres)
+        self._deflection = deflection
+        self._behind, self._ahead = reach(aircraft)
+        self._field = GustField(
+            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
+            self._behind,
+            np.random.SeedSequence(flight.seed if seed is None else seed),
+        )
+        self._field.cover(-self._behind, self._ahead)
+        self._memory = at_rest(self.constants, self._tables, self._behind, self._field.values, self._field.first)
+        self._commands: NDArray[np.float64] = np.empty(0)
+        self._block = 0
+        """Number of the block of elevator commands at hand, plus 1."""
+
+    @property
+    def steps_done(self) -> int:
+        """How many steps of DT have been given; the next one is at steps_done * DT seconds of flight."""
+        return int(self._memory.marks[0])
+
+    def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
+        """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, and TRUTH; each (n,)."""
+        begin = self.steps_done
+        out = np.empty((n, len(COLUMNS)))
+        done = 0
+        while done < n:
+            self._prepare(begin + done)
+            offset = (begin + done) % BLOCK
+            m = min(n - done, BLOCK - offset)
+            command = self._commands[2 * offset : 2 * (offset + m) + 1]
+            advance(
+                self.constants,
+                self._tables,
+                self._vane,
+                self._site,
+                self._memory,
+                command,
+                self._field.values,
+                self._field.first,
+                1,
+                out[done : done + m],
+            )
+            done += m
+        columns = np.ascontiguousarray(out.T)
+        return {"time": (begin + np.arange(n)) * DT, **dict(zip(COLUMNS, columns, strict=True))}
+
+    def _prepare(self, step: int) -> None:
+        """Elevator commands and gusts for the block that the step is in."""
+        number = step // BLOCK
+        if self._block != number + 1:
+            half_steps = np.arange(2 * BLOCK + 1) + 2 * number * BLOCK
+            if self._deflection is None:
+                added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
+            else:
+                added = self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
+            self._commands = self.constants.trim_elevator + added
+            self._block = number + 1
+        s = float(self._memory.x[ac.DISTANCE])
+        far = SPEED_MARGIN * self.constants.trim_speed * BLOCK * DT
+        self._field.cover(s - self._behind, s + self._ahead + far)
+
+
+def elevator_play(aircraft: Aircraft) -> float:
+    """Width of the play between the elevator's drive and its surface, rad."""
+    errors = aircraft.instruments.get("elevator")
+    return errors.backlash if errors else 0.0
+
+
+def indicial_tables(aircraft: Aircraft) -> Tables:
+    """The aircraft's four indicial responses."""
+    u = aircraft.unsteady
+    responses = (u.lift_motion, u.lift_gust, u.upwash_motion, u.upwash_gust)
+    tables = Tables(*(ac.indicial_table(response) for response in responses))
+    span = u.gust_span / (u.reference_chord or aircraft.geometry.chord)
+    return tables._replace(lift_gust=ac.span_averaged(tables.lift_gust, span))
+
+
+def reach(aircraft: Aircraft) -> tuple[float, float]:
+    """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare."""
+    boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
+    behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
+    return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
+
+
+def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:
+    """The earth is taken round with WGS-84's radii of curvature at the origin."""
+    w2 = 1 - _ECCENTRICITY2 * math.sin(ORIGIN[0]) ** 2
+    return Site(
+        imu_x=imu_position[0],
+        imu_y=imu_position[1],
+        imu_z=imu_position[2],
+        wind_north=flight.wind_north,
+        wind_east=flight.wind_east,
+        heading=flight.heading,
+        latitude=ORIGIN[0],
+        longitude=ORIGIN[1],
+        radius_north=_EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5,
+        radius_east=_EQUATOR / math.sqrt(w2),
+    )

@@ -1,0 +1,161 @@
+"""The command line as a user meets it: exit codes of contract.md, errors of one to three lines, JSON on stdout."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import msgspec
+import numpy as np
+import psutil
+import pytest
+
+from station.__main__ import main
+from station.log import metadata, read_rows, write_log
+from station.profile import profiles_dir
+from station.rows import AlphaEstimate
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    """A short recording of the simulation."""
+    path = tmp_path_factory.mktemp("logs") / "flight.mcap"
+    argv, sys.argv = sys.argv, ["station", "simulate", "bench", "-o", str(path), "--duration", "30", "--seed", "3"]
+    try:
+        with pytest.raises(SystemExit) as leaving:
+            main()
+    finally:
+        sys.argv = argv
+    assert leaving.value.code == 0
+    return path
+
+
+def test_version_and_help(station):
+    assert station("--version")[:2] == (0, "0.1.0\n")
+    code, out, _ = station("--help")
+    assert code == 0
+    for verb in ("run", "emulate", "check", "replay", "info", "recover", "import", "export", "identify", "simulate"):
+        assert f"  {verb} " in out
+        assert station(verb, "--help")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        (("fly",), 2, "fly"),
+        (("run", "--duration", "long"), 2, "--duration"),
+        (("run", "bensh", "--view", "none"), 2, "did you mean bench?"),
+        (("check", "/nowhere/card.toml"), 2, "no such file"),
+        (("info", "/nowhere/log.mcap"), 1, "no such file"),
+        (("replay", "/nowhere/log.mcap"), 1, "/nowhere/log.mcap"),
+        (("identify", "/nowhere/log.mcap"), 1, "/nowhere/log.mcap"),
+        (("simulate", "bench", "-o", "/tmp/x.mcap", "--set", "flight.gust_sgma=3"), 2, "did you mean gust_sigma?"),
+        (("simulate", "bench", "-o", "/tmp/x.mcap", "--set", "nothing"), 2, "KEY=VALUE"),
+        (("simulate", "bench", "-o", "/tmp/x.mcap", "--set", "name.x.y=3"), 2, "no place for name.x.y"),
+    ],
+)
+def test_errors_are_short_and_say_how_to_mend(station, words, code, expected):
+    got, out, err = station(*words)
+    assert got == code
+    assert expected in err
+    assert out == ""
+    assert len(err.strip().splitlines()) <= 3
+    assert "Traceback" not in err
+
+
+def test_an_unreadable_recording(station, tmp_path):
+    path = tmp_path / "noise.mcap"
+    path.write_bytes(bytes(range(256)) * 40)
+    for verb in (("info", path), ("replay", path), ("recover", path, "-o", tmp_path / "out.mcap")):
+        code, _, err = station(*verb)
+        assert code == 1
+        assert str(path) in err
+        assert len(err.strip().splitlines()) <= 3
+
+
+def test_info_tells_complete_from_truncated(station, flight, tmp_path):
+    code, out, _ = station("info", flight, "--json")
+    told = json.loads(out)
+    assert (code, told["verdict"]) == (0, "complete")
+    assert told["duration_s"] == pytest.approx(30.0, abs=0.05)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(flight.read_bytes()[:-5000])
+    code, out, _ = station("info", cut, "--json")
+    assert (code, json.loads(out)["verdict"]) == (3, "truncated")
+    code, _, _ = station("recover", cut, "-o", tmp_path / "mended.mcap")
+    assert code == 0
+    assert station("info", tmp_path / "mended.mcap")[0] == 0
+
+
+def test_recordings_are_never_overwritten(station, flight, tmp_path):
+    before = flight.read_bytes()
+    for words in (("simulate", "bench", "-o", flight), ("recover", flight, "-o", flight)):
+        code, _, err = station(*words)
+        assert code == 1
+        assert "exists" in err
+    assert flight.read_bytes() == before
+
+
+def test_the_same_seed_flies_the_same_flight(station, flight, tmp_path):
+    again = tmp_path / "again.mcap"
+    assert station("simulate", "bench", "-o", again, "--duration", 30, "--seed", 3)[0] == 0
+    assert list(map(repr, read_rows(again))) == list(map(repr, read_rows(flight)))
+
+
+def test_an_unstable_aircraft_is_told(station, tmp_path):
+    text = (profiles_dir() / "aircraft" / "twin_otter.toml").read_text()
+    (tmp_path / "tipsy.toml").write_text(text.replace("Cm_alpha = { value = -1.31", "Cm_alpha = { value = 2.0"))
+    card = tmp_path / "card.toml"
+    card.write_text('name = "card"\naircraft = "tipsy.toml"\nrig = "bench"\nflight.gust_sigma = "3 ft/s"\n')
+    code, _, err = station("simulate", card, "-o", tmp_path / "out.mcap", "--duration", 20)
+    assert code == 3
+    assert "beyond 34 deg of angle of attack from " in err
+
+
+def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(station, tmp_path):
+    words = ["run", "--duration", "4", "--json", "--view", "none", "--log", str(tmp_path)]
+    mark = {"STATION_UNDER_TEST": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-m", "station", *words], capture_output=True, text=True, timeout=300, env=os.environ | mark
+    )
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(lines) >= 3
+    assert {line["schema"] for line in lines} == {"station.run/1"}
+    assert all(link["alive"] for link in lines[-1]["links"].values())
+    assert not [p for p in psutil.process_iter(["environ"]) if mark.items() <= (p.info["environ"] or {}).items()]
+    (log,) = tmp_path.glob("*.mcap")
+    altered = tmp_path / "altered.mcap"
+    rows = list(read_rows(log))
+    k = next(i for i, row in enumerate(rows) if isinstance(row, AlphaEstimate) and i > len(rows) // 2)
+    rows[k] = msgspec.structs.replace(rows[k], vane=np.nextafter(rows[k].vane, 1.0))
+    write_log(altered, metadata(log).about, rows)
+    assert station("replay", "--verify", log)[0] == 0
+    code, out, _ = station("replay", "--verify", altered)
+    assert code == 1
+    assert "1 different" in out
+
+
+def test_every_method_that_estimates_has_its_row(station, tmp_path):
+    log = tmp_path / "calm.mcap"
+    assert station("simulate", "bench", "-o", log, "--duration", 60, "--set", "flight.gust_sigma=0 m/s")[0] == 0
+    code, out, _ = station("identify", log, "--from", 20, "--json", "-")
+    assert code == 0
+    told = json.loads(out)
+    assert told["schema"] == "station.identification.analysis/1"
+    _, table, _ = station("identify", log, "--from", 20, "--method", "II,split", "--method", "I")
+    rows = {line.split()[0]: re.findall(r"(-?[\d.]+)±([\d.]+)", line) for line in table.splitlines() if "±" in line}
+    for method in ("I", "II", "split"):
+        parameters = told["methods"][method]["parameters"].values()
+        assert len(rows[method]) == len(parameters) == 6
+        for (value, twice), p in zip(rows[method], parameters, strict=True):
+            # Printed to two digits of the error.
+            assert float(value) == pytest.approx(p["estimate"], abs=0.06 * float(twice))
+            assert float(twice) == pytest.approx(2 * p["std_error"], rel=0.06)
+
+
+def test_a_simulation_is_not_replayed(station, flight):
+    code, _, err = station("replay", flight)
+    assert code == 2
+    assert "station identify" in err

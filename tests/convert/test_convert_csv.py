@@ -1,0 +1,189 @@
+"""CSV and HFB-320 text in and CSV out: same bits back, and every error names its place."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from station.conventions import SIGNALS
+from station.convert import Record, Track, import_file
+from station.convert import exporter as export
+from station.convert.tracks import write_record
+from station.log import read_rows, summarise, table
+from station.profile import load_aircraft
+from station.rows import LogError, Sample
+
+DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "hfb320" / "hfb320_1_10.asc"
+AIRCRAFT = load_aircraft("twin_otter")
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+cell = st.just(math.nan) | finite
+
+
+def imported(tmp_path: Path, text: str) -> Path:
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    import_file(tmp_path / "a.csv", tmp_path / "a.mcap", AIRCRAFT)
+    return tmp_path / "a.mcap"
+
+
+def test_units_are_converted(tmp_path: Path) -> None:
+    found = table(
+        imported(
+            tmp_path,
+            "# a comment\n\ntime [ms], alpha_vane [deg] ,airspeed[kt],ax [ft/s^2],dynamic_pressure [psf],az [g],"
+            "air_temperature [degC]\n"
+            "0,1,100,10,1,-1,15\n# another\n20,,nan,NaN,2,-1,15\n",
+        )
+    )
+    assert found.t_s.tolist() == [0.0, 0.02]
+    assert found.columns["alpha_vane"][0] == pytest.approx(math.pi / 180)
+    assert found.columns["airspeed"][0] == pytest.approx(51.4444444)
+    assert found.columns["ax"][0] == pytest.approx(3.048)
+    assert found.columns["dynamic_pressure"][0] == pytest.approx(47.88025898)
+    assert found.columns["az"][0] == -9.80665
+    assert found.columns["air_temperature"][0] == 288.15
+    missing = [name for name, column in found.columns.items() if math.isnan(column[1])]
+    assert missing == ["alpha_vane", "airspeed", "ax"]
+
+
+def test_uneven_time_is_kept_as_it_is(tmp_path: Path) -> None:
+    path = imported(tmp_path, "time [s],q [rad/s]\n-1.5,0\n-1.47,1\n0.001,2\n7.123456789,3\n")
+    samples = [r for r in read_rows(path) if isinstance(r, Sample)]
+    assert [s.t_device_ns for s in samples] == [-1_500_000_000, -1_470_000_000, 1_000_000, 7_123_456_789]
+    assert [s.t_ns for s in samples] == [0, 30_000_000, 1_501_000_000, 8_623_456_789]
+    assert table(path).t_s.tolist() == [0.0, 0.03, 1.501, 8.623456789]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rows=st.lists(st.tuples(cell, cell, cell), min_size=1, max_size=5),
+    steps=st.lists(st.integers(1, 10**10), min_size=5, max_size=5),
+    start=st.integers(-(10**12), 10**12),
+)
+def test_out_and_in_again_gives_the_same_bits(
+    tmp_path: Path, rows: list[tuple[float, float, float]], steps: list[int], start: int
+) -> None:
+    for old in tmp_path.iterdir():
+        old.unlink()
+    t_ns = start + np.cumsum([0, *steps[: len(rows) - 1]])
+    names = ("q", "az", "alpha_vane")
+    columns = {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+    if all(np.all(np.isnan(c)) for c in columns.values()):
+        return
+    write_record(tmp_path / "a.mcap", Record([Track("record", t_ns, columns)], AIRCRAFT, "csv"))
+    export(tmp_path / "a.mcap", "csv", tmp_path / "b.csv")
+    import_file(tmp_path / "b.csv", tmp_path / "b.mcap", AIRCRAFT)
+    first, second = table(tmp_path / "a.mcap"), table(tmp_path / "b.mcap")
+    assert first.record_ns is not None
+    assert second.record_ns is not None
+    assert first.record_ns.tolist() == second.record_ns.tolist() == t_ns.tolist()
+    for name in first.columns:
+        assert [struct.pack("<d", v) for v in first.columns[name]] == [
+            struct.pack("<d", v) for v in second.columns[name]
+        ]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "empty"),
+        ("# only a comment\n", "empty"),
+        ("time [s],alfa_vane [deg]\n0,1\n", "line 1, column 2: unknown signal 'alfa_vane'; did you mean alpha_vane?"),
+        ("\n# c\ntime [s],kkkk [deg]\n0,1\n", "line 3, column 2: unknown signal 'kkkk'; known: time, alpha_vane"),
+        ("time [s],q\n0,1\n", "line 1, column 2: q has no unit: write q [rad/s]"),
+        ("time,q [deg/s]\n0,1\n", "line 1, column 1: time has no unit"),
+        ("time [s],q [furlong]\n0,1\n", "line 1, column 2: q: unknown unit: 'furlong'"),
+        ("time [s],q [ft/s]\n0,1\n", "column 2: q: unit that does not fit: 'ft/s'\nfitting: rad/s, mrad/s, deg/s"),
+        ("time [s],q [deg/s],q [rad/s]\n0,1,1\n", "line 1, column 3: q is given twice, first in column 2"),
+        ("time [s],q [deg/s] x\n0,1\n", "line 1, column 2: 'q [deg/s] x' is not a name and its unit"),
+        ("q [deg/s]\n1\n", "line 1: no column time"),
+        ("time [s]\n1\n", "no signal beside time"),
+        ("time [s],q [deg/s]\n", "no row of values"),
+        ("time [s],q [deg/s]\n0,1\n0.02,1,2\n", "line 3, column 3: 3 columns, but the header has 2"),
+        ("time [s],q [deg/s]\n0,1\n0.02\n", "line 3, column 2: 1 columns, but the header has 2"),
+        ("time [s],q [deg/s]\n0,1\n0.02,one\n", "line 3, column 2: 'one' is not a number"),
+        ("time [s],q [deg/s]\n0,1\n0.02,inf\n", "line 3, column 2: 'inf' is not a number"),
+        ("time [s],q [deg/s]\n0,1\n,1\n", "line 3, column 1: time is missing"),
+        ("time [s],q [deg/s]\n0,1\n0.02,1\n0.02,1\n", "line 4, column 1: time does not increase: 0.02 after 0.02"),
+        ("time [s],q [deg/s]\n0,1\n1e-10,1\n", "time does not increase by a nanosecond"),
+        ("time [s],q [deg/s]\n1e300,1\n", "out of range"),
+    ],
+)
+def test_errors_name_the_place_and_the_remedy(tmp_path: Path, text: str, says: str) -> None:
+    with pytest.raises(LogError) as refused:
+        imported(tmp_path, text)
+    assert says in str(refused.value)
+    assert str(tmp_path / "a.csv") in str(refused.value)
+    assert len(str(refused.value).splitlines()) <= 3
+    assert not (tmp_path / "a.mcap").exists()
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.csv").write_bytes(b"time [s],q [deg/s]\n0,1\n" + content)
+    (tmp_path / "a.mcap").unlink(missing_ok=True)
+    try:
+        import_file(tmp_path / "a.csv", tmp_path / "a.mcap", AIRCRAFT)
+    except LogError:
+        assert not (tmp_path / "a.mcap").exists()
+
+
+def test_a_byte_order_mark_and_windows_lines_are_no_trouble(tmp_path: Path) -> None:
+    path = imported(tmp_path, "\ufefftime [s],q [deg/s]\r\n0,1\r\n0.02,2\r\n")
+    assert len(table(path).t_s) == 2
+
+
+def test_unknown_kinds_missing_files_and_taken_names(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"cannot import \.txt; known: \.mat, \.csv"):
+        import_file(tmp_path / "a.txt", tmp_path / "a.mcap", AIRCRAFT)
+    with pytest.raises(LogError, match="no such file"):
+        import_file(tmp_path / "a.csv", tmp_path / "a.mcap", AIRCRAFT)
+    path = imported(tmp_path, "time [s],q [deg/s]\n0,1\n")
+    with pytest.raises(LogError, match="exists already"):
+        import_file(tmp_path / "a.csv", path, AIRCRAFT)
+
+
+def test_hfb_columns_by_hand(tmp_path: Path) -> None:
+    line = " ".join(str(i) for i in range(1, 21))
+    (tmp_path / "a.asc").write_text(f"  0 {line[2:]}\n  0.1 {line[2:]}\n")
+    import_file(tmp_path / "a.asc", tmp_path / "a.mcap", load_aircraft("hfb320"))
+    found = table(tmp_path / "a.mcap")
+    assert {n: c[0] for n, c in found.columns.items()} == {
+        "elevator": 2, "dynamic_pressure": 3, "thrust": 4, "airspeed": 5, "alpha_vane": 6, "theta": 7, "q": 8,
+        "qdot": 9, "ax": 10, "az": 11, "ay": 12,
+    }  # fmt: skip
+    assert found.extra["column_20"].tolist() == [20, 20]
+    (tmp_path / "b.asc").write_text("0 1 2\n")
+    with pytest.raises(LogError, match="line 1: 3 columns, not at least 12"):
+        import_file(tmp_path / "b.asc", tmp_path / "b.mcap", load_aircraft("hfb320"))
+
+
+def test_the_hfb_record_goes_through_csv_with_the_same_bits(tmp_path: Path) -> None:
+    if not DATA.is_file():
+        pytest.skip("hfb320_1_10.asc is not at ../shared/data/hfb320")
+    import_file(DATA, tmp_path / "a.mcap", load_aircraft("hfb320"))
+    first = table(tmp_path / "a.mcap")
+    original = np.loadtxt(DATA)
+    assert len(first.t_s) == 601
+    assert first.rate_hz == pytest.approx(10.0)
+    assert np.array_equal(first.columns["alpha_vane"], original[:, 5])
+    assert np.array_equal(first.extra["column_13"], original[:, 12])
+    export(tmp_path / "a.mcap", "csv", tmp_path / "b.csv")
+    import_file(tmp_path / "b.csv", tmp_path / "b.mcap", load_aircraft("hfb320"))
+    second = table(tmp_path / "b.mcap")
+    assert np.array_equal(first.t_s, second.t_s)
+    assert all(np.array_equal(first.columns[n], second.columns[n]) for n in first.columns)
+    assert summarise(tmp_path / "b.mcap").verdict == "complete"
+
+
+def test_every_signal_can_be_imported_in_every_unit_that_fits(tmp_path: Path) -> None:
+    header = ",".join(["time [s]", *(f"{n} [{s.unit}]" for n, s in SIGNALS.items())])
+    path = imported(tmp_path, header + "\n" + ",".join("1" for _ in range(len(SIGNALS) + 1)) + "\n")
+    assert set(table(path).columns) == set(SIGNALS)

@@ -1,0 +1,62 @@
+"""Flights of a simulation that shares nothing with the station's: nothing is found where nothing is hidden."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import another_simulation as flown
+import pytest
+from another_simulation import Case
+
+from station.diagnosis.measured_record import manoeuvres
+from station.diagnosis.procedure import Diagnosis, diagnose
+from station.identification.analysis import identify
+from station.log import Table
+from station.profile import load_aircraft
+
+
+def diagnosed(case: Case, folder: Path) -> Diagnosis:
+    profile = folder / "navion.toml"
+    profile.write_text(flown.PROFILE)
+    aircraft = load_aircraft(str(profile))
+    records = [manoeuvres(f"flight{kind}", *flown.fly(case, kind), aircraft)[0] for kind in range(3)]
+    return diagnose([records[0], records[2]], [records[1]], aircraft)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.5])
+def test_nothing_is_found_where_nothing_is_hidden(sigma: float, tmp_path: Path) -> None:
+    found = diagnosed(Case(seed=1, sigma=sigma), tmp_path)
+    assert found.verdict == "no_effect", (found.effects, found.leftover)
+
+
+def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_mended(tmp_path: Path) -> None:
+    """Nothing is left over: the data can have what they want, at a price that the profile says is too high."""
+    found = diagnosed(Case(seed=2, derivatives={"Cm_q": -20.0}, gyro=0.01), tmp_path)
+    named = {e.term.id: e for e in found.effects}
+    assert (found.verdict, set(named)) == ("effect_found", {"aero.Cm_q", "q.bias"})
+    assert abs(named["q.bias"].value - 0.01) < 3 * named["q.bias"].sd < 0.002
+    assert found.extended.instruments["q"].bias == pytest.approx(named["q.bias"].value)
+    effect = named["aero.Cm_q"]
+    share = -20.0 / flown.NAVION["Cm_q"] - 1
+    assert abs(effect.value - share) < 3 * effect.sd < 0.1  # seed 2 is one of 1000 to lie beyond three
+    assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
+    assert found.gain is not None
+    assert found.gain.reduction > 0.5  # its moment is nearly all that there was
+
+
+@pytest.mark.parametrize(("sigma", "expected"), [(0.0, "split"), (1.5, "split+gust")])
+def test_a_profile_that_gives_a_quasi_steady_aircraft_lift_memory_is_contradicted(
+    sigma: float, expected: str, tmp_path: Path
+) -> None:
+    """`physical` is then 20 % off in Cm_alpha in gusts, and its interval does not hold it."""
+    profile = tmp_path / "navion.toml"
+    profile.write_text(flown.PROFILE)
+    plain, other = load_aircraft(str(profile)), load_aircraft("twin_otter").unsteady
+    memory = {name: getattr(other, name) for name in ("lift_motion", "lift_gust", "downwash")}
+    aircraft = plain.model_copy(update={"unsteady": plain.unsteady.model_copy(update=memory)})
+    t, shown = flown.fly(Case(seed=3, sigma=sigma, seconds=65.0), 0)
+    found = identify(Table(t, shown, aircraft, 0), aircraft, ("split", "split+gust", "physical"), noise=flown.NOISE)
+    assert found["recommended"] == expected
+    assert found["methods"]["physical"]["why"].startswith("the data prefer split+gust's quasi-steady model")
+    low, high = found["methods"][expected]["parameters"]["Cm_alpha"]["ci95"]
+    assert low < flown.NAVION["Cm_alpha"] < high

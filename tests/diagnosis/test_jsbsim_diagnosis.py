@@ -1,0 +1,113 @@
+"""Another aircraft model than the profile's: instruments are not blamed for it, and faults of theirs are found."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import pytest
+from blind import SIGMAS, Case, size, tally
+from jsbsim_flights import flown, profile
+
+from station.diagnosis.noise_levels import Flights
+from station.diagnosis.procedure import Diagnosis, diagnosis_of
+from station.diagnosis.reference import fly, reference
+from station.diagnosis.search import RIVAL
+
+TWO_SPEEDS = (("doublets", 100.0), ("3-2-1-1", 125.0))
+PLANTED = (
+    "alpha_vane.delay", "alpha_vane.scale", "alpha_vane.position", "boom.flexure", "accelerometer.position",
+    "accelerometer.scale", "accelerometer.delay", "q.delay", "q.scale", "imu.delay", "elevator.lag",
+    "elevator.backlash", "velocity.delay",
+)  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def beside(kind: str, knots: float) -> Flights:
+    """The profile's own flights of a manoeuvre: alike enough for all cases."""
+    return fly(flown(Case(seed=1), kind, knots, 0), profile())
+
+
+def diagnosed(case: Case, card=TWO_SPEEDS) -> Diagnosis:
+    made = [
+        reference(flown(case, kind, knots, k), profile(), flights=beside(kind, knots))
+        for k, (kind, knots) in enumerate(card)
+    ]
+    return diagnosis_of(made, [], profile())
+
+
+def named(d: Diagnosis) -> dict[str, tuple[str, ...]]:
+    """What is named that is not the aircraft's model, and its rivals."""
+    return {e.term.id: e.rivals for e in d.effects if not e.term.aerodynamic}
+
+
+def score(case: Case, d: Diagnosis) -> str:
+    true, found = set(case.effects), named(d)
+    if not true:
+        return "blamed" if found else "clean"
+    if set(found) == true:
+        return "group" if any(found.values()) else "alone"
+    if not found:
+        return "none"
+    possible = set(found) | {r for rivals in found.values() for r in rivals}
+    return "companion" if true < set(found) else "group" if true <= possible and len(found) == 1 else "wrong"
+
+
+@pytest.mark.parametrize("sigma", [SIGMAS[0], pytest.param(SIGMAS[1], marks=pytest.mark.slow)])
+def test_without_an_effect_the_model_lacks_something_and_no_instrument_failed(sigma):
+    d = diagnosed(Case(seed=70, sigma=sigma))
+    assert named(d) == {}
+    assert d.verdict == "unexplained"
+    # The table's lift slope near trim is 4.0 to 4.9 per rad, the profile's 5.66.
+    slope = next(e for e in d.effects if e.term.id == "aero.CL_alpha")
+    assert -0.45 < slope.value < -0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "sigma"),
+    [
+        pytest.param("q.scale", SIGMAS[2], marks=pytest.mark.slow),
+        pytest.param("alpha_vane.scale", SIGMAS[0], marks=pytest.mark.slow),
+        ("alpha_vane.delay", SIGMAS[0]),
+    ],
+)
+def test_an_instrument_that_contradicts_the_others_is_named(name, sigma):
+    case = Case(seed=71, sigma=sigma, effects={name: 4 * size(name, sigma)})
+    d = diagnosed(case)
+    assert score(case, d) in ("alone", "group")
+    found = next(e for e in d.effects if e.term.id == name)
+    assert found.ci95[0] < case.effects[name] < found.ci95[1]
+    assert found.sd < 0.25 * abs(case.effects[name])
+
+
+@pytest.mark.slow
+def test_two_speeds_tell_a_delay_from_a_position():
+    both = ("alpha_vane.delay", "alpha_vane.position")
+    for seed in (72, 73):
+        true, other = both[seed % 2], both[1 - seed % 2]
+        case = Case(seed=seed, effects={true: 4 * size(true, 0.0)})
+        d = diagnosed(case)
+        assert score(case, d) == "alone"
+        cost = {f.ids[0]: f.cost for f in d.found.singles}
+        assert cost[other] - cost[true] > RIVAL
+
+
+@pytest.mark.slow
+def test_matrix_of_effects_at_four_times_their_detectable_size():
+    cases = []
+    for i in range(2 * len(PLANTED)):
+        name, sigma = PLANTED[i % len(PLANTED)], SIGMAS[(i // len(PLANTED) + i) % 3]
+        sign = 1 if name == "elevator.backlash" else (-1) ** (i // 7)
+        cases.append(Case(seed=70000 + i, sigma=sigma, effects={name: 4 * sign * size(name, sigma)}))
+    scores = [score(c, diagnosed(c)) for c in cases]
+    for c, s in zip(cases, scores, strict=True):
+        print(f"{s:10s} {c.sigma:.2f} {c.effects}")
+    print(tally(scores))
+    assert len([s for s in scores if s in ("alone", "group")]) >= 0.85 * len(scores)
+
+
+@pytest.mark.slow
+def test_matrix_of_flights_without_an_effect():
+    cases = [Case(seed=71000 + i, sigma=SIGMAS[i % 3]) for i in range(18)]
+    scores = [score(c, diagnosed(c)) for c in cases]
+    print(tally(scores))
+    assert scores.count("clean") >= 0.94 * len(scores)

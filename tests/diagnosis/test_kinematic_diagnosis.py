@@ -1,0 +1,99 @@
+"""Diagnosis of records without aerodynamics: instruments against each other, and what cannot be judged."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from station.__main__ import app
+from station.convert import import_file
+from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
+from station.log import Table
+from station.profile import Card, Doublet, Flight, Instrument, load_aircraft, load_rig
+from station.rows import UsageError
+from station.simulation.sortie import fly
+
+DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
+RIG = load_rig("bench")
+
+
+def flown(sigma: str, seed: int, **errors) -> Table:
+    """A flight of four doublets, as a table of a profile without aerodynamics."""
+    made = {n: Instrument.model_validate(e, context="si") for n, e in errors.items()}
+    aircraft = load_aircraft("twin_otter").model_copy(update={"instruments": made, "kinematics_only": True})
+    inputs = tuple(
+        Doublet(kind="doublet", start=f"{s} s", amplitude="3.5 deg", width=f"{w} s")
+        for s, w in ((5, 0.6), (18, 1.2), (31, 0.8), (44, 1.6))
+    )
+    card = Card(name="t", aircraft="twin_otter", rig="bench", manoeuvres=inputs,
+                flight=Flight(speed="110 kt", gust_sigma=sigma, seed=seed))  # fmt: skip
+    shown, truth = fly(aircraft, RIG, card, 58.0, seed)
+    return Table(truth["time"], shown, aircraft.model_copy(update={"instruments": {}}), 0)
+
+
+def diagnosed(*tables: Table, held: Table | None = None):
+    aircraft = tables[0].aircraft
+    kept = [] if held is None else [judge("held", held, aircraft, RIG)]
+    return diagnose_kinematics([judge(f"r{k}", t, aircraft, RIG) for k, t in enumerate(tables)], kept, aircraft)
+
+
+def test_sound_instruments_are_found_sound():
+    result, same = diagnosed(flown("0 ft/s", 1))
+    assert result["verdict"] == "no_effect", result["effects"]
+    assert {"alpha_vane.bias", "alpha_vane.scale", "alpha_vane.delay", "q.bias"} <= set(result["judged"])
+    assert result["gain"] is None
+    assert same.instruments == {}
+
+
+def test_a_late_and_scaled_vane_is_named_and_the_gain_is_held_out():
+    wrong = {"latency": 0.05, "gain": 1.2}
+    result, better = diagnosed(flown("0 ft/s", 2, alpha_vane=wrong), held=flown("0 ft/s", 3, alpha_vane=wrong))
+    found = {e["id"]: e for e in result["effects"]}
+    # The upwash's own memory, which a constant scale does not have, takes a share.
+    assert found["alpha_vane.delay"]["value"] == pytest.approx(0.05, abs=0.012)
+    assert found["alpha_vane.scale"]["value"] == pytest.approx(0.2, abs=0.04)
+    assert set(found) <= {"alpha_vane.delay", "alpha_vane.scale", "alpha_vane.bias"}
+    assert "vane is off" in result["not_judged"]["dynamic_pressure.scale"]
+    assert result["gain"]["before"] > 2 * result["gain"]["after"]
+    assert result["gain"]["ci95"][0] > 0
+    assert better.instruments["alpha_vane"].latency == found["alpha_vane.delay"]["value"]
+
+
+def test_in_gusts_the_vane_is_not_judged():
+    result, _ = diagnosed(flown("8 ft/s", 4, alpha_vane={"latency": 0.1}))
+    assert not [e for e in result["effects"] if e["id"].startswith("alpha_vane")]
+    assert "gusts" in result["not_judged"]["alpha_vane.delay"]
+
+
+def test_a_record_with_nothing_to_judge_is_refused():
+    t = np.arange(100) * 0.02
+    columns = {n: np.full(100, v) for n, v in (("alpha_vane", 0.1), ("q", 0.0), ("airspeed", 40.0), ("theta", 0.1),
+                                               ("ax", 0.0), ("az", -9.8), ("dynamic_pressure", 900.0))}  # fmt: skip
+    with pytest.raises(UsageError, match="nothing can be judged"):
+        judge("short", Table(t, columns, load_aircraft("unknown"), 0), load_aircraft("unknown"))
+
+
+@pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
+def test_records_of_real_booms(name: str, tmp_path: Path):
+    if not (DATA / name).is_file():
+        pytest.skip(f"{name} is not here")
+    log, out = tmp_path / "a.mcap", tmp_path / "d.json"
+    import_file(DATA / name, log, load_aircraft("unknown"))
+    words = ["diagnose", log, "--json", out, "--report", tmp_path / "r"]
+    assert app([str(w) for w in words], prog_name="station", standalone_mode=False) == 3
+    result = json.loads(out.read_text())
+    assert result["schema"] == "station.diagnose/1"
+    found = {e["id"]: e for e in result["effects"]}
+    if "onspeed" in name:
+        # Seen by eye: 7.4 to 15.8 deg of motion against 11.6 to 22.0 deg of vane.
+        assert found["alpha_vane.scale"]["value"] == pytest.approx((22.0 - 11.6) / (15.8 - 7.4) - 1, abs=0.15)
+        assert found["alpha_vane.delay"]["confounded_with"] == ["alpha_vane.position"]
+        assert result["verdict"] == "confounded"
+    else:
+        assert found == {}
+        assert "gusts" in result["not_judged"]["alpha_vane.scale"]
+    assert (tmp_path / "r" / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
+    assert "Vane against the inertial angle of attack" in (tmp_path / "r" / "diagnosis.html").read_text()

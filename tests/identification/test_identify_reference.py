@@ -1,0 +1,113 @@
+"""NASA's records through import and identify: SIDPAC's numbers, to every line of the 1 Hz history."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from station.conventions import from_si
+from station.convert import import_file
+from station.estimation.flight_record import FlightRecord
+from station.identification.analysis import identify
+from station.log import Table, table
+from station.profile import load_aircraft
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+pytestmark = pytest.mark.skipif(
+    not (DATA / "reference.json").is_file(), reason=f"flight records and reference.json are not in {DATA}"
+)
+RECORDS = ("totter_demo_data", "totter_pred_data", "totter_f1_017_data")
+
+
+@cache
+def reference() -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((DATA / "reference.json").read_text())
+    return found
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Table]:
+    folder = tmp_path_factory.mktemp("nasa")
+    made = {}
+    for name in RECORDS:
+        import_file(DATA / "twin_otter" / f"{name}.mat", folder / f"{name}.mcap", load_aircraft("twin_otter"))
+        made[name] = table(folder / f"{name}.mcap")
+    return made
+
+
+def compare(history: dict[str, Any], expected: dict[str, Any]) -> None:
+    np.testing.assert_allclose(history["t_s"], expected["th"], rtol=1e-8)
+    np.testing.assert_allclose(history["estimate"], expected["ph"], rtol=1e-7)
+    np.testing.assert_allclose(history["std_error"], expected["seh"], rtol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["totter_demo_data", "totter_pred_data"])
+def test_sidpac_method_from_the_imported_record(name: str, tables: dict[str, Table]) -> None:
+    flown = tables[name]
+    found = identify(flown, flown.aircraft, ["sidpac"])["methods"]["sidpac"]
+    assert found["status"] == "ok"
+    expected = reference()["twin_otter_longitudinal"][name]
+    for grid in ("rtpid_36", "rtpid_191"):
+        for equation in ("CZ", "CL", "Cm"):
+            compare(found["history"][grid][equation], expected[grid][equation])
+    for equation in ("CL", "Cm"):
+        for term, value in zip(("alpha", "q", "de"), expected["rtpid_36"][equation]["est"], strict=True):
+            assert found["parameters"][f"{equation}_{term}"]["estimate"] == pytest.approx(value, rel=1e-7)
+
+
+def test_lateral_sidpac_method_from_the_imported_record(tables: dict[str, Table]) -> None:
+    flown = tables["totter_f1_017_data"]
+    found = identify(flown, flown.aircraft, ["sidpac"])["methods"]["sidpac"]
+    for equation in ("CY", "Cl", "Cn"):
+        expected = reference()["twin_otter_lateral"]["totter_f1_017"]["rtpid_36"][equation]
+        compare(found["history"]["rtpid_36"][equation], expected)
+
+
+def test_time_domain_equation_error_from_the_imported_record(tables: dict[str, Table]) -> None:
+    for name in ("totter_demo_data", "totter_pred_data"):
+        flown = tables[name]
+        found = identify(flown, flown.aircraft, ["I"])["methods"]["I"]["parameters"]
+        for equation in ("CL", "Cm"):
+            expected = reference()["twin_otter_longitudinal"][name]["lesq"][equation]
+            for i, term in enumerate(("alpha", "q", "de")):
+                assert found[f"{equation}_{term}"]["estimate"] == pytest.approx(expected["est"][i], rel=1e-7)
+                errors = found[f"{equation}_{term}"]
+                assert errors["std_error_statistical"] == pytest.approx(expected["se_colored"][i], rel=1e-7)
+                assert errors["std_error"] > errors["std_error_statistical"]
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_nasa_s_air_is_calm_and_the_level_is_the_reference_s(name: str, tables: dict[str, Table]) -> None:
+    flown = tables[name]
+    record = FlightRecord.of(flown.t_s, flown.columns, flown.aircraft)
+    kind = "twin_otter_lateral" if "f1_017" in name else "twin_otter_longitudinal"
+    expected = reference()[kind][name.removesuffix("_data") if "f1_017" in name else name]
+    expected = expected["turb_w"] if "turb_w" in expected else expected["turb_w_ftps"]
+    level, std = record.turbulence()
+    assert level == "calm"
+    assert from_si(std, "ft/s") == pytest.approx(expected["std_2_7_all"], rel=2e-2)
+
+
+def test_all_methods_on_the_calm_doublet(tables: dict[str, Table]) -> None:
+    flown = tables["totter_demo_data"]
+    found = identify(flown, flown.aircraft, log="demo.mcap")
+    json.dumps(found, allow_nan=False)
+    assert found["schema"] == "station.identification.analysis/1"
+    assert found["interval_s"] == [0.0, 8.0]
+    assert found["turbulence"]["level"] == "calm"
+    methods = found["methods"]
+    assert methods["III"]["status"] == methods["V"]["status"] == "not_applicable"
+    assert found["recommended"] not in ("III", "V", None)
+    calm = {"CL_alpha": 6.29, "Cm_alpha": -1.47, "Cm_q": -37.0, "Cm_de": -1.88}
+    for name in ("I", "II", "VI", "oe", "fe", "sidpac"):
+        assert methods[name]["status"] == "ok", name
+        for parameter, value in calm.items():
+            assert methods[name]["parameters"][parameter]["estimate"] == pytest.approx(value, rel=0.1), (
+                name,
+                parameter,
+            )

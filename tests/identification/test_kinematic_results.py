@@ -1,0 +1,109 @@
+"""The kinematic part through identify and report: a simulated flight, and the records of real booms."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from station.convert import import_file
+from station.identification.advice import next_input_json
+from station.identification.analysis import flight_record, identify
+from station.identification.flown import fly as refly
+from station.identification.identification_report import write_report
+from station.identification.instrument_pages import instrument_pages
+from station.identification.kinematic_results import instruments_json, structure_json
+from station.identification.kinematics import kinematics
+from station.log import Table, table
+from station.profile import Card, Flight, Multisine, load_aircraft
+from station.simulation.sensors import STANDARD
+from station.simulation.sortie import fly
+
+DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
+
+
+def test_turbulent_flight_tells_delay_and_upwash() -> None:
+    aircraft = load_aircraft("twin_otter")
+    flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": "5 ft/s", "seed": 2})
+    card = Card(name="test", aircraft=aircraft.name, rig="", flight=flight)
+    shown, truth = fly(aircraft, STANDARD, card, 100.0, 2)
+    flown = Table(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft, 0)
+    record, refusal = flight_record(flown, aircraft)
+    assert not refusal
+    made = kinematics(record)
+    found = instruments_json(made, record)
+    json.dumps(found, allow_nan=False)
+    delay = found["gust_delay"]
+    assert delay["status"] == "ok"
+    assert delay["equations_agree"]
+    assert delay["profile_fits"]
+    for lead in (delay["parameters"], *delay["by_equation"].values()):
+        assert lead["delay"]["estimate"] == pytest.approx(5.3 / 56.6, abs=0.005)
+    found["next_input"] = next_input_json(record, None)
+    page = "".join(instrument_pages(found, made, record))
+    for words in (
+        "What to fly next",
+        "Known worst: Cm_q",
+        "Arrival of gusts",
+        "Lift and moment ask for the same delay",
+        "Data compatibility",
+    ):
+        assert words in page
+
+
+@pytest.mark.parametrize(("memory", "preferred"), [(True, "split+gust"), (False, "split")])
+def test_f_test_and_prediction_tell_a_late_tail_from_none(memory: bool, preferred: str) -> None:
+    aircraft = load_aircraft("twin_otter")
+    aircraft = aircraft.model_copy(update={"unsteady": aircraft.unsteady.model_copy(update={"memory": memory})})
+    flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": "5 ft/s", "seed": 3})
+    inputs = {"kind": "multisine", "start": "20 s", "amplitude": "2 deg", "duration": "20 s", "repeat": "20 s"}
+    card = Card(
+        name="test", aircraft=aircraft.name, rig="", flight=flight, manoeuvres=(Multisine.model_validate(inputs),)
+    )
+    shown, truth = fly(aircraft, STANDARD, card, 80.0, 3)
+    flown = Table(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft, 0)
+    record, _ = flight_record(flown.between(20.0, 80.0), aircraft)
+    seen = refly(flown, record, ("split",), 20.0, "wind", None, (0.0, 0.0, 0.0), None, False)
+    made = structure_json(record, seen.t_s, seen.alphas)
+    assert made["status"] == "ok"
+    for equation in ("CL", "Cm"):
+        found = made["equations"][equation]
+        assert found["preferred"] == preferred
+        if memory:
+            # Two angles of attack (equation 65) do not do what a tail that meets the gust later does.
+            both = found["structures"]
+            assert both["split+gust"]["held_out"] < 0.5 * both["eq65"]["held_out"]
+
+
+@pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
+def test_real_booms_are_calibrated_and_no_derivative_is_made_up(name: str, tmp_path: Path) -> None:
+    if not (DATA / name).is_file():
+        pytest.skip(f"{name} is not here")
+    import_file(DATA / name, tmp_path / "a.mcap", load_aircraft("unknown"))
+    flown = table(tmp_path / "a.mcap")
+    if "thor" in name:
+        flown = flown.between(230.0, 330.0)
+    found = identify(flown, flown.aircraft)
+    assert found["recommended"] is None
+    assert all("no aerodynamic data" in m["why"] for m in found["methods"].values())
+    assert found["gust_delay"]["status"] == "not_applicable"
+    vane = found["vane_calibration"]
+    assert vane["status"] == "ok"
+    zero, scale, delay = (vane["parameters"][n] for n in ("zero", "scale", "delay"))
+    assert vane["rms_after_rad"] < vane["rms_before_rad"]
+    assert all(p["std_error"] > 0 for p in (zero, scale, delay))
+    if "onspeed" in name:
+        # Seen by eye: 7.4 to 15.8 deg of motion against 11.6 to 22.0 deg of vane.
+        assert scale["estimate"] == pytest.approx((22.0 - 11.6) / (15.8 - 7.4), abs=0.15)
+        assert zero["status"] == "estimated"
+        assert vane["rms_after_rad"] < math.radians(1.0) < math.radians(5.0) < vane["rms_before_rad"]
+        # The reconstruction, which knows neither attitude's nor velocity's blending, finds the same scale.
+        other = found["compatibility"]["parameters"]["alpha_scale"]
+        assert abs(other["estimate"] - scale["estimate"]) < 2 * np.hypot(other["std_error"], scale["std_error"])
+    else:
+        assert zero["status"] == "unestimated"
+        assert scale["estimate"] == pytest.approx(0.95, abs=0.25)
+    page = write_report(found, flown, tmp_path).read_text(encoding="utf-8")
+    assert "Vane against the inertial angle of attack" in page
+    assert "Data compatibility" in page

@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from station.model.coefficients import Airframe, at_centre_of_gravity, coefficients, differentiate
+from station.numerics.regression import NotIdentifiable, least_squares
+
+AIRFRAME = Airframe(area=10.0, span=8.0, chord=1.25, mass=500.0, ixx=400.0, iyy=700.0, izz=1000.0, ixz=50.0)
+N = 200
+DT = 0.02
+T = np.arange(N) * DT
+
+
+def level_flight() -> dict[str, np.ndarray]:
+    one = np.ones(N)
+    return {
+        "airspeed": 50 * one,
+        "dynamic_pressure": 1500 * one,
+        "q": 0 * one,
+        "ax": 0.6 * one,
+        "az": -9.80665 * one,
+        "thrust": 900 * one,
+    }
+
+
+def test_level_flight_lifts_its_weight() -> None:
+    alpha = np.full(N, 0.06)
+    c = coefficients(level_flight(), AIRFRAME, alpha, DT)
+    weight, axial = 500 * 9.80665 / 15000, (500 * 0.6 - 900) / 15000
+    np.testing.assert_allclose(c.CZ, -weight)
+    np.testing.assert_allclose(c.CL, weight * np.cos(0.06) + axial * np.sin(0.06))
+    np.testing.assert_allclose(c.CD, -axial * np.cos(0.06) + weight * np.sin(0.06))
+    np.testing.assert_array_equal(c.Cm, 0.0)
+
+
+def test_moments_satisfy_euler_s_equation() -> None:
+    rng = np.random.default_rng(3)
+    w = rng.normal(size=(N, 3))
+    wdot = rng.normal(size=(N, 3))
+    motion = level_flight() | {s: w[:, i] for i, s in enumerate("pqr")}
+    motion |= {f"{s}dot": wdot[:, i] for i, s in enumerate("pqr")}
+    c = coefficients(motion, AIRFRAME, np.zeros(N), DT)
+    inertia = np.array([[400.0, 0, -50], [0, 700, 0], [-50, 0, 1000]])
+    moment = wdot @ inertia + np.cross(w, w @ inertia)
+    measured = np.column_stack([c.Cl * 8, c.Cm * 1.25, c.Cn * 8]) * 15000
+    np.testing.assert_allclose(measured, moment, rtol=1e-12, atol=1e-9)
+
+
+def test_derivative_is_exact_for_a_parabola_up_to_the_ends() -> None:
+    x = 3 - 2 * T + 5 * T**2
+    np.testing.assert_allclose(differentiate(x, DT), -2 + 10 * T, atol=1e-9)
+
+
+def test_accelerometer_ahead_of_the_cg_feels_pitching() -> None:
+    qdot = np.full(N, 0.5)
+    motion = level_flight() | {"q": 0.5 * T, "qdot": qdot}
+    # An accelerometer 2 m ahead is accelerated upwards by qdot x and inwards by q^2 x.
+    felt = motion | {"ax": motion["ax"] - 2 * motion["q"] ** 2, "az": motion["az"] - 2 * qdot}
+    moved = at_centre_of_gravity(felt, (2.0, 0.0, 0.0), DT)
+    np.testing.assert_allclose(moved["ax"], motion["ax"])
+    np.testing.assert_allclose(moved["az"], motion["az"])
+
+
+def test_unknown_inertia_is_nan_never_zero() -> None:
+    airframe = Airframe(10.0, 8.0, 1.25, 500.0, ixx=np.nan, iyy=np.nan, izz=np.nan)
+    c = coefficients(level_flight(), airframe, np.zeros(N), DT)
+    assert np.isnan(c.Cm).all()
+    assert np.isfinite(c.CZ).all()
+
+
+def test_coloured_errors_cover_where_white_ones_do_not() -> None:
+    rng = np.random.default_rng(11)
+    covered = {"white": 0, "coloured": 0}
+    trials, n = 200, 400
+    for _ in range(trials):
+        x = np.column_stack([np.sin(2 * np.pi * np.arange(n) / 130), np.ones(n)])
+        e = np.zeros(n)
+        for i in range(1, n):
+            e[i] = 0.9 * e[i - 1] + rng.normal()
+        fit = least_squares(x, x @ [2.0, -1.0] + e)
+        error = abs(fit.estimate[0] - 2.0)
+        covered["white"] += error < 2 * fit.se_white[0]
+        covered["coloured"] += error < 2 * fit.se_coloured[0]
+    assert covered["white"] < 0.6 * trials
+    # The residual's autocorrelation at all lags falls short of the error's: about 0.8 where 0.95 is meant.
+    assert covered["coloured"] > 0.72 * trials
+
+
+@pytest.mark.parametrize(
+    ("spoil", "why"),
+    [
+        (lambda x, z: (np.column_stack([x, x[:, 0] * 2]), z), "collinear"),
+        (lambda x, z: (x * [0, 1], z), "zero throughout"),
+        (lambda x, z: (x, np.where(np.arange(len(z)) == 5, np.nan, z)), "missing"),
+        (lambda x, z: (x[:2], z[:2]), "2 samples for 2 parameters"),
+    ],
+)
+def test_refusals(spoil, why: str) -> None:  # type: ignore[no-untyped-def]
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(50, 2))
+    with pytest.raises(NotIdentifiable, match=why):
+        least_squares(*spoil(x, x @ [1.0, 2.0]))
