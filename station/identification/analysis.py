@@ -1,4 +1,4 @@
-"""Post-flight identification: a recording's table -> the JSON that contract.md calls station.identification.analysis/1.
+"""Post-flight identification: a recording's table -> the JSON that contract.md calls station.identify/1.
 
 The live methods are run by the very estimator that flies; the others are in estimation.postflight. Pure: no file is
 read or written here.
@@ -38,7 +38,7 @@ from station.rows import ParamEstimate, Status, UsageError
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "station.identification.analysis/1"
+SCHEMA: Final = "station.identify/1"
 FLOWN: Final = (*LIVE, MEASURED)
 """Run by the estimator that flies."""
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
