@@ -1,10 +1,9 @@
-"""Methods of estimation, one table, and the estimator that runs the live ones at every tick."""
+"""The estimator: the angle of attack and every live method of method_table.py, at every tick."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -20,61 +19,13 @@ from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import Sides
 from station.estimation.inertial import Inertial
 from station.estimation.lateral_derivatives import Lateral
+from station.estimation.method_table import LIVE, LIVE_LATERAL, MEASURED, METHODS
 from station.estimation.physical_method import Physical
 from station.estimation.published.cross_spectra import VaneSpectra
 from station.model.physical_signals import LENGTH_M, Signals
 from station.numerics.turbulence import BOUND, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
-
-
-@dataclass(frozen=True, slots=True)
-class Method:
-    """A way to the derivatives: its name in contract.md, what it does, and whether it runs at every tick."""
-
-    name: str
-    sentence: str
-    live: bool = False
-    turbulence_only: bool = False
-    """Applied only where the turbulence detector says so (Martos 2013)."""
-
-
-METHODS: Final = {
-    m.name: m
-    for m in (
-        Method("I", "equation error in the time domain, vane calibrated steadily"),
-        Method("II", "recursive Fourier transform, vane calibrated steadily with its rate term", live=True),
-        Method("III", "II with all of alpha delayed by x/V", live=True, turbulence_only=True),
-        Method("IV", "II with delay and scale by frequency, from spectra measured before", turbulence_only=True),
-        Method("V", "III with the upwash falling with frequency as Sears' lift", live=True, turbulence_only=True),
-        Method("VI", "extended Kalman filter"),
-        Method("split", "motion and gust parts of the vane corrected apart", live=True),
-        Method("split+gust", "split, with the tail meeting the gust later", live=True),
-        Method("physical", "wing, tail and gust as the regressors, with uncertain constants", live=True),
-        Method("oe", "output error"),
-        Method("fe", "filter error"),
-        Method("sidpac", "II with SIDPAC's settings"),
-    )
-}
-LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)
-MEASURED: Final = "IV"
-"""Runs as the live ones do, but needs the spectra of minutes of flight first."""
-
-
-def recommended(given: Mapping[str, int], level: str) -> str | None:
-    """The method to believe first, or None.
-
-    `given`: how many longitudinal derivatives each method gives that applies; `level`: of turbulence. The first that
-    gives as much as split does: physical, which does not apply where the data prefer the quasi-steady model; split+gust
-    where there is gust energy; else split.
-    """
-    split = given.get("split", 0)
-    if 0 < given.get("physical", 0) >= split:
-        return "physical"
-    if level not in ("calm", "unknown") and 0 < given.get("split+gust", 0) >= split:
-        return "split+gust"
-    return "split" if split else None
-
 
 NOISE: Final = {
     "alpha_vane": to_si(0.05, "deg"),
@@ -154,7 +105,7 @@ class Estimator:
         )
         self._lateral = (
             Lateral(aircraft, card, place, self._noise, dt, forgetting_s)
-            if card.asks_lateral and set(lateral.METHODS) & set(methods)
+            if card.asks_lateral and set(LIVE_LATERAL) & set(methods)
             else None
         )
         self._signals = Signals(aircraft, dt, card.high)
@@ -334,12 +285,12 @@ class Estimator:
             reasons = {name: why for name in self._methods if METHODS[name].turbulence_only}
         if not self._seen[cg.READY] > 0.0:
             why = self._conditioner.degraded(False)
-            reasons |= {name: why for name in self._methods if name.startswith("split")}
+            reasons |= {name: why for name in self._methods if METHODS[name].is_split}
         elif level == "calm" and self._unexplained[1] > self._calm_limit():
             rms = math.degrees(math.sqrt(self._unexplained[1]))
             left = f"in calm air the motion leaves {rms:.2f} deg of the vane unexplained: check delay and calibration"
             why = self._conditioner.degraded(True) or left
-            reasons |= {name: why for name in self._methods if name.startswith("split")}
+            reasons |= {name: why for name in self._methods if METHODS[name].is_split}
         return reasons
 
     def _calm_limit(self) -> float:

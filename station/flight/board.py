@@ -15,7 +15,7 @@ import msgspec
 
 from station.clock import Clock
 from station.conventions import LATERAL, LONGITUDINAL
-from station.estimation.methods import recommended
+from station.estimation.method_table import recommended
 from station.profile import Profiles
 from station.rows import (
     AlphaEstimate,

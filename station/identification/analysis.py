@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import known
-from station.estimation.methods import LIVE, MEASURED, METHODS, recommended
+from station.estimation.method_table import LIVE, MEASURED, METHODS, recommended
 from station.estimation.published import batch as postflight
 from station.estimation.published import cross_spectra
 from station.estimation.published.cross_spectra import VaneSpectra

@@ -17,7 +17,8 @@ from station.conventions import G0, LATERAL, SIGNALS, TICK_HZ, TICK_NS
 from station.estimation.bending import Bending, bends
 from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import Corrector, known
-from station.estimation.methods import MEASURED, Estimator
+from station.estimation.method_table import MEASURED
+from station.estimation.methods import Estimator
 from station.estimation.published.cross_spectra import VaneSpectra
 from station.estimation.results import (
     Axes,

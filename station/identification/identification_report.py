@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
-from station.estimation.methods import LIVE, MEASURED
+from station.estimation.method_table import LIVE, MEASURED
 from station.estimation.results import Axes, equations
 from station.identification.analysis import flight_record
 from station.identification.flown import corrected, fly

@@ -12,11 +12,12 @@ from typing import Final
 import numpy as np
 
 from station.conventions import LATERAL, SIGNAL_INDEX
+from station.estimation.method_table import METHODS
 from station.rows import MethodEstimate
-from station.screen.plots import METHOD_COLOURS, Batch, Line, Plot, Points, Setup, band, estimated, is_slow_point, times
+from station.screen.plots import Batch, Line, Plot, Points, Setup, band, estimated, is_slow_point, times
 
 EQUATIONS: Final = ("CY", "Cl", "Cn")
-_GREY, _ORANGE, _BLUE, _PINK = (METHOD_COLOURS[m] for m in ("I", "II", "V", "split+gust"))
+_GREY, _ORANGE, _BLUE, _PINK = (METHODS[m].colour for m in ("I", "II", "V", "split+gust"))
 SURFACES: Final = Plot("aileron, rudder [deg]", (Line("aileron", _ORANGE), Line("rudder", _PINK)))
 RATES: Final = Plot("p, r [deg/s]", (Line("p", _ORANGE), Line("r", _PINK)))
 SIDESLIP: Final = Plot("beta vane [deg]", (Line("vane", _BLUE),), legend=False)
@@ -35,7 +36,7 @@ def _equation(equation: str, setup: Setup) -> Plot:
         if name.startswith(equation):
             lines.append(Line("profile", _GREY, 1.0))
             for m in setup.lateral_methods:
-                lines += [*band(METHOD_COLOURS[m]), Line(m, METHOD_COLOURS[m], 2.5 if m == believed else 1.25)]
+                lines += [*band(METHODS[m].colour), Line(m, METHODS[m].colour, 2.5 if m == believed else 1.25)]
     return Plot(f"lateral {equation} [1/rad]", tuple(lines), window_s=None, legend=False)
 
 

@@ -17,26 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_NS, from_si
+from station.estimation.method_table import LIVE, METHODS
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, Level, MethodEstimate, Row, Status, Tick, Truth
 
 SLOW_NS: Final = 500_000_000
 """Derivatives, wind and turbulence level change over seconds: two points a second draw them."""
 
-METHOD_COLOURS: Final[Mapping[str, int]] = {
-    "I": 0x999999FF,
-    "II": 0xE69F00FF,
-    "III": 0xF0E442FF,
-    "IV": 0xD55E00FF,
-    "V": 0x56B4E9FF,
-    "VI": 0xB0B0FFFF,
-    "split": 0x2BD9A5FF,
-    "split+gust": 0xE58AC0FF,
-    "physical": 0xF5F5F5FF,
-}
-"""One colour a method on every plot, told apart by colour-blind eyes too (after Okabe and Ito 2008)."""
-
 _GREEN, _ORANGE, _BLUE, _PINK, _YELLOW, _GREY = (
-    METHOD_COLOURS[m] for m in ("split", "II", "V", "split+gust", "III", "I")
+    METHODS[m].colour for m in ("split", "II", "V", "split+gust", "III", "I")
 )
 _RED = 0xFF5050FF
 _LINK_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x2BD9A5FF, 0xE58AC0FF, 0xF0E442FF, 0xD55E00FF, 0xB0B0FFFF, 0xC0C0C0FF)
@@ -139,8 +127,8 @@ def derivative_plot(name: str, setup: Setup) -> Plot:
     lines = [Line("profile", _GREY, 1.0)]
     for m in setup.methods:
         # The legend hides lines of one name together.
-        bounds = band(METHOD_COLOURS[m], BAND if m == setup.recommended else f"other {BAND}")
-        lines += [*bounds, Line(m, METHOD_COLOURS[m], 2.5 if m == setup.recommended else 1.25)]
+        bounds = band(METHODS[m].colour, BAND if m == setup.recommended else f"other {BAND}")
+        lines += [*bounds, Line(m, METHODS[m].colour, 2.5 if m == setup.recommended else 1.25)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
 
@@ -169,7 +157,7 @@ class Setup(msgspec.Struct, frozen=True):
     port: int
     web_port: int
     recommended: str = "split"
-    methods: tuple[str, ...] = ("II", "III", "V", "split", "split+gust", "physical")
+    methods: tuple[str, ...] = LIVE
     derivatives: tuple[str, ...] = LONGITUDINAL
     lateral_methods: tuple[str, ...] = ()
     """Methods that give the lateral derivatives, the one to believe last; none where the card does not ask."""

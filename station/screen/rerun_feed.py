@@ -25,6 +25,7 @@ import msgspec
 
 from station.clock import Clock, SystemClock
 from station.conventions import TICK_HZ
+from station.estimation.method_table import LIVE_LATERAL
 from station.rows import Code, Event, Row, Rows
 from station.screen import plots
 from station.screen.plots import Batch, Setup
@@ -288,8 +289,7 @@ def setup_for(
     open_page: bool = False,
 ) -> Setup:
     """What the page shows beside the rows, from the flight's profiles."""
-    from station.estimation.lateral_derivatives import METHODS  # these bring numba: not for the child
-    from station.model.physical_columns import why_not
+    from station.model.physical_columns import why_not  # these bring numba: not for the child
     from station.numerics.turbulence import NOMINAL_SPEED, Thresholds
 
     speed = profiles.card.flight.speed if profiles else NOMINAL_SPEED
@@ -301,7 +301,7 @@ def setup_for(
         port,
         web_port,
         recommended="physical" if profiles and not why_not(profiles.aircraft) else "split",
-        lateral_methods=METHODS if profiles and profiles.card.asks_lateral else (),
+        lateral_methods=LIVE_LATERAL if profiles and profiles.card.asks_lateral else (),
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
         class_limits=Thresholds().at(speed, noise, 1.0 / TICK_HZ),

@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNAL_INDEX, SIGNALS, TICK_NS, to_si
-from station.estimation.methods import LIVE, Estimator
+from station.estimation.method_table import LIVE
+from station.estimation.methods import Estimator
 from station.profile import Card, Doublet, Flight, load_aircraft, load_rig
 from station.rows import Frame, Quality, Status, UsageError
 from station.simulation.sortie import fly
