@@ -3,12 +3,23 @@
 import sys
 
 import pytest
+import records
 from hypothesis import settings
 
 from station.__main__ import main
 
 settings.register_profile("station", deadline=None, derandomize=True)
 settings.load_profile("station")
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--require-records", action="store_true", help="fail where a record of tests/records.toml is missing"
+    )
+
+
+def pytest_configure(config):
+    records.required = config.getoption("--require-records")
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from records import record
 from scipy.io import loadmat, savemat
 
 from station.convert import import_file
@@ -15,22 +16,14 @@ from station.log import table
 from station.profile import load_aircraft
 from station.rows import LogError
 
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
-ONSPEED = DATA / "onspeed" / "vac_decel_run.csv"
-THOR = DATA / "thor" / "thor_flight75.mat"
+ONSPEED = "onspeed/vac_decel_run.csv"
+THOR = "thor/thor_flight75.mat"
 AIRCRAFT = load_aircraft("twin_otter")
 KNOT = 1852 / 3600
 
 
-def needs(path: Path) -> None:
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not here")
-
-
 def test_onspeed_samples_stand_at_the_time_they_were_true() -> None:
-    needs(ONSPEED)
-    record = read_onspeed(ONSPEED, AIRCRAFT)
-    own, vectornav, boom = record.tracks
+    own, vectornav, boom = read_onspeed(record(ONSPEED), AIRCRAFT).tracks
     assert (own.name, vectornav.name, boom.name) == ("onspeed", "vectornav", "boom")
     # First row: time 2860003 ms, boomAge 29, vnDataAge 16; the boom's next new sample is that of row 5, age 6.
     assert boom.t_ns[0] == (2860003 - 29) * 1_000_000
@@ -52,8 +45,7 @@ def test_onspeed_samples_stand_at_the_time_they_were_true() -> None:
 
 
 def test_onspeed_imports_to_a_recording(tmp_path: Path) -> None:
-    needs(ONSPEED)
-    import_file(ONSPEED, tmp_path / "a.mcap", AIRCRAFT)
+    import_file(record(ONSPEED), tmp_path / "a.mcap", AIRCRAFT)
     found = table(tmp_path / "a.mcap")
     assert found.rate_hz == pytest.approx(50.0)
     assert {"alpha_vane", "beta_vane", "airspeed", "q", "theta", "v_down"} <= set(found.columns)
@@ -61,8 +53,7 @@ def test_onspeed_imports_to_a_recording(tmp_path: Path) -> None:
 
 
 def test_onspeed_errors_name_the_place(tmp_path: Path) -> None:
-    needs(ONSPEED)
-    lines = ONSPEED.read_text(encoding="utf-8").splitlines()[:6]
+    lines = record(ONSPEED).read_text(encoding="utf-8").splitlines()[:6]
     cells = lines[3].split(",")
     cells[12] = "x"
     broken = tmp_path / "b.csv"
@@ -79,10 +70,9 @@ def test_onspeed_errors_name_the_place(tmp_path: Path) -> None:
 
 
 def test_umn_flight(tmp_path: Path) -> None:
-    needs(THOR)
-    import_file(THOR, tmp_path / "t.mcap", AIRCRAFT)
+    import_file(record(THOR), tmp_path / "t.mcap", AIRCRAFT)
     found = table(tmp_path / "t.mcap")
-    raw = loadmat(THOR, squeeze_me=True, struct_as_record=False)["flight_data"]
+    raw = loadmat(record(THOR), squeeze_me=True, struct_as_record=False)["flight_data"]
     at = 15_000
     assert found.columns["alpha_vane"][at] == raw.aoa[at]
     assert found.columns["dynamic_pressure"][at] == pytest.approx(0.5 * 1.225 * raw.ias[at] ** 2)

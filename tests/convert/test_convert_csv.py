@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from records import record
 
 from station.conventions import SIGNALS
 from station.convert import Record, Track, import_file
@@ -19,7 +20,6 @@ from station.log import read_rows, summarise, table
 from station.profile import load_aircraft
 from station.rows import LogError, Sample
 
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "hfb320" / "hfb320_1_10.asc"
 AIRCRAFT = load_aircraft("twin_otter")
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -166,11 +166,10 @@ def test_hfb_columns_by_hand(tmp_path: Path) -> None:
 
 
 def test_the_hfb_record_goes_through_csv_with_the_same_bits(tmp_path: Path) -> None:
-    if not DATA.is_file():
-        pytest.skip("hfb320_1_10.asc is not at ../shared/data/hfb320")
-    import_file(DATA, tmp_path / "a.mcap", load_aircraft("hfb320"))
+    path = record("hfb320/hfb320_1_10.asc")
+    import_file(path, tmp_path / "a.mcap", load_aircraft("hfb320"))
     first = table(tmp_path / "a.mcap")
-    original = np.loadtxt(DATA)
+    original = np.loadtxt(path)
     assert len(first.t_s) == 601
     assert first.rate_hz == pytest.approx(10.0)
     assert np.array_equal(first.columns["alpha_vane"], original[:, 5])

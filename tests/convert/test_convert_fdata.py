@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from records import record
 from scipy.io import loadmat, savemat
 
 from station.convert import exporter as export
@@ -16,15 +17,7 @@ from station.log import metadata, summarise, table
 from station.profile import load_aircraft
 from station.rows import LogError
 
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "twin_otter"
 RECORDS = ("totter_demo_data", "totter_pred_data", "totter_f1_017_data")
-
-
-def record(name: str) -> Path:
-    path = DATA / f"{name}.mat"
-    if not path.is_file():
-        pytest.skip(f"NASA's {name}.mat is not at ../shared/data/twin_otter")
-    return path
 
 
 def ulps(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -106,7 +99,7 @@ def test_every_channel_of_a_made_up_matrix_comes_back(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_nasa_records_come_back(tmp_path: Path, name: str) -> None:
-    path = record(name)
+    path = record(f"twin_otter/{name}.mat")
     import_file(path, tmp_path / "a.mcap", load_aircraft("twin_otter"))
     export(tmp_path / "a.mcap", "mat", tmp_path / "b.mat")
     original = loadmat(path, variable_names=["fdata"])["fdata"]
@@ -114,7 +107,7 @@ def test_nasa_records_come_back(tmp_path: Path, name: str) -> None:
 
 
 def test_nasa_demonstration_record_is_all_there(tmp_path: Path) -> None:
-    path = record("totter_demo_data")
+    path = record("twin_otter/totter_demo_data.mat")
     import_file(path, tmp_path / "a.mcap", load_aircraft("twin_otter"))
     found = table(tmp_path / "a.mcap")
     original = loadmat(path, variable_names=["fdata"])["fdata"]

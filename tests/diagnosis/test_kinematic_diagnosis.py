@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from records import record
 
 from station.__main__ import app
 from station.convert import import_file
@@ -16,7 +17,6 @@ from station.profile import Card, Doublet, Flight, Instrument, load_aircraft, lo
 from station.rows import UsageError
 from station.simulation.sortie import fly
 
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 RIG = load_rig("bench")
 
 
@@ -78,10 +78,8 @@ def test_a_record_with_nothing_to_judge_is_refused():
 
 @pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
 def test_records_of_real_booms(name: str, tmp_path: Path):
-    if not (DATA / name).is_file():
-        pytest.skip(f"{name} is not here")
     log, out = tmp_path / "a.mcap", tmp_path / "d.json"
-    import_file(DATA / name, log, load_aircraft("unknown"))
+    import_file(record(name), log, load_aircraft("unknown"))
     words = ["diagnose", log, "--json", out, "--report", tmp_path / "r"]
     assert app([str(w) for w in words], prog_name="station", standalone_mode=False) == 3
     result = json.loads(out.read_text())

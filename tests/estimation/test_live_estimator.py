@@ -2,12 +2,12 @@
 
 import functools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from records import record
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNAL_INDEX, SIGNALS, TICK_NS, to_si
 from station.estimation.method_table import LIVE
@@ -18,7 +18,6 @@ from station.simulation.sortie import fly
 
 RIG = load_rig("bench")
 AIRCRAFT = load_aircraft("twin_otter")
-RECORDS = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "twin_otter"
 ALPHA_AND_MOMENT = [0, 3, 4, 5]
 """CL_alpha, Cm_alpha, Cm_q, Cm_de."""
 QUASI_STEADY = tuple(m for m in LIVE if m != "physical")
@@ -486,12 +485,9 @@ def test_never_raises_and_recovers(rows):
 
 @pytest.mark.parametrize("name", ["totter_demo_data", "totter_pred_data", "totter_f1_017_data"])
 def test_nasa_records_are_calm_and_read_as_by_the_peers(name):
-    path = RECORDS / f"{name}.mat"
-    if not path.exists():
-        pytest.skip(f"NASA's record is not here: ../shared/data/twin_otter/{name}.mat")
     from scipy.io import loadmat
 
-    data = loadmat(path)["fdata"]
+    data = loadmat(record(f"twin_otter/{name}.mat"))["fdata"]
     deg = math.radians(1)
     speed, q = to_si(1.0, "ft/s") * data[:, 1], data[:, 5] * deg
     boom = AIRCRAFT.boom

@@ -6,10 +6,10 @@ quantisation, and skew between three device clocks hours apart. Tolerance 1 % of
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from records import record
 
 from station.conventions import SIGNALS, TICK_NS
 from station.convert import import_file
@@ -18,7 +18,6 @@ from station.log import metadata, read_rows, table
 from station.profile import load_aircraft
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, Status
 
-RECORD = Path(__file__).parents[2] / ".." / "shared" / "data" / "twin_otter" / "totter_demo_data.mat"
 LEAD_S = 25.0
 CARD = """
 name = "real_record"
@@ -36,11 +35,9 @@ lead_in = "{lead} s"
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory):
     """The imported record and the station's own recording of it."""
-    if not RECORD.is_file():
-        pytest.skip("NASA's records are not here: ../shared/data/twin_otter")
     folder = tmp_path_factory.mktemp("real")
     imported, card = folder / "demo.mcap", folder / "real_record.toml"
-    import_file(RECORD, imported, load_aircraft("twin_otter"))
+    import_file(record("twin_otter/totter_demo_data.mat"), imported, load_aircraft("twin_otter"))
     card.write_text(CARD.format(recording=imported, lead=LEAD_S))
     words = ["run", str(card), "--duration", "36", "--view", "none", "--log", str(folder / "logs")]
     done = subprocess.run([sys.executable, "-m", "station", *words], capture_output=True, text=True, timeout=300)

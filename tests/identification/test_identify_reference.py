@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from records import record
 
 from station.conventions import from_si
 from station.convert import import_file
@@ -17,16 +17,12 @@ from station.identification.analysis import identify
 from station.log import Table, table
 from station.profile import load_aircraft
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-pytestmark = pytest.mark.skipif(
-    not (DATA / "reference.json").is_file(), reason=f"flight records and reference.json are not in {DATA}"
-)
 RECORDS = ("totter_demo_data", "totter_pred_data", "totter_f1_017_data")
 
 
 @cache
 def reference() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((DATA / "reference.json").read_text())
+    found: dict[str, Any] = json.loads(record("reference.json").read_text())
     return found
 
 
@@ -35,7 +31,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Table]:
     folder = tmp_path_factory.mktemp("nasa")
     made = {}
     for name in RECORDS:
-        import_file(DATA / "twin_otter" / f"{name}.mat", folder / f"{name}.mcap", load_aircraft("twin_otter"))
+        import_file(record(f"twin_otter/{name}.mat"), folder / f"{name}.mcap", load_aircraft("twin_otter"))
         made[name] = table(folder / f"{name}.mcap")
     return made
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from records import record
 
 from station.convert import import_file
 from station.identification.advice import next_input_json
@@ -19,8 +20,6 @@ from station.log import Table, table
 from station.profile import Card, Flight, Multisine, load_aircraft
 from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
-
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 
 
 def test_turbulent_flight_tells_delay_and_upwash() -> None:
@@ -78,9 +77,7 @@ def test_f_test_and_prediction_tell_a_late_tail_from_none(memory: bool, preferre
 
 @pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
 def test_real_booms_are_calibrated_and_no_derivative_is_made_up(name: str, tmp_path: Path) -> None:
-    if not (DATA / name).is_file():
-        pytest.skip(f"{name} is not here")
-    import_file(DATA / name, tmp_path / "a.mcap", load_aircraft("unknown"))
+    import_file(record(name), tmp_path / "a.mcap", load_aircraft("unknown"))
     flown = table(tmp_path / "a.mcap")
     if "thor" in name:
         flown = flown.between(230.0, 330.0)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from records import record as real
 
 from station.convert import import_file
 from station.identification.analysis import identify
@@ -17,7 +18,6 @@ from station.profile import Aircraft, Card, load_aircraft, load_rig
 from station.simulation.sortie import fly
 
 RIG, AIRCRAFT = load_rig("bench"), load_aircraft("twin_otter")
-RECORDS = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 SETTINGS = {
     "name": "t",
     "aircraft": "twin_otter",
@@ -80,10 +80,8 @@ def test_an_aircraft_without_aerodynamic_data_contradicts_nothing() -> None:
     ],
 )
 def test_real_records(file: str, own: str, other: str, words: tuple[str, ...], tmp_path: Path, station: Any) -> None:
-    if not (RECORDS / file).is_file():
-        pytest.skip(f"not here: ../shared/data/{file}")
     log = tmp_path / "record.mcap"
-    import_file(RECORDS / file, log, load_aircraft(own))
+    import_file(real(file), log, load_aircraft(own))
     assert said(table(log), load_aircraft(own), "I") == ""
     code, out, err = station("identify", log, "--aircraft", other, "--method", "I", "--json", "-")
     assert code == 0

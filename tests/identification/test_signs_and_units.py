@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from records import record as real
 
 from station.conventions import SIGNALS
 from station.convert import import_file
@@ -22,7 +23,6 @@ from station.profile import Aircraft, Card, load_aircraft, load_rig
 from station.simulation.sortie import fly
 
 RIG, AIRCRAFT = load_rig("bench"), load_aircraft("twin_otter")
-RECORDS = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 DEG, KT, FT, PSF = 180 / math.pi, 3600 / 1852, 1 / 0.3048, 1 / 47.880259
 ANGLES = ("alpha_vane", "theta", "elevator", "q")
 SPEEDS = ("airspeed", "v_north", "v_east", "v_down")
@@ -116,10 +116,8 @@ PITCHED = ("az", "q", "theta", "alpha_vane", "elevator")
 )
 def test_real_records(file: str, own: str, turned_over: tuple[str, ...], tmp_path: Path) -> None:
     """Sound as they are, by their own and by another aircraft's profile; named where one signal is turned over."""
-    if not (RECORDS / file).is_file():
-        pytest.skip(f"not here: ../shared/data/{file}")
     log = tmp_path / "record.mcap"
-    import_file(RECORDS / file, log, load_aircraft(own))
+    import_file(real(file), log, load_aircraft(own))
     record = table(log)
     for profile in ("twin_otter", "hfb320", "unknown"):
         assert mistakes(record.t_s, record.columns, load_aircraft(profile)) == ()

@@ -1,10 +1,10 @@
 """Instrument errors planted in a motion known in closed form, in simulated flights, and NASA's records."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from records import record
 from scipy.signal import lsim
 
 from station.convert.fdata import read_fdata
@@ -17,7 +17,6 @@ from station.simulation.sortie import fly
 
 DT = 0.02
 G0 = 9.80665
-DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "twin_otter"
 PLANTED = {
     "p_bias": 0.002,
     "q_bias": -0.003,
@@ -183,11 +182,8 @@ def test_simulated_flight_with_planted_vane_and_accelerometer_errors() -> None:
 
 @pytest.mark.parametrize("name", ["totter_demo_data", "totter_pred_data", "totter_f1_017_data"])
 def test_nasa_records_are_compatible(name: str) -> None:
-    path = DATA / f"{name}.mat"
-    if not path.is_file():
-        pytest.skip("NASA's records are not here")
-    record = read_fdata(path, load_aircraft("twin_otter"))
-    motion = dict(record.tracks[0].columns)
+    flown = read_fdata(record(f"twin_otter/{name}.mat"), load_aircraft("twin_otter"))
+    motion = dict(flown.tracks[0].columns)
     made = compatibility(motion, motion["alpha_vane"], motion.get("beta_vane"), DT)
     found = _named(made)
     # A flight-test installation: the kinematics close within a fraction of a degree, biases are small.

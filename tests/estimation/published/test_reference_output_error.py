@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from records import record as kept
 from scipy.io import loadmat
 
 from station.conventions import UNITS
@@ -20,25 +20,19 @@ from station.estimation.published.output_error import Convergence, OutputFit
 from station.estimation.published.short_period import ShortPeriod
 from station.model.coefficients import Airframe, Array, coefficients
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-pytestmark = pytest.mark.skipif(
-    not (DATA / "reference.json").is_file(), reason=f"flight records and reference.json are not in {DATA}"
-)
-
-
 GRAVITY = 32.174 * UNITS["ft"].factor
 """SIDPAC's."""
 
 
 @cache
 def reference() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((DATA / "reference.json").read_text())
+    found: dict[str, Any] = json.loads(kept("reference.json").read_text())
     return found
 
 
 def short_period(name: str) -> ShortPeriod:
     """The record as SIDPAC's demonstration takes it: stored CX and q c/2V, g = 32.174 ft/s2."""
-    mat = loadmat(DATA / "twin_otter" / f"{name}.mat")
+    mat = loadmat(kept(f"twin_otter/{name}.mat"))
     fdata = mat["fdata"]
 
     def channel(number: int, unit: str) -> Array:
@@ -113,7 +107,7 @@ DT = 0.1
 
 @cache
 def hfb320() -> tuple[Array, Array]:
-    columns = np.loadtxt(DATA / "hfb320" / "hfb320_1_10.asc")
+    columns = np.loadtxt(kept("hfb320/hfb320_1_10.asc"))
     return np.column_stack([columns[:, 1], columns[:, 3], np.full(len(columns), 0.792)]), columns[:, 4:11].copy()
 
 

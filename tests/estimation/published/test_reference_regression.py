@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from records import record as kept
 from scipy.io import loadmat
 
 from station.conventions import UNITS
@@ -17,18 +17,13 @@ from station.estimation.published import sidpac
 from station.model.coefficients import Airframe, Array, Coefficients, coefficients
 from station.numerics.regression import Fit, least_squares, smoothed_start
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-pytestmark = pytest.mark.skipif(
-    not (DATA / "reference.json").is_file(), reason=f"flight records and reference.json are not in {DATA}"
-)
-
 LONGITUDINAL = ("totter_demo_data", "totter_pred_data")
 GRIDS = {"rtpid_36": sidpac.GRID_36, "rtpid_191": sidpac.GRID_191}
 
 
 @cache
 def reference() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((DATA / "reference.json").read_text())
+    found: dict[str, Any] = json.loads(kept("reference.json").read_text())
     return found
 
 
@@ -47,7 +42,7 @@ class Record:
 @cache
 def record(name: str) -> Record:
     """An fdata file in SI; SIDPAC's g is 32.174 ft/s2 exactly."""
-    mat = loadmat(DATA / "twin_otter" / f"{name}.mat")
+    mat = loadmat(kept(f"twin_otter/{name}.mat"))
     fdata = mat["fdata"]
 
     def channel(number: int, unit: str) -> Array:
