@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from records import record
 
 from station.conventions import SIGNALS
-from station.convert import Record, Track, import_file
-from station.convert import exporter as export
+from station.convert import Record, Track, export, import_file
 from station.convert.tracks import write_record
 from station.log import read_rows, summarise, table
 from station.profile import load_aircraft

@@ -13,8 +13,7 @@ from asammdf import MDF
 from scipy.io import loadmat
 
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS, Stream
-from station.convert import exporter as export
-from station.convert import import_file
+from station.convert import export, import_file
 from station.log import About, table, write_log
 from station.profile import load_aircraft
 from station.rows import (

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from records import record
 from scipy.io import loadmat, savemat
 
-from station.convert import exporter as export
-from station.convert import import_file
+from station.convert import export, import_file
 from station.log import metadata, summarise, table
 from station.profile import load_aircraft
 from station.rows import LogError
