@@ -2,38 +2,77 @@
 
 from __future__ import annotations
 
-import importlib.metadata
+import importlib
 import signal
 import sys
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
+from typer.main import get_command
 
-from station.commands.campaign import campaign
-from station.commands.check import check
-from station.commands.diagnose import diagnose
-from station.commands.emulate import emulate
-from station.commands.export import export
-from station.commands.identify import identify
-from station.commands.import_ import import_
-from station.commands.info import info
 from station.commands.process import discard_output, guarded, spread
-from station.commands.recover import recover
-from station.commands.replay import replay
-from station.commands.run import run
-from station.commands.simulate import simulate
 from station.console import DONE, ERROR, USAGE, say
 from station.rows import ProfileError, StationError, UsageError
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-for _verb in (run, emulate, check, replay, info, recover, identify, export, simulate, diagnose, campaign):
-    app.command()(_verb)
-app.command("import")(import_)
+VERBS: Final = {
+    "run": "Fly: read the rig's devices, estimate at 50 Hz, record and show.",
+    "emulate": "Serve the card's emulated devices alone.",
+    "check": "Listen to each device of a card and print go / no-go.",
+    "replay": "Run the same estimators over a recording.",
+    "info": "What is in a recording, and whether all of it is there.",
+    "recover": "Write what can be read of a broken recording into a new one.",
+    "import": "Make a station recording of a record from elsewhere.",
+    "identify": "Derivatives of a recording, by every method, with their errors.",
+    "export": "Write a recording's table and raw streams for other programs.",
+    "simulate": "Fly the simulation with the rig's sensors into a recording.",
+    "diagnose": "Compare recordings with the simulation: what is wrong, and why.",
+    "campaign": "Monte Carlo: simulated flights by the thousand, all estimated.",
+}
+"""What `station --help` says. A verb is a function of its own module in station/commands, imported when it is called:
+together they take seconds, which a station that is to record at once does not have."""
+
+
+class _Commands(Mapping[str, Any]):
+    """The verbs as the command line's library wants them, made one by one."""
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in VERBS:
+            raise KeyError(name)
+        function = name if name.isidentifier() and name != "import" else f"{name}_"
+        made = typer.Typer(add_completion=False, rich_markup_mode=None)
+        made.command(name)(getattr(importlib.import_module(f"station.commands.{function}"), function))
+        return get_command(made)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(VERBS)
+
+    def __len__(self) -> int:
+        return len(VERBS)
+
+
+class _Verbs(TyperGroup):
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**{**attributes, "commands": {}})
+        self.commands = _Commands()  # type: ignore[assignment]
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
+        return list(VERBS)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+app = typer.Typer(cls=_Verbs, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 def _version(wanted: bool) -> None:
     if wanted:
+        import importlib.metadata
+
         print(importlib.metadata.version("flight-test-station"))
         raise typer.Exit
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.log import metadata, table
-from station.profile import Profiles, load_card
+from station.profile import Aircraft, Profiles, Rig, load_card
 from station.rows import ProfileError
 
 
@@ -40,3 +40,15 @@ def load(card: str) -> Profiles:
     place = about.rig.imu_position if about.rig else (0.0, 0.0, 0.0)
     rig = profiles.rig.model_copy(update={"imu_position": place}).without_noise()
     return profiles.model_copy(update={"aircraft": about.aircraft, "rig": rig})
+
+
+def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
+    """Where nothing tells the dynamic pressure: then there are no derivatives in flight."""
+    has = {name for stream in rig.streams() for name in stream.signals}
+    known = "dynamic_pressure" in has or {"static_pressure", "air_temperature"} <= has or "altitude" in has
+    if known or aircraft.air_density is not None:
+        return []
+    return [
+        f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
+        "derivatives with no air density; give one of them, or air_density in the aircraft's profile"
+    ]

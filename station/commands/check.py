@@ -11,13 +11,12 @@ from typing import Annotated
 import typer
 
 from station.clock import SystemClock
-from station.commands.cards import load
+from station.commands.cards import about_air, load
 from station.commands.common import CardName, finite
 from station.commands.process import stop_on_signals
 from station.console import DEGRADED, DONE, say
 from station.flight.bus import Bus
 from station.flight.emulators import Emulated, emulators, streams_flown
-from station.identification.remarks import about_air
 from station.rows import Event
 
 

@@ -16,13 +16,12 @@ import numpy as np
 import typer
 
 from station.clock import Clock, SystemClock
-from station.commands.cards import load
+from station.commands.cards import about_air, load
 from station.commands.common import CardName, ViewMode, finite
 from station.commands.process import line_writer, stop_on_signals
 from station.console import DEGRADED, DONE, say
 from station.flight.bus import Bus
 from station.flight.emulators import Emulated, emulators, streams_flown
-from station.identification.remarks import about_air
 from station.profile import CanDevice, Rig
 from station.rows import Code, Event, Rows
 

@@ -1,4 +1,4 @@
-"""What a rig lacks for estimates, and what a recording's columns say of themselves before anything is estimated."""
+"""What a recording's columns say of themselves before anything is estimated."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from station.conventions import SIGNALS
 from station.estimation.flight_record import NOISE
 from station.log import Table
-from station.profile import Aircraft, Rig
 
 REPEATING: Final = 0.6
 """Share of rows that repeat the value before, above which a signal that noise moves is held between its samples."""
@@ -23,18 +22,6 @@ STANDS_OUT: Final = 20.0
 """Over what 99 of 100 values lie off the median of the five around them."""
 SLOWEST_S: Final = 0.04
 LEAST_ROWS: Final = 100
-
-
-def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
-    """Where nothing tells the dynamic pressure: then there are no derivatives in flight."""
-    has = {name for stream in rig.streams() for name in stream.signals}
-    known = "dynamic_pressure" in has or {"static_pressure", "air_temperature"} <= has or "altitude" in has
-    if known or aircraft.air_density is not None:
-        return []
-    return [
-        f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
-        "derivatives with no air density; give one of them, or air_density in the aircraft's profile"
-    ]
 
 
 def cleaned(table: Table) -> tuple[Table, list[str]]:

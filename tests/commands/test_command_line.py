@@ -11,7 +11,7 @@ import numpy as np
 import psutil
 import pytest
 
-from station.__main__ import main
+from station.__main__ import VERBS, main
 from station.log import metadata, read_rows, write_log
 from station.profile import profiles_dir
 from station.rows import AlphaEstimate
@@ -35,15 +35,39 @@ def test_version_and_help(station):
     assert station("--version")[:2] == (0, "0.1.0\n")
     code, out, _ = station("--help")
     assert code == 0
-    for verb in ("run", "emulate", "check", "replay", "info", "recover", "import", "export", "identify", "simulate"):
+    for verb in VERBS:
+        "run",
+        "emulate",
+        "check",
+        "replay",
+        "info",
+        "recover",
+        "import",
+        "export",
+        "identify",
+        "simulate",
+        "diagnose",
+        "campaign",
+    ):
         assert f"  {verb} " in out
         assert station(verb, "--help")[0] == 0
+
+
+def test_help_brings_in_nothing_heavy():
+    """A verb's libraries are imported when it is called: numpy alone takes as long as the rest of --help."""
+    code = "import sys; from station.__main__ import VERBS, main; sys.argv = ['station', '--help']\ntry: main()\n"
+    code += "except SystemExit: pass\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "typer" in loaded
+    assert not loaded & {"numpy", "numba", "scipy", "pydantic", "matplotlib", "rerun", "pyarrow"}
 
 
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [
         (("fly",), 2, "fly"),
+        (("diagonse",), 2, "Did you mean 'diagnose'?"),
         (("run", "--duration", "long"), 2, "--duration"),
         (("run", "bensh", "--view", "none"), 2, "did you mean bench?"),
         (("check", "/nowhere/card.toml"), 2, "no such file"),

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from station.commands.cards import about_air
 from station.identification.analysis import identify
-from station.identification.remarks import about_air
 from station.log import Table
 from station.profile import Aircraft, Card, Doublet, Flight, Geometry, Inertia, load_aircraft, load_rig
 from station.rows import UsageError
