@@ -118,9 +118,11 @@ def _kinematics(
 
 _PLOTS = 4
 """Series in the Rerun recording, those that change most."""
-_WRITER = (
-    "import pickle, sys; from station.view import write_report_rrd; write_report_rrd(*pickle.load(sys.stdin.buffer))"
-)
+_WRITER = """
+import pickle, sys
+from station.screen.rerun_page import write_report_rrd
+write_report_rrd(*pickle.load(sys.stdin.buffer))
+"""
 
 
 @contextmanager

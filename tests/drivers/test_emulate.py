@@ -188,7 +188,7 @@ def test_what_keeps_the_flight_from_starting_is_raised_and_leaves_nothing() -> N
 
 KILLED = """
 import threading
-from drivers.emulate import serve
+from drivers.emulation import serve
 from station.clock import SystemClock
 from station.profile import load_card
 

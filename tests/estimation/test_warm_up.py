@@ -10,7 +10,7 @@ from station.conventions import SIGNALS, TICK_NS
 from station.estimation.methods import Estimator
 from station.profile import load_card
 from station.rows import Frame
-from station.simulation.simulate import fly
+from station.simulation.sortie import fly
 
 profiles = load_card("lateral")
 estimator = Estimator(profiles.aircraft, profiles.card, profiles.rig.imu_position, profiles.rig.frame_noise_si())
