@@ -39,6 +39,7 @@ from station.diagnosis.processing import (
     transform,
     without_line,
 )
+from station.model.coefficients import force_coefficients, lift_and_drag, pitching_moment
 from station.profile import Aircraft, Boom
 from station.simulation.boom import NO_BOOM
 
@@ -261,14 +262,12 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     thrust = x.get("thrust", s.thrust)
     alpha = flow.alpha_i + flow.gust
     force = qbar * area
-    cx = (mass * ax - thrust * math.cos(aircraft.thrust_angle)) / force
-    cz = (mass * az + thrust * math.sin(aircraft.thrust_angle)) / force
-    sin, cos = np.sin(alpha), np.cos(alpha)
-    cl, cd = cx * sin - cz * cos, -cx * cos - cz * sin
+    cx, cz = force_coefficients((mass * ax, mass * az), (thrust, aircraft.thrust_angle), force)
+    cl, cd = lift_and_drag(cx, cz, np.sin(alpha), np.cos(alpha))
     turning = inertia * motion.qdot
     own = aircraft.inertia
     if "p" in x and "r" in x and own.ixx is not None and own.izz is not None:
-        turning = turning + (own.ixx - own.izz) * x["p"] * x["r"] + own.ixz * (x["p"] ** 2 - x["r"] ** 2)
+        turning = pitching_moment((inertia, own.ixz, own.ixx - own.izz), motion.qdot, x["p"], x["r"])
     cm = (turning - thrust * aircraft.thrust_pitch_arm) / (force * chord)
 
     reference = aircraft.reference_speed or motion.mean_speed

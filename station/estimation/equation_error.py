@@ -23,6 +23,13 @@ from numpy.typing import NDArray
 
 from station.model import regressor_error
 from station.model import unsteady_lift as lift_memory
+from station.model.coefficients import (
+    force_coefficients,
+    lift_and_drag,
+    pitching_moment,
+    specific_force_at_cg,
+    thrust_by_drag_polar,
+)
 from station.numerics.regression import invert
 from station.profile import Aircraft
 
@@ -58,7 +65,7 @@ _P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = rang
 EXTRAS: Final = 5
 ROW: Final = _EXTRA + EXTRAS
 # constants
-_S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _V0, _XA, _YA, _ZA = range(13)
+_S, _C, _IYY, _IXZ, _IXX_IZZ, _CD0, _CDI, _POLAR, _BODY, _V0, _XA, _YA, _ZA, _ANGLE, _PITCH_ARM = range(15)
 
 
 @njit(cache=True)
@@ -90,32 +97,29 @@ def sides(constant: Array, history: Array, means: Array, dt: float, row: Array, 
     qdot = (history[2, _Q] - history[0, _Q]) / (2.0 * dt)
     rdot = (history[2, _R] - history[0, _R]) / (2.0 * dt)
     p, q, r = h[_P], h[_Q], h[_R]
-    x, y, z = constant[_XA], constant[_YA], constant[_ZA]
-    wr = p * x + q * y + r * z
-    ww = p * p + q * q + r * r
-    ax = h[_AX] - (qdot * z - rdot * y) - (p * wr - ww * x)
-    az = h[_AZ] - (pdot * y - qdot * x) - (r * wr - ww * z)
+    ax, _, az = specific_force_at_cg(
+        (h[_AX], 0.0, h[_AZ]), (p, q, r), (pdot, qdot, rdot), (constant[_XA], constant[_YA], constant[_ZA])
+    )
+    inertial = h[_MASS] * ax, h[_MASS] * az
     density = 2.0 * h[_QBAR] / (h[_V] * h[_V])
     if math.isfinite(density):
         _average(means, 2, dt, density)
     force = h[_QBAR] * constant[_S]
     sin, cos = math.sin(h[_ALPHA]), math.cos(h[_ALPHA])
-    cz = h[_MASS] * az / force
     push = h[_THRUST]
     if not math.isfinite(push):
         push = 0.0
         if constant[_POLAR] > 0.0:
             # Unknown thrust: what ax shows beyond the drag polar, averaged; left in, it adds T/(qbar S) to CL_alpha.
-            cd = constant[_CD0] + constant[_CDI] * cz * cz
-            surplus = h[_MASS] * ax + force * (cd * cos + cz * sin)
-            _average(means, 0, dt, surplus)
+            polar = constant[_CD0], constant[_CDI]
+            _average(means, 0, dt, thrust_by_drag_polar(inertial, force, polar, constant[_ANGLE], sin, cos))
             push = means[0]
-    cx = (h[_MASS] * ax - push) / force
+    cx, cz = force_coefficients(inertial, (push, constant[_ANGLE]), force)
     out[0] = q * constant[_C] / (2.0 * (constant[_V0] if constant[_V0] > 0.0 else h[_V]))
     out[1] = h[_DE]
-    out[2] = cz if constant[_BODY] > 0.0 else cx * sin - cz * cos
-    moment = constant[_IYY] * qdot + constant[_IXZ] * (p * p - r * r) + constant[_IXX_IZZ] * p * r
-    out[3] = moment / (force * constant[_C])
+    out[2] = cz if constant[_BODY] > 0.0 else lift_and_drag(cx, cz, sin, cos)[0]
+    moment = pitching_moment((constant[_IYY], constant[_IXZ], constant[_IXX_IZZ]), qdot, p, r)
+    out[3] = (moment - push * constant[_PITCH_ARM]) / (force * constant[_C])
     for i in range(EXTRAS):
         out[4 + i] = h[_EXTRA + i]
     return True
@@ -339,6 +343,8 @@ class Sides:
                 float(body),
                 (aircraft.reference_speed or 0.0) if aircraft.rate_reference == "fixed" else 0.0,
                 *arm,
+                aircraft.thrust_angle,
+                aircraft.thrust_pitch_arm,
             ]
         )
         self._dt = dt

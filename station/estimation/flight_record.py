@@ -7,15 +7,21 @@ SI, rad. The angle of attack is the vane's, its zero, steady upwash and rate tak
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, detrend, sosfiltfilt
 
 from station.conventions import SIGNALS, to_si
-from station.model.coefficients import Airframe, Coefficients, at_centre_of_gravity, coefficients
+from station.model.coefficients import (
+    Airframe,
+    Coefficients,
+    at_centre_of_gravity,
+    coefficients,
+    thrust_by_drag_polar,
+)
 from station.numerics.atmosphere import GAS_CONSTANT, standard_density
 from station.numerics.regression import NotIdentifiable
 from station.numerics.turbulence import HIGH_HZ, LOW_HZ, classified
@@ -216,13 +222,13 @@ def _thrust(
     """N, constant: on average what ax shows beyond the profile's drag polar. Left in CX it would add T/(qbar S) to
     CL_alpha."""
     if aircraft.drag is None or not usable.any():
-        remarks.append("thrust not recorded: counted as 0, and CX and CL hold it")
+        remarks.append("thrust not recorded: counted as 0, and CX, CL and Cm hold it")
         return np.zeros(len(alpha))
     force = motion["dynamic_pressure"] * airframe.area
-    cz = airframe.mass * motion["az"] / force
-    cd = aircraft.drag.zero_lift + aircraft.drag.induced * cz * cz
-    surplus = airframe.mass * motion["ax"] + force * (cd * np.cos(alpha) + cz * np.sin(alpha))
-    mean = float(np.mean(surplus[usable]))
+    inertial = airframe.mass * motion["ax"], airframe.mass * motion["az"]
+    polar = aircraft.drag.zero_lift, aircraft.drag.induced
+    push = thrust_by_drag_polar(inertial, force, polar, airframe.thrust_angle, np.sin(alpha), np.cos(alpha))
+    mean = float(np.mean(push[usable]))
     remarks.append(f"thrust not recorded: taken as {mean:.0f} N throughout, from the profile's drag polar")
     return np.full(len(alpha), mean)
 
@@ -232,8 +238,8 @@ def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array]
     airframe = Airframe.of(aircraft, mass)
     if not extra or not same_grid:
         return airframe
-    inertias = {n: extra[n] if n in extra else getattr(airframe, n) for n in ("ixx", "iyy", "izz", "ixz")}
-    return Airframe(airframe.area, airframe.span, airframe.chord, airframe.mass, **inertias)
+    inertias: dict[str, Any] = {n: extra[n] for n in ("ixx", "iyy", "izz", "ixz") if n in extra}
+    return replace(airframe, **inertias)
 
 
 def _flow_angles(motion: Mapping[str, Array], aircraft: Aircraft) -> tuple[Array, Array]:

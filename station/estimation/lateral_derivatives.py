@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS, to_si
 from station.estimation.derivatives import COLLINEAR, EXCITED, MIN_PERIODS, MIN_R2, SLACK_S
 from station.estimation.equation_error import fit, past_size
+from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import Frame, ParamEstimate, Quality, Status
@@ -91,10 +92,12 @@ def sides(constant: Array, history: Array, dt: float, row: Array, out: Array) ->
     pdot = (history[2, _P] - history[0, _P]) / (2.0 * dt)
     rdot = (history[2, _R] - history[0, _R]) / (2.0 * dt)
     p, q, r, v = h[_P], h[_Q], h[_R], h[_V]
-    x, y, z = constant[_XA], constant[_YA], constant[_ZA]
-    ay = h[_AY] - (rdot * x - pdot * z) - (q * (p * x + q * y + r * z) - (p * p + q * q + r * r) * y)
+    place = constant[_XA], constant[_YA], constant[_ZA]
+    # What the pitch acceleration does to an accelerometer is in the plane of symmetry: 0 stands for it.
+    _, ay, _ = specific_force_at_cg((0.0, h[_AY], 0.0), (p, q, r), (pdot, 0.0, rdot), place)
     force = h[_QBAR] * constant[_S]
-    ixx, iyy, izz, ixz = constant[_IXX], constant[_IYY], constant[_IZZ], constant[_IXZ]
+    inertia = constant[_IXX], constant[_IYY], constant[_IZZ], constant[_IXZ]
+    roll, yaw = roll_and_yaw_moment(inertia, (p, q, r), pdot, rdot)
     half = constant[_B] / (2.0 * (constant[_V0] if constant[_V0] > 0.0 else v))
     turned = (history[2, _BETA] - history[0, _BETA]) / (2.0 * dt)
     bent = (history[2, _BETA] - 2.0 * h[_BETA] + history[0, _BETA]) / (dt * dt)
@@ -105,8 +108,8 @@ def sides(constant: Array, history: Array, dt: float, row: Array, out: Array) ->
     out[3] = h[_AILERON]
     out[4] = h[_RUDDER]
     out[5] = h[_MASS] * ay / force
-    out[6] = (ixx * pdot - ixz * (p * q + rdot) + (izz - iyy) * q * r) / (force * constant[_B])
-    out[7] = (izz * rdot - ixz * (pdot - q * r) + (iyy - ixx) * p * q) / (force * constant[_B])
+    out[6] = roll / (force * constant[_B])
+    out[7] = yaw / (force * constant[_B])
     return True
 
 

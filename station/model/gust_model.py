@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from station.model.coefficients import force_coefficients, lift_and_drag
 from station.model.inertial_path import BLEND_S, InertialPath
 from station.profile import Aircraft, Indicial
 
@@ -324,8 +325,9 @@ def _along(motion: Mapping[str, Array], path: InertialPath, aircraft: Aircraft) 
     thrust = motion.get("thrust")
     push = thrust if thrust is not None and np.isfinite(thrust).all() else np.zeros_like(force)
     mass = aircraft.inertia.mass
-    x, z = mass * forward - push, mass * motion["az"]
-    return float(np.mean((x * np.cos(path.alpha) + z * np.sin(path.alpha)) / force))
+    cx, cz = force_coefficients((mass * forward, mass * motion["az"]), (push, aircraft.thrust_angle), force)
+    drag = lift_and_drag(cx, cz, np.sin(path.alpha), np.cos(path.alpha))[1]
+    return -float(np.mean(drag))
 
 
 def _closed(x: Array) -> Array:

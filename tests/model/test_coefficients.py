@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from station.model.coefficients import Airframe, at_centre_of_gravity, coefficients, differentiate
+from station.model.coefficients import Airframe, at_centre_of_gravity, coefficients, differentiate, thrust_by_drag_polar
 from station.numerics.regression import NotIdentifiable, least_squares
 
 AIRFRAME = Airframe(area=10.0, span=8.0, chord=1.25, mass=500.0, ixx=400.0, iyy=700.0, izz=1000.0, ixz=50.0)
@@ -32,6 +35,34 @@ def test_level_flight_lifts_its_weight() -> None:
     np.testing.assert_allclose(c.CL, weight * np.cos(0.06) + axial * np.sin(0.06))
     np.testing.assert_allclose(c.CD, -axial * np.cos(0.06) + weight * np.sin(0.06))
     np.testing.assert_array_equal(c.Cm, 0.0)
+
+
+def test_a_raised_thrust_with_an_arm_is_taken_out_of_forces_and_moment() -> None:
+    """By hand: 1000 N raised by atan(3/4) push 800 N forward and 600 N up, and an arm of -0.5 m noses down 500 N m."""
+    airframe = replace(AIRFRAME, thrust_angle=math.atan2(3, 4), thrust_pitch_arm=-0.5)
+    one = np.ones(N)
+    motion = level_flight() | {"ax": 1.0 * one, "az": -10.0 * one, "thrust": 1000 * one, "qdot": 0.2 * one}
+    c = coefficients(motion, airframe, np.zeros(N), DT)
+    np.testing.assert_allclose(c.CX, (500 * 1 - 800) / 15000)
+    np.testing.assert_allclose(c.CZ, (-500 * 10 + 600) / 15000)
+    np.testing.assert_allclose(c.Cm, (700 * 0.2 + 500) / (15000 * 1.25))
+
+
+def test_thrust_by_the_drag_polar_is_what_was_flown() -> None:
+    """A forward model: drag by the polar at -CZ, thrust along a raised line."""
+    force, angle, alpha, thrust = 15000.0, 0.1, 0.05, 800.0
+    cz = -0.4
+    total = cz - thrust * math.sin(angle) / force
+    cd = 0.03 + 0.05 * total**2
+    x = -force * (cd * math.cos(alpha) + cz * math.sin(alpha)) + thrust * math.cos(angle)
+    found = thrust_by_drag_polar((x, total * force), force, (0.03, 0.05), angle, math.sin(alpha), math.cos(alpha))
+    assert found == pytest.approx(thrust, rel=1e-12)
+
+
+def test_rates_are_normalised_with_the_speed_that_the_profile_says() -> None:
+    motion = level_flight() | {"q": 0.2 * np.ones(N)}
+    c = coefficients(motion, replace(AIRFRAME, rate_speed=40.0), np.zeros(N), DT)
+    np.testing.assert_allclose(c.qhat, 0.2 * 1.25 / (2 * 40))
 
 
 def test_moments_satisfy_euler_s_equation() -> None:

@@ -31,6 +31,7 @@ from station.estimation.results import (
     regress,
     result_of,
 )
+from station.model.coefficients import force_coefficients, lift_and_drag
 from station.numerics.regression import NotIdentifiable, least_squares, smoothed_start
 from station.numerics.turbulence import in_band
 from station.rows import ParamEstimate, Status
@@ -180,14 +181,13 @@ def _initial(record: FlightRecord, body: Body, inputs: Array, qdot: Array) -> tu
     """The free parameters and values to start from: equation error on the model's own coefficients."""
     m = record.motion
     qbar = 0.5 * inputs[:, 2] * m["airspeed"] ** 2
-    specific = inputs[:, 1] / body.mass
-    force = body.area_by_mass * qbar
-    cx = (m["ax"] - specific * np.cos(body.thrust_angle)) / force
-    cz = (m["az"] + specific * np.sin(body.thrust_angle)) / force
-    sin, cos = np.sin(record.alpha), np.cos(record.alpha)
+    # Per unit of mass, as the model counts.
+    thrust = inputs[:, 1] / body.mass, body.thrust_angle
+    cx, cz = force_coefficients((m["ax"], m["az"]), thrust, body.area_by_mass * qbar)
+    lift, drag = lift_and_drag(cx, cz, np.sin(record.alpha), np.cos(record.alpha))
     measured = {
-        "CD": -cx * cos - cz * sin,
-        "CL": cx * sin - cz * cos,
+        "CD": drag,
+        "CL": lift,
         "Cm": (qdot - body.thrust_arm_by_inertia * inputs[:, 1]) / (body.area_chord_by_inertia * qbar),
     }
     rate_speed = body.reference_speed if body.fixed_rate_speed else m["airspeed"]

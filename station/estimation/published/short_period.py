@@ -11,6 +11,7 @@ steps. SI, rad. Assumes a calm record. Source: Klein and Morelli 2006, sections 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from station.conventions import G0
 from station.estimation.published.output_error import CONVERGED, Convergence, OutputFit, gauss_newton
-from station.model.coefficients import Airframe, Coefficients, gyroscopic, signal
+from station.model.coefficients import Airframe, Coefficients, pitching_moment, signal
 from station.numerics.regression import NotIdentifiable, smoothed_start
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class ShortPeriod:
     """A record and what is known of it, ready to be simulated."""
 
     inputs: Array
-    """(n, 14): see `_rates`."""
+    """(n, 15): see `_rates`."""
     measured: Array
     """(n, 3): alpha, q, az."""
     start: Array
@@ -72,6 +73,8 @@ class ShortPeriod:
             raise NotIdentifiable("the aircraft profile gives no iyy")
         a = airframe
         v, qbar, p, r = motion["airspeed"], motion["dynamic_pressure"], signal(motion, "p", n), signal(motion, "r", n)
+        thrust = signal(motion, "thrust", n)
+        without_qdot = pitching_moment((a.iyy, a.ixz, a.gyroscopic), 0.0, p, r) - thrust * a.thrust_pitch_arm
         inputs = np.column_stack(
             [
                 motion["elevator"],
@@ -83,11 +86,12 @@ class ShortPeriod:
                 motion["theta"],
                 qbar * a.area / a.mass,
                 c.CX,
-                signal(motion, "thrust", n) / a.mass,
+                thrust * math.cos(a.thrust_angle) / a.mass,
                 qbar * a.area * a.chord / a.iyy,
-                -(gyroscopic(a) * p * r + a.ixz * (p * p - r * r)) / a.iyy,
+                -without_qdot / a.iyy,
                 c.qhat,
-                a.chord / (2 * v),
+                a.chord / (2 * (v if a.rate_speed is None else np.full(n, a.rate_speed))),
+                -thrust * math.sin(a.thrust_angle) / a.mass,
             ]
         )
         measured = np.column_stack([alpha, motion["q"], motion["az"]])
@@ -156,13 +160,13 @@ def _force(alpha: float, q: float, u: Array, p: Array, reference: Array, wind: b
 def _rates(
     alpha: float, q: float, u: Array, p: Array, reference: Array, wind: bool, gravity: float, measured_rate: bool
 ) -> tuple[float, float]:
-    """alphadot, qdot. u: elevator, V, beta, p, r, phi, theta, qbar S/m, CX, T/m, qbar S c/Iyy, gyroscopic qdot,
-    measured q c/2V, c/2V."""
+    """alphadot, qdot. u: elevator, V, beta, p, r, phi, theta, qbar S/m, CX, specific thrust along x, qbar S c/Iyy, qdot
+    by gyroscopic moments and thrust, measured q c/2V, c/2V, specific thrust along z."""
     qhat = u[12] if measured_rate else q * u[13]
     cz = _force(alpha, q, u, p, reference, wind, measured_rate)
     cm = p[4] + p[5] * (alpha - reference[0]) + p[6] * qhat + p[7] * (u[0] - reference[1])
     sin, cos = np.sin(alpha), np.cos(alpha)
-    along, down = u[7] * u[8] + u[9], u[7] * cz
+    along, down = u[7] * u[8] + u[9], u[7] * cz + u[14]
     weight = gravity * (np.cos(u[5]) * np.cos(u[6]) * cos + np.sin(u[6]) * sin)
     turn = np.tan(u[2]) * (u[3] * cos + u[4] * sin)
     return q - turn + (weight - along * sin + down * cos) / (u[1] * np.cos(u[2])), u[10] * cm + u[11]
@@ -178,7 +182,7 @@ def _simulate(
     a1, a2, q1, q2 = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         y[k, 0], y[k, 1] = alpha, q
-        y[k, 2] = u[k, 7] * _force(alpha, q, u[k], p, reference, wind, measured_rate) + p[8]
+        y[k, 2] = u[k, 7] * _force(alpha, q, u[k], p, reference, wind, measured_rate) + u[k, 14] + p[8]
         if k + 1 == n:
             break
         a0, q0 = _rates(alpha, q, u[k], p, reference, wind, gravity, measured_rate)
