@@ -1,0 +1,95 @@
+"""Identification counted on the foreign flights: aircraft that differ from their profile as real ones do.
+
+    uv run python tests/benchmarks/foreign_flights.py [--folder DIR] [--workers 2]
+
+The flights and their answers (tests/records.toml) come from a simulation that shares no formula with the station. Each
+is imported as a user would import it, identified against the shipped profile, and the recommended estimates are held
+against the aircraft's own derivatives. Printed: mean error, share of 95 % intervals that hold the truth, share called
+estimated; for calm to light air (to 5 ft/s) and above apart, and of each method beside.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.records import record
+
+DERIVATIVES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
+METHODS = ("recommended", "physical", "split+gust", "split")
+LIGHT_FPS = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A flight's answers, and what identify made of it (station.identify/1)."""
+
+    name: str
+    answers: dict
+    result: dict
+
+
+def identified(name: str, flights: Path, folder: Path, answers: dict) -> Flight:
+    """Import and identify one flight with the command line."""
+    table, log, out = (folder / f"{name}{suffix}" for suffix in (".csv", ".mcap", ".json"))
+    table.write_bytes(gzip.decompress((flights / f"{name}.csv.gz").read_bytes()))
+    station = [sys.executable, "-m", "station"]
+    subprocess.run([*station, "import", table, "-o", log, "--aircraft", "twin_otter"], check=True, capture_output=True)
+    begin = str(answers["manoeuvre_from_s"])
+    subprocess.run([*station, "identify", log, "--from", begin, "--json", out], check=False, capture_output=True)
+    return Flight(name, answers, json.loads(out.read_text()))
+
+
+def row(flights: list[Flight], method: str, definition: str) -> str:
+    """Mean error, intervals that hold, estimates called so, of each derivative."""
+    cells = []
+    for name in DERIVATIVES:
+        errors, holds, estimated = [], 0, 0
+        for flight in flights:
+            chosen = flight.result["recommended"] if method == "recommended" else method
+            p = flight.result["methods"].get(chosen, {}).get("parameters", {}).get(name) if chosen else None
+            if p is None or p["status"] != "estimated":
+                continue
+            truth = flight.answers[definition][name]
+            estimated += 1
+            errors.append(abs(p["estimate"] / truth - 1.0))
+            holds += p["ci95"][0] <= truth <= p["ci95"][1]
+        count = max(estimated, 1)
+        cells.append(
+            f"{100 * sum(errors) / count:5.1f} {100 * holds / count:4.0f} {100 * estimated / len(flights):4.0f}"
+        )
+    return " | ".join((f"{method:12s}", *cells))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--folder", type=Path, help="where recordings and results are kept")
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
+    flights = record("flights/answers.json").parent
+    answers = json.loads((flights / "answers.json").read_text())
+    folder = given.folder or Path(tempfile.mkdtemp(prefix="foreign-flights-"))
+    folder.mkdir(parents=True, exist_ok=True)
+    names = sorted(n for n in answers if n.startswith("identify_"))
+    with ThreadPoolExecutor(given.workers) as pool:
+        done = list(pool.map(lambda n: identified(n, flights, folder, answers[n]), names))
+    light = [f for f in done if f.answers["sigma_fps"] <= LIGHT_FPS]
+    rough = [f for f in done if f.answers["sigma_fps"] > LIGHT_FPS]
+    print("of each: mean error of estimates %, 95 % intervals that hold the truth %, called estimated %")
+    for definition in ("derivatives", "quasi_steady"):
+        for words, chosen in ((f"to {LIGHT_FPS:g} ft/s", light), (f"above {LIGHT_FPS:g} ft/s", rough)):
+            print(f"\n{definition}, {words}, {len(chosen)} flights")
+            print(" | ".join((" " * 12, *(f"{n:15s}" for n in DERIVATIVES))))
+            for method in METHODS:
+                print(row(chosen, method, definition))
+
+
+if __name__ == "__main__":
+    main()
