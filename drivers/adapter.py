@@ -6,7 +6,6 @@ thread says so with an event and tries again: nothing raises into the station.
 
 from __future__ import annotations
 
-import difflib
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -15,8 +14,9 @@ from pathlib import Path
 from typing import Final
 
 from drivers.codec import Codec, Port, Reading, TimeReply
+from drivers.protocols import protocol_named
 from station.clock import Clock, utc_now_ns
-from station.profile import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
+from station.profile import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, nearest, nearest_or_all
 from station.rows import Code, DeviceError, Event, ProfileError, RawBlock, Rows, Sample, TimeSync
 
 EMULATED: Final = "emulated"
@@ -209,75 +209,77 @@ def open_devices(
     """An adapter for each device of the rig, not started yet.
 
     `endpoints[device.name]` stands in for the rig's port, channel or url. Raises ProfileError for a rig its codecs
-    cannot serve (a message that is not in the DBC, a field that no message has) and DeviceError for a device that is
-    to be emulated and has no endpoint.
+    cannot serve (an unknown protocol, a message that is not in the DBC, a field that no message has) and DeviceError
+    for a device that is to be emulated and has no endpoint.
     """
     adapters = []
     for device in rig.devices:
-        codec = _codec(rig, device, rig_dir)
+        codec = _codec(device, rig_dir, f"rig {rig.name}")
         address = _address(device, endpoints)
         opener = _opener(device, address, is_emulated=device.name in endpoints)
         adapters.append(Adapter(device, codec, opener, clock, put, address))
     return adapters
 
 
-def check_devices(rig: Rig, rig_dir: Path) -> None:
-    """Whether the rig's codecs know every message and field it names. Raises ProfileError with device and key."""
+def check_devices(rig: Rig, rig_file: Path) -> None:
+    """Whether there are codecs for what the rig names: protocols, messages and fields. Raises ProfileError with file,
+    device and key."""
     for device in rig.devices:
-        _codec(rig, device, rig_dir)
+        _codec(device, rig_file.parent, str(rig_file))
 
 
-def _codec(rig: Rig, device: Device, rig_dir: Path) -> Codec:
+def _codec(device: Device, rig_dir: Path, rig: str) -> Codec:
+    """Raises ProfileError that says in which `rig`, device and key."""
+    try:
+        return _codec_of(device, rig_dir)
+    except ProfileError as error:
+        raise ProfileError(f"{rig}: device {device.name}, {error}") from error
+
+
+def _codec_of(device: Device, rig_dir: Path) -> Codec:
     # Each link's library is loaded only where the rig has such a link: some take seconds.
-    if isinstance(device, CanDevice):
-        from drivers.can_dbc import CanCodec
+    match device:
+        case SerialDevice():
+            protocol = protocol_named(device.protocol)
+            _check_streams(device, protocol.fields, protocol.named_messages())
+            return protocol.codec()
+        case CanDevice():
+            from drivers.can_dbc import CanCodec
 
-        return CanCodec(device, rig_dir)
-    if isinstance(device, MavlinkDevice):
-        from drivers.mavlink import MavlinkCodec, read_signing_key
-        from drivers.mavlink_messages import TABLE, fields_known
+            return CanCodec(device, rig_dir)
+        case MavlinkDevice():
+            from drivers.mavlink import MavlinkCodec, read_signing_key
+            from drivers.mavlink_messages import TABLE, fields_known
 
-        for stream in device.streams:
-            known = fields_known(str(stream.message))
-            _check_stream(rig, device, stream, known, f"one of {', '.join(TABLE)}")
-        try:
-            key = read_signing_key(device, rig_dir)
-        except DeviceError as error:
-            raise ProfileError(str(error)) from error
-        return MavlinkCodec(device, key, utc_now_ns())
-    if device.protocol in ("ubx", "nmea"):
-        from drivers.serial_gnss import NMEA_FIELDS, UBX_FIELDS, NmeaCodec, UbxCodec
+            names = (*TABLE, *(str(stream.message) for stream in device.streams))
+            fields: dict[str | int, Sequence[str]] = {n: known for n in names if (known := fields_known(n))}
+            _check_streams(device, fields, f"one of {', '.join(TABLE)}")
+            return MavlinkCodec(device, read_signing_key(device, rig_dir), utc_now_ns())
 
-        table = UBX_FIELDS if device.protocol == "ubx" else NMEA_FIELDS
-        for stream in device.streams:
-            _check_stream(rig, device, stream, table.get(str(stream.message), ()), f"one of {', '.join(table)}")
-        return UbxCodec() if device.protocol == "ubx" else NmeaCodec()
-    from drivers.serial_boombox import FIELDS, BoomboxAsciiCodec, BoomboxCodec
 
+def _check_streams(device: Device, fields: Mapping[str | int, Sequence[str]], messages: str) -> None:
+    """Whether each stream's message has the fields that it maps; `messages` says what there is."""
     for stream in device.streams:
-        is_id = isinstance(stream.message, int) and 0 <= stream.message <= 255
-        _check_stream(rig, device, stream, FIELDS if is_id else (), "a packet id, 0 to 255")
-    return BoomboxCodec() if device.protocol == "boombox" else BoomboxAsciiCodec()
-
-
-def _check_stream(rig: Rig, device: Device, stream: StreamProfile, known: Sequence[str], messages: str) -> None:
-    key = f"rig {rig.name}, device {device.name}, stream {stream.name}"
-    if not known:
-        raise ProfileError(f"{key}, message: no message {stream.message!r} on this link; use {messages}")
-    for signal, channel in stream.signals.items():
-        if channel.field not in known:
-            close = difflib.get_close_matches(channel.field, known, n=1, cutoff=0.5)
-            near = f"did you mean {close[0]}?" if close else f"it has {', '.join(known[:12])}"
-            raise ProfileError(f"{key}, {signal}: {stream.message} has no field {channel.field}; {near}")
+        known = tuple(fields.get(stream.message, ()))
+        if not known:
+            near = nearest(str(stream.message), [m for m in fields if isinstance(m, str)]) or f"; use {messages}"
+            raise ProfileError(f"stream {stream.name}, message: no message {stream.message!r} on this link{near}")
+        for signal, channel in stream.signals.items():
+            if channel.field not in known:
+                near = nearest_or_all(channel.field, known)
+                raise ProfileError(
+                    f"stream {stream.name}, {signal}: {stream.message} has no field {channel.field}{near}"
+                )
 
 
 def _address(device: Device, endpoints: Mapping[str, str]) -> str:
-    if isinstance(device, SerialDevice):
-        own = device.port
-    elif isinstance(device, CanDevice):
-        own = device.channel
-    else:
-        own = device.url
+    match device:
+        case SerialDevice():
+            own = device.port
+        case CanDevice():
+            own = device.channel
+        case MavlinkDevice():
+            own = device.url
     address = endpoints.get(device.name, own)
     if address == EMULATED:
         raise DeviceError(
@@ -289,14 +291,17 @@ def _address(device: Device, endpoints: Mapping[str, str]) -> str:
 
 def _opener(device: Device, address: str, is_emulated: bool) -> Opener:
     # Imported here, before flight, and not by the thread in flight: python-can takes seconds.
-    if isinstance(device, SerialDevice):
-        from drivers import serial_port
+    match device:
+        case SerialDevice():
+            from drivers import serial_port
 
-        return lambda: serial_port.open_port(address, device.baud)
-    if isinstance(device, CanDevice):
-        from drivers import can_port
+            baud = device.baud or protocol_named(device.protocol).baud
+            return lambda: serial_port.open_port(address, baud)
+        case CanDevice():
+            from drivers import can_port
 
-        return lambda: can_port.open_port(device, address, is_emulated)
-    from drivers import mavlink_port
+            return lambda: can_port.open_port(device, address, is_emulated)
+        case MavlinkDevice():
+            from drivers import mavlink_port
 
-    return lambda: mavlink_port.open_port(device, address)
+            return lambda: mavlink_port.open_port(device, address)

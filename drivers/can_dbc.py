@@ -14,7 +14,6 @@ that the DBC has a word for (VAL_, such as "SNA").
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import sys
@@ -28,7 +27,7 @@ from fastcrc import crc8
 from drivers.codec import Codec, Reading, TimeReply
 from drivers.framing import Cutter
 from station.conventions import unit_named
-from station.profile import CanDevice
+from station.profile import CanDevice, nearest_or_all
 from station.rows import ProfileError
 
 # cantools brings python-can, which handles MDF4 files where it finds asammdf: seconds and 100 MiB that no bus needs.
@@ -107,10 +106,10 @@ def load_dbc(path: Path) -> dict[str, CanMessage]:
         database: Any = cantools.database.load_file(path)
         messages = database.messages
     except OSError as error:
-        raise ProfileError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise ProfileError(f"dbc {path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # cantools' parsers and its checks of overlap share no public base class
         reason = " ".join(str(error).split())
-        raise ProfileError(f"{path}: not a usable DBC: {reason:.160}") from error
+        raise ProfileError(f"dbc {path}: not a usable DBC: {reason:.160}") from error
     return {m.name: _message(path, m) for m in messages}
 
 
@@ -120,7 +119,7 @@ def _message(path: Path, definition: Any) -> CanMessage:
     if (checksum := signals.get(CHECKSUM)) is not None:
         first_bit = checksum.start % 8
         if checksum.length != 8 or first_bit != (0 if checksum.byte_order == "little_endian" else 7):
-            raise ProfileError(f"{path}: {definition.name}.{CHECKSUM}: must be one whole byte")
+            raise ProfileError(f"dbc {path}: {definition.name}.{CHECKSUM}: must be one whole byte")
         checksum_byte = checksum.start // 8
     if (stamp := signals.get(STAMP)) is not None:
         wrap_ns = round(2**stamp.length * stamp.scale * 1e9)
@@ -154,7 +153,8 @@ def checksum_of(frame_id: int, data: bytes, checksum_byte: int) -> int:
 class CanCodec(Codec):
     """slcan text lines to readings; frames that are not in the DBC belong to other nodes and are passed over.
 
-    Raises ProfileError when made for a device whose rig entry does not fit its DBC file, which lies in `rig_dir`.
+    Raises ProfileError, with the key, when made for a device whose rig entry does not fit its DBC file, which lies in
+    `rig_dir`.
     """
 
     def __init__(self, device: CanDevice, rig_dir: Path) -> None:
@@ -210,28 +210,24 @@ class CanCodec(Codec):
 
 def _check(device: CanDevice, path: Path, messages: Mapping[str, CanMessage]) -> None:
     for stream in device.streams:
-        key = f"{path}: device {device.name}, stream {stream.name}"
+        key = f"stream {stream.name}"
         name = str(stream.message)
         if name not in messages:
-            raise ProfileError(f"{key}: no message {name}{_nearest(name, messages)}")
+            raise ProfileError(f"{key}, message: {path} has no message {name}{nearest_or_all(name, messages)}")
         units = {s.name: s.unit or "" for s in messages[name].definition.signals}
         for signal, channel in stream.signals.items():
             if channel.field not in units:
                 raise ProfileError(
-                    f"{key}, {signal}: message {name} has no signal {channel.field}{_nearest(channel.field, units)}"
+                    f"{key}, {signal}: message {name} of {path} has no signal {channel.field}"
+                    f"{nearest_or_all(channel.field, units)}"
                 )
             unit = units[channel.field]
             is_as_it_comes = channel.slope == 1 and channel.zero == 0 and channel.table is None
             if unit and is_as_it_comes and unit_named(unit) not in (None, unit_named(channel.unit)):
                 raise ProfileError(
-                    f"{key}, {signal}: {name}.{channel.field} is in {unit}, not {channel.unit}\n"
+                    f"{key}, {signal}: {name}.{channel.field} of {path} is in {unit}, not {channel.unit}\n"
                     "correct the rig's unit, or give a slope"
                 )
-
-
-def _nearest(word: str, known: Mapping[str, object]) -> str:
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"; did you mean {close[0]}?" if close else f"; it has {', '.join(known) or 'none'}"
 
 
 def read_slcan(line: bytes) -> tuple[int, bool, bytes] | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import math
 import select
 import signal
 import sys
@@ -15,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.codec import Reading
 from drivers.emulated_messages import DeviceScript, Encode, Outgoing
 from drivers.emulated_ports import DevicePort, PtyPort, TcpPort, UdpPort
+from drivers.protocols import protocol_named
 from station.clock import SystemClock, utc_now_ns
 from station.profile import CanDevice, Device, MavlinkDevice, Profiles, SerialDevice
 from station.rows import DeviceError, StationError
@@ -50,47 +51,18 @@ def flown_signals(device: Device, absent: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def wire_of(device: Device, rig_dir: Path, folder: Path) -> Wire:
-    """The port and encoder a device of this kind has; its links lie in `folder`. Raises DeviceError."""
-    if isinstance(device, SerialDevice):
-        return Wire(PtyPort(folder / device.name), serial_encoder(device))
-    if isinstance(device, CanDevice):
-        return _can_wire(device, rig_dir, folder)
-    return _mavlink_wire(device, rig_dir, folder)
-
-
-def serial_encoder(device: SerialDevice) -> Encode:
-    # Each process loads only the libraries of its own link.
-    if device.protocol in ("boombox", "boombox_ascii"):
-        from drivers.serial_boombox import encode_line, encode_packet
-
-        encode = encode_packet if device.protocol == "boombox" else encode_line
-
-        def box(m: Outgoing) -> bytes:
-            counts = [m.fields.get(f"v{i}", math.nan) for i in range(1 + max(int(name[1:]) for name in m.fields))]
-            return encode(int(m.message), m.seq, m.t_device_ns // 1000, counts)
-
-        return box
-    if device.protocol == "ubx":
-        from drivers.serial_gnss import encode_nav_pvt
-
-        def ubx(m: Outgoing) -> bytes:
-            # What the rig does not read is 0; what the flight lacks is NaN.
-            lat, lon, height, north, east, down = (
-                m.fields.get(name, 0.0) for name in ("lat", "lon", "hMSL", "velN", "velE", "velD")
-            )
-            return encode_nav_pvt(m.t_device_ns, lat, lon, height, (north, east, down))
-
-        return ubx
-    from drivers.serial_gnss import encode_sentence
-
-    def nmea(m: Outgoing) -> bytes:
-        known = {name: value for name, value in m.fields.items() if not math.isnan(value)}
-        return encode_sentence(str(m.message), m.t_device_ns, **known)
-
-    return nmea
+    """The port and encoder a device of this kind has; its links lie in `folder`. Raises DeviceError or ProfileError."""
+    match device:
+        case SerialDevice():
+            return Wire(PtyPort(folder / device.name), protocol_named(device.protocol).encode)
+        case CanDevice():
+            return _can_wire(device, rig_dir, folder)
+        case MavlinkDevice():
+            return _mavlink_wire(device, rig_dir, folder)
 
 
 def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
+    # Each process loads only the libraries of its own link.
     from drivers.can_dbc import encode_frame, encode_slcan, load_dbc
     from drivers.slcan_adapter import SlcanAdapter
 
@@ -98,8 +70,8 @@ def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
         raise DeviceError(f"{device.name}: CAN interface {device.interface} is not emulated: only slcan is")
     messages = load_dbc(rig_dir / device.dbc)
 
-    def line(m: Outgoing) -> bytes:
-        return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns, m.seq))
+    def line(m: Reading) -> bytes:
+        return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns or 0, m.seq or 0))
 
     return Wire(SlcanAdapter(folder / device.name), line)
 
@@ -116,8 +88,8 @@ def _mavlink_wire(device: MavlinkDevice, rig_dir: Path, folder: Path) -> Wire:
         port = UdpPort()
     encoder = MavlinkEncoder(device.system_id or 1, key=read_signing_key(device, rig_dir), utc_ns=utc_now_ns())
 
-    def packet(m: Outgoing) -> bytes:
-        return encoder.encode(str(m.message), m.fields, m.t_device_ns)
+    def packet(m: Reading) -> bytes:
+        return encoder.encode(str(m.message), m.fields, m.t_device_ns or 0)
 
     return Wire(port, packet, {"HEARTBEAT": 1.0}, encoder.answer)
 
@@ -130,7 +102,7 @@ def serve_device(
     heed_signals()
     device = profiles.rig.devices[index]
     try:
-        wire = wire_of(device, Path(profiles.rig_dir), Path(folder))
+        wire = wire_of(device, profiles.rig_dir, Path(folder))
     except StationError as error:
         control.send(("error", error))
         return

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.codec import Reading
 from drivers.faults import MessageFaults, clock_steps, faults_of, unplugged
 from station.conventions import ANGLES_THAT_WRAP
 from station.profile import Card, Channel, Device, StreamProfile
@@ -92,10 +93,7 @@ class Outgoing:
     """A message on its way."""
 
     due_ns: int
-    t_device_ns: int
-    message: str | int
-    seq: int
-    fields: dict[str, float]
+    reading: Reading
     lost: bool
     garbage: bool
 
@@ -152,10 +150,7 @@ class MessageSource:
             out.append(
                 Outgoing(
                     self._free_ns,
-                    clock.at(t_ns),
-                    self.message,
-                    self._seq,
-                    dict(zip(names, values, strict=True)),
+                    Reading(self.message, clock.at(t_ns), self._seq, dict(zip(names, values, strict=True))),
                     bool(fate.lost[i]),
                     bool(fate.garbage[i]),
                 )
@@ -179,7 +174,7 @@ def _field_values(channel: Channel, values: Floats) -> list[float]:
     return [zero + (channel.from_si(1.0) - zero) * v for v in values.tolist()]
 
 
-Encode = Callable[[Outgoing], bytes]
+Encode = Callable[[Reading], bytes]
 
 
 class DeviceScript:
@@ -238,7 +233,7 @@ class DeviceScript:
     def encode(self, m: Outgoing) -> bytes:
         """What goes onto the wire, empty if it is lost. To be called once for each message, in order of sending."""
         # A lost message is encoded all the same: it uses up a number where the encoder counts by itself.
-        data = self._encode(m)
+        data = self._encode(m.reading)
         if m.garbage:
             data = self._scramble.bytes(len(data))
         return b"" if m.lost else data

@@ -6,8 +6,9 @@ message. Unplugging and clock steps belong to the device rather than to a messag
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,6 @@ from station.profile import Fault
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-SHARE = 0.5
-"""Share of messages lost by "intermittent" or replaced by "garbage" when the card gives no value."""
-DIVISOR = 4.0
-"""Divisor of the rate for "slow" when the card gives none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +35,79 @@ class Fate:
     """(n,) s from stamp to wire."""
 
 
+class Block(NamedTuple):
+    """The messages that a fault acts on."""
+
+    on: Flags
+    """(n,) whether the fault lasts."""
+    k: NDArray[np.int64]
+    """(n,) their numbers."""
+    luck: Floats
+    """(n, 2) in [0, 1): one for being lost, one for being garbage."""
+    signal: int
+    """Column of the signal that is wrong; -1 where none is named."""
+    held: Floats
+    """(m,) the values before the fault began."""
+
+
+class FaultKind(NamedTuple):
+    """One row of FAULTS."""
+
+    sentence: str
+    value: str
+    """What `value` means; empty: nothing."""
+    usual: float
+    """The value where the card gives none."""
+    act: Callable[[Fate, Block, float], None] | None
+    """What it does to a block of messages and a value; None: it is the device's."""
+
+
+def _off(fate: Fate, block: Block, _: float) -> None:
+    np.logical_or(fate.silent, block.on, out=fate.silent)
+
+
+def _stuck(fate: Fate, block: Block, _: float) -> None:
+    fate.values[block.on] = block.held
+
+
+def _garbage(fate: Fate, block: Block, share: float) -> None:
+    np.logical_or(fate.garbage, block.on & (block.luck[:, 1] < share), out=fate.garbage)
+
+
+def _wrong(fate: Fate, block: Block, offset: float) -> None:
+    fate.values[block.on, block.signal] += offset
+
+
+def _slow(fate: Fate, block: Block, divisor: float) -> None:
+    by = max(1.0, divisor)
+    skipped = np.floor(block.k / by) == np.floor((block.k - 1) / by)
+    np.logical_or(fate.silent, block.on & skipped, out=fate.silent)
+
+
+def _delayed(fate: Fate, block: Block, seconds: float) -> None:
+    fate.delay[block.on] += max(0.0, seconds)
+
+
+def _intermittent(fate: Fate, block: Block, share: float) -> None:
+    np.logical_or(fate.lost, block.on & (block.luck[:, 0] < share), out=fate.lost)
+
+
+FAULTS: Final[Mapping[str, FaultKind]] = {
+    "off": FaultKind("silent; no number is used up", "", 0.0, _off),
+    "stuck": FaultKind("repeats the values it had", "", 0.0, _stuck),
+    "garbage": FaultKind("random bytes in place of messages", "share of the messages", 0.5, _garbage),
+    "wrong": FaultKind("an offset on one `signal`", "offset, SI", 0.0, _wrong),
+    "slow": FaultKind("fewer messages", "divisor of the rate", 4.0, _slow),
+    "delayed": FaultKind("messages come late, in order, with their old stamps", "s", 0.0, _delayed),
+    "intermittent": FaultKind("messages are lost on the way", "share of the messages", 0.5, _intermittent),
+    "clock_step": FaultKind("the device's clock jumps, and back at the end", "s", 0.0, None),
+    "unplug": FaultKind("the link is taken away", "", 0.0, None),
+}
+"""What a card's faults may be."""
+
+
 class MessageFaults:
-    """The faults of one message of a device; keeps what a stuck sensor last said.
+    """The faults of one message of a device; keeps what a stuck sensor last reported.
 
     Random draws are made for every message whether used or not, so that a fault never changes what another draws and
     the way a flight is cut into blocks changes nothing.
@@ -61,50 +128,41 @@ class MessageFaults:
         """Chance that a message after a lost one is lost too."""
         self._luck = rng.spawn(1)[0]
         self._inside = bool(share) and self._luck.random() < share
-        self._faults = tuple(f for f in faults if f.kind not in ("unplug", "clock_step"))
+        self._faults = [(f, kind, act) for f in faults if (act := (kind := FAULTS[f.kind]).act) is not None]
         self._signals = signals
         self._rng = rng
         self._last: Floats | None = None
-        self._stuck: dict[int, Floats] = {}
+        self._held: dict[int, Floats] = {}
 
     def apply(self, k: NDArray[np.int64], t: Floats, values: Floats) -> Fate:
         """Message numbers k (n,), flight times t (n,) s, values (n, m) SI -> their fate. Blocks must come in order."""
         n = len(t)
-        draws = self._rng.random((n, 2))
-        healthy, values = values, values.copy()
-        silent, lost, garbage = (np.zeros(n, dtype=np.bool_) for _ in range(3))
-        delay = np.zeros(n)
+        luck = self._rng.random((n, 2))
+        silent, garbage = (np.zeros(n, dtype=np.bool_) for _ in range(2))
+        fate = Fate(values.copy(), silent, self._lost(n), garbage, np.zeros(n))
+        for number, (fault, kind, act) in enumerate(self._faults):
+            on = (t >= fault.start) & (t < fault.start + fault.duration)
+            if not on.any():
+                continue
+            if number not in self._held:
+                first = int(np.argmax(on))
+                before = values[first - 1] if first else self._last
+                self._held[number] = (values[first] if before is None else before).copy()
+            signal = self._signals.index(fault.signal) if fault.signal in self._signals else -1
+            act(fate, Block(on, k, luck, signal, self._held[number]), fault.value or kind.usual)
+        if n:
+            self._last = values[-1].copy()
+        return fate
+
+    def _lost(self, n: int) -> Flags:
+        """Which of the next n messages the link loses, whatever the faults."""
+        lost = np.zeros(n, dtype=np.bool_)
         if self._share:
             begins = self._share / (1.0 - self._share) * (1.0 - self._stays)
             for i, u in enumerate(self._luck.random(n).tolist()):
                 lost[i] = self._inside
                 self._inside = u < (self._stays if self._inside else begins)
-        for number, fault in enumerate(self._faults):
-            on = (t >= fault.start) & (t < fault.start + fault.duration)
-            if not on.any():
-                continue
-            if fault.kind == "off":
-                silent |= on
-            elif fault.kind == "slow":
-                divisor = max(1.0, fault.value or DIVISOR)
-                silent |= on & (np.floor(k / divisor) == np.floor((k - 1) / divisor))
-            elif fault.kind == "intermittent":
-                lost |= on & (draws[:, 0] < (fault.value or SHARE))
-            elif fault.kind == "garbage":
-                garbage |= on & (draws[:, 1] < (fault.value or SHARE))
-            elif fault.kind == "delayed":
-                delay += np.where(on, max(0.0, fault.value), 0.0)
-            elif fault.kind == "wrong":
-                values[on, self._signals.index(fault.signal or "")] += fault.value
-            elif fault.kind == "stuck":
-                if number not in self._stuck:
-                    first = int(np.argmax(on))
-                    before = healthy[first - 1] if first else self._last
-                    self._stuck[number] = (healthy[first] if before is None else before).copy()
-                values[on] = self._stuck[number]
-        if n:
-            self._last = healthy[-1].copy()
-        return Fate(values, silent, lost, garbage, delay)
+        return lost
 
 
 def faults_of(

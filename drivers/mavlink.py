@@ -13,8 +13,9 @@ from drivers.codec import Codec, Reading, TimeReply
 from drivers.mavlink_frame import Framer, Packer
 from drivers.mavlink_messages import TABLE, build, message_id, plain_fields, title
 from station.profile import MavlinkDevice
-from station.rows import DeviceError
+from station.rows import ProfileError
 
+KEY_BYTES: Final = 32
 STATION_SYSTEM: Final = 254
 STATION_COMPONENT: Final = dialect.MAV_COMP_ID_MISSIONPLANNER
 TIME_REQUEST_NS: Final = 250_000_000
@@ -28,18 +29,18 @@ _UNIX_NS: Final = 10**18
 
 
 def read_signing_key(device: MavlinkDevice, rig_dir: Path) -> bytes | None:
-    """The 32-byte key in the device's key file (its path relative to the rig's); None without. Raises DeviceError."""
+    """The 32-byte key in the device's key file (its path relative to the rig's); None without. Raises ProfileError."""
     if device.signing_key_file is None:
         return None
     path = rig_dir / device.signing_key_file
     try:
         key = bytes.fromhex(path.read_text(encoding="ascii"))
     except OSError as error:
-        raise DeviceError(f"{device.name}: signing key {path}: {error.strerror}") from error
+        raise ProfileError(f"signing_key_file: {path}: {error.strerror}") from error
     except ValueError:
         key = b""
-    if len(key) != 32:
-        raise DeviceError(f"{device.name}: signing key {path}: write the 32-byte key as 64 hexadecimal digits")
+    if len(key) != KEY_BYTES:
+        raise ProfileError(f"signing_key_file: {path}: write the 32-byte key as 64 hexadecimal digits")
     return key
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from cobs import cobs
@@ -21,6 +21,7 @@ from fastcrc import crc16
 
 from drivers.codec import Reading
 from drivers.framing import CutCodec, open_line, seal_line
+from drivers.protocols import Protocol
 
 WRAP_US: Final = 2**32
 WRAP_NS: Final = WRAP_US * 1000
@@ -114,3 +115,31 @@ def _int16(count: float) -> int:
     if math.isnan(count):
         return NO_READING
     return round(min(max(count, -_MOST), _MOST))
+
+
+def _encoder(encode: Callable[[int, int, int, Sequence[float]], bytes]) -> Callable[[Reading], bytes]:
+    """Packets of readings: as many counts as the last field that the rig maps, no reading for those it does not."""
+
+    def box(reading: Reading) -> bytes:
+        highest = max(int(name[1:]) for name in reading.fields)
+        counts = [reading.fields.get(name, math.nan) for name in FIELDS[: highest + 1]]
+        return encode(int(reading.message), reading.seq or 0, (reading.t_device_ns or 0) // 1000, counts)
+
+    return box
+
+
+_MESSAGES: Final[dict[str | int, Sequence[str]]] = dict.fromkeys(range(256), FIELDS)
+BOOMBOX: Final = Protocol(
+    "the boom box's binary packets: COBS, CRC-16, counts of 16 bits",
+    BoomboxCodec,
+    _MESSAGES,
+    _encoder(encode_packet),
+    messages="a packet id, 0 to 255",
+)
+BOOMBOX_ASCII: Final = Protocol(
+    "the boom box's text lines: `$BOOM,id,seq,t_us,v0,v1,...*HH`",
+    BoomboxAsciiCodec,
+    _MESSAGES,
+    _encoder(encode_line),
+    messages="a packet id, 0 to 255",
+)

@@ -19,19 +19,23 @@ from pyubx2 import UBXMessage, UBXReader
 
 from drivers.codec import Codec, Reading, TimeReply
 from drivers.framing import CutCodec, open_line
+from drivers.protocols import Protocol
 from station.conventions import to_si
 
 WEEK_NS: Final = 604_800 * 10**9
 DAY_NS: Final = 86_400 * 10**9
 
-UBX_FIELDS: Final = {"NAV-PVT": ("lat", "lon", "height", "hMSL", "velN", "velE", "velD", "gSpeed", "headMot")}
-NMEA_FIELDS: Final = {
+UBX_FIELDS: Final[dict[str | int, Sequence[str]]] = {
+    "NAV-PVT": ("lat", "lon", "height", "hMSL", "velN", "velE", "velD", "gSpeed", "headMot")
+}
+NMEA_FIELDS: Final[dict[str | int, Sequence[str]]] = {
     "GGA": ("lat", "lon", "alt"),
     "RMC": ("lat", "lon", "spd", "cog", "v_north", "v_east"),
     "VTG": ("cogt", "sogn", "v_north", "v_east"),
 }
 """What a rig may name: message and its fields."""
 
+_DERIVED: Final = ("v_north", "v_east")
 _POSITION: Final = ("lat", "lon", "height", "hMSL")
 _SYNC: Final = b"\xb5\x62"
 _NAV_PVT: Final = b"\x01\x07"
@@ -221,7 +225,7 @@ def encode_nav_pvt(
 def encode_sentence(kind: str, t_ns: int, **fields: float) -> bytes:
     """A GGA, RMC or VTG sentence of talker GN from the fields of NMEA_FIELDS. `t_ns` is taken modulo a day.
 
-    `v_north` and `v_east` (m/s) stand for speed and track where those are not given.
+    `v_north` and `v_east` (m/s) stand for speed and track where those are not given. What is not given stays empty.
     """
     ms_of_day = t_ns % DAY_NS // 1_000_000
     speed, track = ("spd", "cog") if kind == "RMC" else ("sogn", "cogt")
@@ -229,7 +233,7 @@ def encode_sentence(kind: str, t_ns: int, **fields: float) -> bytes:
         north, east = fields.pop("v_north"), fields.pop("v_east")
         fields.setdefault(speed, round(math.hypot(north, east) / to_si(1.0, "kt"), 3))
         fields.setdefault(track, round(math.degrees(math.atan2(east, north)) % 360.0, 2))
-    values: dict[str, Any] = dict(fields)
+    values: dict[str, Any] = {name: "" for name in NMEA_FIELDS[kind] if name not in _DERIVED} | fields
     if kind != "VTG":
         seconds, ms = divmod(ms_of_day, 1000)
         hours, seconds = divmod(seconds, 3600)
@@ -242,3 +246,19 @@ def encode_sentence(kind: str, t_ns: int, **fields: float) -> bytes:
         values.update(cogtUnit="T", cogmUnit="M", sognUnit="N", sogkUnit="K")
     sentence: bytes = NMEAMessage("GN", kind, NMEA_GET, hpnmeamode=True, **values).serialize()
     return sentence
+
+
+def _ubx_frame(reading: Reading) -> bytes:
+    # What the rig does not read is 0; what the flight lacks is NaN.
+    lat, lon, height, *velocity = (reading.fields.get(n, 0.0) for n in ("lat", "lon", "hMSL", "velN", "velE", "velD"))
+    north, east, down = velocity
+    return encode_nav_pvt(reading.t_device_ns or 0, lat, lon, height, (north, east, down))
+
+
+def _nmea_sentence(reading: Reading) -> bytes:
+    known = {name: value for name, value in reading.fields.items() if not math.isnan(value)}
+    return encode_sentence(str(reading.message), reading.t_device_ns or 0, **known)
+
+
+UBX: Final = Protocol("u-blox UBX: NAV-PVT", UbxCodec, UBX_FIELDS, _ubx_frame)
+NMEA: Final = Protocol("NMEA 0183 sentences of any talker", NmeaCodec, NMEA_FIELDS, _nmea_sentence)

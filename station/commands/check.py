@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -33,8 +32,7 @@ def check(
 
     profiles = load(card)
     devices = {d.name for d in profiles.rig.devices}
-    rig_dir = Path(profiles.rig_dir)
-    check_devices(profiles.rig, rig_dir)
+    check_devices(profiles.rig, profiles.rig_file)
     for words in about_air(profiles.rig, profiles.aircraft):
         say(words)
     clock, bus, stop = SystemClock(), Bus(), threading.Event()
@@ -44,7 +42,7 @@ def check(
         emulated = stack.enter_context(emulators(card, devices, bus, clock)) if profiles.card.emulate else Emulated()
         streams = streams_flown(profiles.rig, emulated)
         aligner = Aligner(streams, profiles.rig.noise_si())
-        for adapter in open_devices(profiles.rig, emulated.endpoints, rig_dir, clock, bus.put):
+        for adapter in open_devices(profiles.rig, emulated.endpoints, profiles.rig_dir, clock, bus.put):
             adapter.start()
             stack.callback(adapter.stop)
         stop_on_signals(stop)

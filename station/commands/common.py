@@ -51,4 +51,4 @@ def profiles_of(about: About) -> Profiles | None:
     """What was flown, as a recording keeps it; None for an import."""
     if about.rig is None or about.card is None:
         return None
-    return Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card, rig_dir="")
+    return Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card)

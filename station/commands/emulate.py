@@ -26,9 +26,11 @@ def emulate(
     attached: Annotated[bool, typer.Option("--attached", hidden=True, help="end when standard input closes")] = False,
 ) -> int:
     """Serve the card's emulated devices alone; one JSON line per endpoint."""
+    from drivers.adapter import check_devices
     from drivers.emulation import serve
 
     profiles = load(card)
+    check_devices(profiles.rig, profiles.rig_file)
     stop = threading.Event()
     stop_on_signals(stop)
     if attached:

@@ -49,7 +49,7 @@ def run(
     from station.screen.terminal import Board, Callbacks, json_lines, plain_lines, run_panel
 
     profiles = load(card)
-    check_devices(profiles.rig, Path(profiles.rig_dir))
+    check_devices(profiles.rig, profiles.rig_file)
     aircraft, rig, flight_card = profiles.aircraft, profiles.rig, profiles.card
     devices = {d.name for d in rig.devices}
     clock, bus, stop = SystemClock(), Bus(), threading.Event()
@@ -66,8 +66,8 @@ def run(
         emulated = stack.enter_context(emulators(card, devices, bus, clock)) if flight_card.emulate else Emulated()
         streams = streams_flown(rig, emulated)
         aligner = Aligner(streams, rig.noise_si())
-        adapters = open_devices(rig, emulated.endpoints, Path(profiles.rig_dir), clock, bus.put)
-        about = About(aircraft, streams, rig, flight_card, files=dbc_files(rig, Path(profiles.rig_dir)))
+        adapters = open_devices(rig, emulated.endpoints, profiles.rig_dir, clock, bus.put)
+        about = About(aircraft, streams, rig, flight_card, files=dbc_files(rig, profiles.rig_dir))
         writer = LogWriter(log, about, clock, bus.put)
         stack.callback(writer.close)
         viewer = View(view.value, f"{flight_card.name}: {aircraft.name}", profiles, on_event=bus.put)

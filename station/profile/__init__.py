@@ -47,6 +47,7 @@ from station.profile.quantity import (
     Seconds,
     SquareMetres,
     nearest,
+    nearest_or_all,
     quantity,
 )
 from station.profile.rig import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
@@ -102,6 +103,7 @@ __all__ = [
     "load_card",
     "load_rig",
     "nearest",
+    "nearest_or_all",
     "profiles_dir",
     "quantity",
     "read_profile",

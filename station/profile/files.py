@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -59,8 +60,13 @@ class Profiles(Frozen):
     aircraft: Aircraft
     rig: Rig
     card: Card
-    rig_dir: str
-    """Where the rig's file lies: its DBC files are beside it."""
+    rig_file: Path = Path()
+    """Where the rig was read from; of a recording, nowhere."""
+
+    @property
+    def rig_dir(self) -> Path:
+        """Where the rig's file lies: its DBC files are beside it."""
+        return self.rig_file.parent
 
 
 def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles:
@@ -95,7 +101,7 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
             raise ProfileError(f"{path}: faults[{i}].signal: {fault.device} does not give {fault.signal} there{near}")
         if fault.kind == "wrong" and fault.signal is None:
             raise ProfileError(f"{path}: faults[{i}].signal: missing: which signal is to be wrong?")
-    return Profiles(aircraft=aircraft, rig=rig, card=card, rig_dir=str(rig_path.parent))
+    return Profiles(aircraft=aircraft, rig=rig, card=card, rig_file=rig_path)
 
 
 def read_profile(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None) -> T:
@@ -148,14 +154,26 @@ def explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:
         message = f"unknown key{nearest(word, _keys(kind))}"
     elif first["type"] == "missing":
         message = "missing key"
-    elif first["type"] in ("union_tag_not_found", "union_tag_invalid"):
-        message = first["msg"]
+    elif first["type"] == "literal_error":
+        message = _unknown(first["input"], first["ctx"]["expected"])
+    elif first["type"] == "union_tag_invalid":
+        key += "." + first["ctx"]["discriminator"].strip("'")
+        message = _unknown(first["ctx"]["tag"], first["ctx"]["expected_tags"])
+    elif first["type"] == "union_tag_not_found":
+        key += "." + first["ctx"]["discriminator"].strip("'")
+        message = "missing key"
     else:
         message = first["msg"][:1].lower() + first["msg"][1:]
         if first["type"] not in ("quantity", "derivative", "signal", "unit", "claimed"):
             message += f" (it is {first['input']!r:.60})"
     more = f"\nand {len(problems) - 1} more" if len(problems) > 1 else ""
     return f"{path}: {key or kind.__name__}: {message}{more}"
+
+
+def _unknown(word: object, quoted: str) -> str:
+    """Of a word that is none of those between single quotes."""
+    known = re.findall(r"'([^']*)'", quoted)
+    return f"unknown: {word}{nearest(str(word), known)}\nknown: {', '.join(known)}"
 
 
 def _keys(kind: type[BaseModel]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections.abc import Iterable
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
@@ -11,6 +12,8 @@ from pydantic_core import PydanticCustomError
 
 from station.conventions import UNITS, unit_named
 
+_LISTED = 12
+"""Names that a message lists at most."""
 SI_NUMBERS = "si"
 """Validation context for profiles that come from a recording: numbers are SI already."""
 
@@ -68,7 +71,14 @@ class Frozen(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
-def nearest(word: str, known: tuple[str, ...]) -> str:
+def nearest(word: str, known: Iterable[str]) -> str:
     """Words that suggest the known one most like `word`; "" if none is."""
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
     return f"; did you mean {close[0]}?" if close else ""
+
+
+def nearest_or_all(word: str, known: Iterable[str]) -> str:
+    """Words that suggest the known one most like `word`; where none is, what there is."""
+    names = list(known)
+    more = ", ..." if len(names) > _LISTED else ""
+    return nearest(word, names) or f"; it has {', '.join(names[:_LISTED]) or 'none'}{more}"

@@ -128,13 +128,15 @@ class _Device(Frozen):
 
 
 class SerialDevice(_Device):
-    """A port speaking the boom box's binary packets or text lines, u-blox UBX, or NMEA 0183."""
+    """A serial port, whose bytes one of the protocols of the drivers reads."""
 
     link: Literal["serial"]
-    protocol: Literal["boombox", "boombox_ascii", "ubx", "nmea"]
+    protocol: str
+    """boombox, boombox_ascii, ubx, nmea, or one that an installed package adds (drivers/README.md)."""
     port: str
     """A port's path, or "emulated"."""
-    baud: int = Field(default=115_200, gt=0)
+    baud: int | None = Field(default=None, gt=0)
+    """The protocol's usual one if left out."""
 
 
 class CanDevice(_Device):

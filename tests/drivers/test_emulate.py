@@ -139,7 +139,7 @@ def test_all_links_at_once_from_process_to_sample() -> None:
         assert [line["link"] for line in told if "device" in line] == ["serial", "can", "mavlink"]
         assert told[-1]["absent"] == ["beta_vane"]
         folder = Path(endpoints["boom"]).parent
-        adapters = open_devices(flown.rig, endpoints, Path(flown.rig_dir), SystemClock(), rows.append)
+        adapters = open_devices(flown.rig, endpoints, flown.rig_dir, SystemClock(), rows.append)
         for adapter in adapters:
             adapter.start()
         try:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from drivers import emulated_device
 from drivers.adapter import open_devices
 from drivers.codec import Reading
-from drivers.emulated_device import serial_encoder
 from drivers.emulated_messages import TRUTH_HZ, DeviceScript, Outgoing, Truth
+from drivers.protocols import protocol_named
 from drivers.serial_boombox import BoomboxCodec
 from station.clock import ManualClock
 from station.profile import Card, Rig, SerialDevice, load_rig, profiles_dir
@@ -81,7 +81,7 @@ def sent(
     device: SerialDevice, flown: Card, seconds: float = 3.0, index: int = 0, rows: int = 20
 ) -> list[tuple[float, bytes]]:
     """(flight s when due, bytes) of the whole flight, handed over `rows` at a time."""
-    script = DeviceScript(index, device, flown, START_NS, serial_encoder(device))
+    script = DeviceScript(index, device, flown, START_NS, protocol_named(device.protocol).encode)
     truth = truth_of(script.signals, seconds)
     out: list[Outgoing] = []
     for first in range(0, len(truth), rows):
@@ -170,7 +170,7 @@ def test_each_device_clock_has_its_own_offset_and_drift() -> None:
     device = boom()
     flown = card(device_clock_drift_ppm=100.0)
     for index, drift in ((0, 100e-6), (1, -200e-6), (2, 300e-6)):
-        clock = DeviceScript(index, device, flown, START_NS, serial_encoder(device)).clock
+        clock = DeviceScript(index, device, flown, START_NS, protocol_named(device.protocol).encode).clock
         offset_ns = (index + 1) * 3600 * 10**9
         assert clock.at(START_NS) == START_NS + offset_ns
         assert clock.at(START_NS + 10**9) - clock.at(START_NS) == round(1e9 * (1 + drift))
@@ -189,7 +189,7 @@ def test_angles_are_interpolated_the_short_way_round() -> None:
 def test_signals_the_flight_lacks_are_sent_as_no_reading_or_not_at_all() -> None:
     device = boom()
     absent = ("beta_vane", "rudder")
-    script = DeviceScript(0, device, card(), START_NS, serial_encoder(device), absent=absent)
+    script = DeviceScript(0, device, card(), START_NS, protocol_named(device.protocol).encode, absent=absent)
     assert script.signals == ("alpha_vane", "beta_vane", "elevator")
     truth = truth_of(script.signals, 0.2)
     truth[:, 1] = math.nan
@@ -218,7 +218,7 @@ def test_a_signal_that_shares_a_message_and_is_absent_is_no_zero(
     codec = open_devices(load_rig(rig), endpoints, RIGS, ManualClock(), lambda row: None)[device].codec
     channels = {n: c for s in own.streams if s.message == message for n, c in s.signals.items()}
     fields = {c.field: math.nan if n == absent else c.from_si(1.0) for n, c in channels.items()}
-    (reading,) = codec.feed(wire.encode(Outgoing(0, 0, message, 0, fields, False, False)))
+    (reading,) = codec.feed(wire.encode(Reading(message, 0, 0, fields)))
     assert isinstance(reading, Reading)
     assert math.isnan(reading.fields.get(channels[absent].field, math.nan))
     for name in there:
@@ -319,6 +319,6 @@ def test_a_clock_step_moves_the_stamps_and_back(healthy: list[tuple[float, Readi
 
 def test_unplugging_is_told_as_spans_of_flight_time() -> None:
     device = boom()
-    script = DeviceScript(0, device, card(fault("unplug")), START_NS, serial_encoder(device))
+    script = DeviceScript(0, device, card(fault("unplug")), START_NS, protocol_named(device.protocol).encode)
     assert script.unplugged == ((1.0, 2.0),)
-    assert DeviceScript(0, device, card(), START_NS, serial_encoder(device)).unplugged == ()
+    assert DeviceScript(0, device, card(), START_NS, protocol_named(device.protocol).encode).unplugged == ()

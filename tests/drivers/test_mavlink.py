@@ -21,7 +21,7 @@ from drivers.mavlink import STATION_SYSTEM, MavlinkCodec, MavlinkEncoder, read_s
 from drivers.mavlink_messages import DERIVED, TABLE, fields_known
 from station.conventions import unit_named
 from station.profile import MavlinkDevice
-from station.rows import DeviceError
+from station.rows import ProfileError
 
 SECOND = 1_000_000_000
 SEEDED = settings(deadline=None, derandomize=True)
@@ -544,7 +544,7 @@ def test_a_signed_link_works_both_ways() -> None:
 def test_a_bad_key_file_is_named(tmp_path: Path, text: str | None, says: str) -> None:
     if text is not None:
         (tmp_path / "link.key").write_text(text)
-    with pytest.raises(DeviceError, match=says) as error:
+    with pytest.raises(ProfileError, match=says) as error:
         read_signing_key(device(signing_key_file="link.key"), tmp_path)
     assert str(tmp_path / "link.key") in str(error.value)
 

@@ -23,7 +23,7 @@ NAMES = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed")
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_rig_gives_what_a_card_needs_and_its_codecs_know_it(name: str) -> None:
     rig = load_rig(name)
-    check_devices(rig, RIGS)
+    check_devices(rig, RIGS / f"{name}.toml")
     assert rig.name == name
     given = {signal for stream in rig.streams() for signal in stream.signals}
     assert given >= set(Card.model_fields["needs"].default)
@@ -87,8 +87,9 @@ def altered(name: str, device: int, **changes: Any) -> Rig:
 
 def refusal(rig: Rig, rig_dir: Path = RIGS) -> str:
     with pytest.raises(ProfileError) as caught:
-        check_devices(rig, rig_dir)
+        check_devices(rig, rig_dir / "rig.toml")
     text = str(caught.value)
+    assert text.startswith(f"{rig_dir / 'rig.toml'}: device ")
     assert 1 <= len(text.splitlines()) <= 3
     return text
 
@@ -96,18 +97,21 @@ def refusal(rig: Rig, rig_dir: Path = RIGS) -> str:
 @pytest.mark.parametrize(
     ("rig", "words"),
     [
-        (altered("can_only", 0, message="VANE"), ("bench.dbc", "device can, stream vanes", "VANE", "mean VANES?")),
-        (altered("can_only", 0, field="alfa"), ("bench.dbc", "alpha_vane", "VANES", "alfa", "mean alpha?")),
+        (
+            altered("can_only", 0, message="VANE"),
+            ("bench.dbc", "device can, stream vanes, message:", "VANE", "mean VANES?"),
+        ),
+        (altered("can_only", 0, field="alfa"), ("bench.dbc", "vanes, alpha_vane:", "VANES", "alfa", "mean alpha?")),
         (altered("can_only", 0, unit="mrad"), ("bench.dbc", "alpha_vane", "in deg, not mrad", "slope")),
         (altered("can_only", 0, dbc="missing.dbc"), ("missing.dbc", "No such file")),
-        (altered("bench", 0, message=300), ("rig bench, device boom, stream vanes", "message", "0 to 255")),
-        (altered("bench", 0, message="vanes"), ("rig bench, device boom, stream vanes", "message", "0 to 255")),
+        (altered("bench", 0, message=300), ("device boom, stream vanes, message:", "0 to 255")),
+        (altered("bench", 0, message="vanes"), ("device boom, stream vanes, message:", "0 to 255")),
         (altered("bench", 0, field="w0"), ("device boom", "alpha_vane", "w0", "did you mean v0?")),
-        (altered("boom_serial", 1, message="NAV-PVTT"), ("device gnss", "NAV-PVTT", "NAV-PVT")),
+        (altered("boom_serial", 1, message="NAV-PVTT"), ("device gnss", "NAV-PVTT", "did you mean NAV-PVT?")),
         (altered("boom_serial", 1, field="latt"), ("device gnss", "latitude", "latt", "did you mean lat?")),
         (altered("mixed", 2, message="GSV"), ("device gnss", "GSV", "GGA, RMC, VTG")),
         (altered("mixed", 2, field="speed"), ("device gnss", "v_north", "speed")),
-        (altered("bench", 2, message="ATITUDE"), ("device autopilot", "ATITUDE", "ATTITUDE")),
+        (altered("bench", 2, message="ATITUDE"), ("device autopilot", "ATITUDE", "did you mean ATTITUDE?")),
         (altered("bench", 2, signing_key_file="missing.key"), ("autopilot", "missing.key", "No such file")),
         (altered("bench", 2, field="rol"), ("device autopilot", "phi", "did you mean roll?")),
     ],
@@ -155,4 +159,4 @@ def test_the_dbc_lies_beside_the_rig(tmp_path: Path) -> None:
     shutil.copy(RIGS / "bench.dbc", tmp_path / "mine.dbc")
     device = load_rig("can_only").devices[0]
     assert isinstance(device, CanDevice)
-    check_devices(Rig(name="r", devices=(device.model_copy(update={"dbc": "mine.dbc"}),)), tmp_path)
+    check_devices(Rig(name="r", devices=(device.model_copy(update={"dbc": "mine.dbc"}),)), tmp_path / "rig.toml")

@@ -7,7 +7,6 @@ estimate marked, and the devices that are well must lose nothing.
 import dataclasses
 import threading
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
@@ -123,7 +122,7 @@ def flown(request):
         assert ready.wait(120)
         start_ns = next(t["start_ns"] for t in told if "start_ns" in t)
         endpoints = {t["device"]: t["endpoint"] for t in told if "device" in t}
-        adapters = open_devices(profiles.rig, endpoints, Path(profiles.rig_dir), clock, bus.put)
+        adapters = open_devices(profiles.rig, endpoints, profiles.rig_dir, clock, bus.put)
         board, log, seen = Board(profiles, clock), Log(), []
         streams = list(profiles.rig.streams())
 

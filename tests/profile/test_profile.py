@@ -125,7 +125,7 @@ def test_a_bad_aircraft_is_told_plainly(tmp_path, old, new, expected):
         ('unit = "deg"', 'unit = "kt"', "does not fit"),
         ('unit = "deg"', 'unit = "dge"', "did you mean deg?"),
         ("slope = 0.005", "slope = 0", "slope must not be 0"),
-        ('protocol = "boombox"', 'protocol = "telex"', "protocol"),
+        ('protocol = "boombox"', "protocol = 3", "protocol: input should be a valid string"),
     ],
 )
 def test_a_bad_rig_is_told_plainly(tmp_path, old, new, expected):

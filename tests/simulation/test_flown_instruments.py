@@ -149,7 +149,7 @@ def test_a_diagnosed_profile_is_flown_by_simulate_and_by_the_emulators_alike() -
     felt = still["az"] - still["qdot"] * x - still["q"] ** 2 * z
     np.testing.assert_allclose(shown["az"], felt[::4], atol=1e-9)
 
-    profiles = Profiles(aircraft=aircraft, rig=rig, card=flown, rig_dir="")
+    profiles = Profiles(aircraft=aircraft, rig=rig, card=flown)
     source = _source(profiles, None)
     rows = [source.advance(20) for _ in range(80)]
     for name, values in shown.items():
