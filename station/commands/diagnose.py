@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from station.diagnosis.checks import Checked
     from station.diagnosis.kinematic_diagnosis import Judged
     from station.diagnosis.measured_record import Record
 
@@ -81,7 +81,7 @@ def diagnose(
     kept: list[Record] = []
     for group, paths in ((fitted, logs), (kept, hold_out or [])):
         for path in paths:
-            group += _read(path, flown[path], subject)
+            group += _checked(path, flown[path], subject).records(subject, _spans(path))
     if not kept and len(fitted) > 1:
         count = max(1, len(fitted) // HELD_OUT_SHARE)
         fitted, kept = fitted[:-count], fitted[-count:]
@@ -105,11 +105,9 @@ def _kinematics(
     from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
 
     def judged(path: Path) -> list[Judged]:
-        spans = [(p.start_s, p.end_s) for p in points(path)]
-        rig = metadata(path).about.rig
-        pieces = [flown[path].between(*span) for span in spans] or [flown[path]]
-        names = [path.name] if len(pieces) == 1 else [f"{path.name} #{k + 1}" for k in range(len(pieces))]
-        return [judge(n, piece, subject, rig) for n, piece in zip(names, pieces, strict=True)]
+        whole, spans = _checked(path, flown[path], subject), _spans(path) or [(-math.inf, math.inf)]
+        names = [path.name] if len(spans) == 1 else [f"{path.name} #{k + 1}" for k in range(len(spans))]
+        return [judge(name, whole, subject, span) for name, span in zip(names, spans, strict=True)]
 
     fitted = [j for path in logs for j in judged(path)]
     result, extended = diagnose_kinematics(fitted, [j for path in hold_out for j in judged(path)], subject)
@@ -179,22 +177,16 @@ def _finish(
     return DONE if good else DEGRADED
 
 
-def _read(path: Path, flown: Table, subject: Aircraft) -> list[Record]:
-    """The manoeuvres of a recording."""
-    from station.diagnosis.measured_record import manoeuvres
+def _checked(path: Path, flown: Table, subject: Aircraft) -> Checked:
+    """A recording made ready, with what its rig says."""
+    from station.diagnosis.checks import checked
 
     about = metadata(path).about
-    found = manoeuvres(
-        path.name,
-        flown.t_s,
-        {**flown.extra, **flown.columns},
-        subject,
-        [(p.start_s, p.end_s) for p in points(path)],
-    )
-    if about.rig is not None:
-        noise = about.rig.noise_si() if about.imported else about.rig.frame_noise_si()
-        found = [replace(r, imu=about.rig.imu_position, stated=noise) for r in found]
-    return found
+    return checked(path.name, flown, subject, about.noise_si(flown.aligned), about.imu_position)
+
+
+def _spans(path: Path) -> list[tuple[float, float]]:
+    return [(p.start_s, p.end_s) for p in points(path)]
 
 
 def _finite(value: Any) -> Any:

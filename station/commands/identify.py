@@ -45,10 +45,7 @@ def identify(
             raise UsageError("--point and --from/--to both name an interval: give one")
         start, end = _interval(log, point)
     subject = load_aircraft(aircraft) if aircraft else flown.aircraft
-    noise = None
-    if about.rig is not None:
-        noise = about.rig.noise_si() if about.imported else about.rig.frame_noise_si()
-    rig_place = about.rig.imu_position if about.rig is not None else (0.0, 0.0, 0.0)
+    noise, rig_place = about.noise_si(flown.aligned), about.imu_position
     names = [name for text in method or ["all"] for name in text.replace(",", " ").split()]
     result = solve(
         flown,

@@ -1,133 +1,123 @@
-"""What is seen before any fit: held values, lost rows, signs and units."""
+"""What a recording shows before any fit: mistaken signs and units, values left out, repeated values and lost rows.
+
+The rules are those of identify (station.identification): what it refuses is named here and taken back, what it leaves
+out is left out here.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import G0
-from station.diagnosis.measured_record import Record
+from station.conventions import SIGNALS
+from station.diagnosis.measured_record import Record, Seen, manoeuvres
+from station.estimation.flight_record import accepted
+from station.identification.flown import corrected
+from station.identification.remarks import about_columns, cleaned
+from station.identification.signs_and_units import Mistake, mistakes
+from station.log import Table
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
+Place = tuple[float, float, float]
 
-ANGLE_FACTORS: Final = {"": 1.0, "deg for rad": math.degrees(1), "rad for deg": math.radians(1)}
-FORCE_FACTORS: Final = {"": 1.0, "g for m/s2": 1 / G0, "ft/s2 for m/s2": 1 / 0.3048}
-"""Reported over true, where a unit is mistaken."""
-ANGLE_NEAR: Final = math.log(4)
-FORCE_NEAR: Final = math.log(1.12)
-"""How far the logarithm of a measured factor may be from that of a mistake: a gust moves the vane, not the attitude."""
-ALIKE: Final = 0.35
-"""Correlation with what other instruments say, below which a factor means nothing."""
+MOST_MISTAKES: Final = 3
+"""Mistakes of one recording that are looked for in turn."""
 LOST: Final = 0.01
+"""Share of rows without a signal that is needed, from which that is named."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """An effect that needs no fit."""
+class Checked:
+    """A recording's table as identify cleans it, with mistaken signs and units taken back; what was seen and done."""
 
-    id: str
-    sentence: str
-    value: float
-    unit: str
-    signature: str
-    separate_by: str = ""
+    name: str
+    table: Table
+    seen: tuple[Seen, ...]
+    remarks: tuple[str, ...]
+    noise: Mapping[str, float] | None
+    imu_position: Place
+
+    def columns(self) -> dict[str, Array]:
+        """Signals, SI, without values that are impossible, or marked as missing, suspect or held."""
+        marks = self.table.quality
+        signals = {n: accepted(n, c, marks.get(n)) for n, c in self.table.columns.items() if n in SIGNALS}
+        return {**self.table.extra, **signals}
+
+    def records(self, aircraft: Aircraft, spans: Sequence[tuple[float, float]] = ()) -> list[Record]:
+        """Its manoeuvres, those of `manoeuvres`. Raises UsageError where there is none."""
+        found = manoeuvres(self.name, self.table.t_s, self.columns(), aircraft, spans)
+        place, noise, seen = self.imu_position, self.noise or {}, self.seen
+        return [replace(r, imu=place, stated=noise, seen=seen, remarks=(*self.remarks, *r.remarks)) for r in found]
 
 
-def examine(records: Sequence[Record], aircraft: Aircraft) -> tuple[list[Seen], list[Record]]:
-    """What is seen at once in the records, and the records with mistaken signs and units put right."""
+def checked(
+    name: str,
+    table: Table,
+    aircraft: Aircraft,
+    noise: Mapping[str, float] | None = None,
+    imu_position: Place = (0.0, 0.0, 0.0),
+) -> Checked:
+    """A recording's table made ready. `noise` (SI) and `imu_position` (m, body) are the rig's."""
+    table, remarks = cleaned(table)
     seen: list[Seen] = []
-    factors: dict[str, list[float]] = {}
-    for record in records:
-        for name, (mine, theirs) in _twins(record, aircraft).items():
-            found = _factor(mine, theirs)
-            if found is not None:
-                factors.setdefault(name, []).append(found)
-    wrong: dict[str, float] = {}
-    for name, all_found in factors.items():
-        factor = float(np.median(all_found))
-        known = _known(name, factor)
-        if len(all_found) == len(records) and known is not None:
-            words, exact = known
-            wrong[name] = exact
-            kind = "sign" if exact == -1 else "unit"
-            seen.append(
-                Seen(
-                    f"{name}.{kind}",
-                    f"{name} is {'of the wrong sign' if exact == -1 else f'in the wrong unit: {words}'}.",
-                    exact,
-                    "1",
-                    f"{name} is {factor:.4g} times what the other instruments say",
-                )
-            )
-    held = [(s, r, fresh) for r in records for s, fresh in r.held.items() if s == "v_down"]
-    if held:
-        hold = float(np.median([np.median(np.diff(fresh)) * r.dt for _, r, fresh in held]))
-        words = f"The velocity is repeated for {hold:.3g} s before it is new."
-        seen.append(Seen("velocity.stale", words, hold, "s", "v_down repeats its values"))
-    lost = max(r.lost for r in records)
+    for _ in range(MOST_MISTAKES):
+        # What the profile says of its instruments is no mistake.
+        known = corrected(table, aircraft, noise, imu_position)
+        found = mistakes(known.t_s, known.columns, aircraft)
+        if not found:
+            break
+        seen += _named(found)
+        remarks.append(f"{' or '.join(m.sentence for m in found)}: taken back before anything is compared")
+        back = {n: table.columns[n] / found[0].factor for n in found[0].signals}
+        table = replace(table, columns={**table.columns, **back})
+    remarks += about_columns(table)
+    return Checked(name, table, tuple(seen), tuple(f"{name}: {r}" for r in remarks), noise, imu_position)
+
+
+def _named(found: Sequence[Mistake]) -> list[Seen]:
+    """The first mistake by signal, with the others that it may be instead."""
+
+    def ids(mistake: Mistake) -> list[str]:
+        kind = "sign" if mistake.factor == -1 else "unit"
+        return [f"{name}.{kind}" for name in mistake.signals]
+
+    own = ids(found[0])
+    others = tuple(dict.fromkeys(i for m in found[1:] for i in ids(m) if i not in own))
+    signature = "brings together what the signals say of each other"
+    return [
+        Seen(i, f"{found[0].sentence}.", found[0].factor, "1", signature, "a look at the calibration", others)
+        for i in own
+    ]
+
+
+def repeated_and_lost(held: Mapping[str, Sequence[float]], lost: float) -> list[Seen]:
+    """Signals that repeat their values, by the time (s) in each record before one is new; rows that lack a signal, as
+    the largest share of any record."""
+    seen = []
+    for name, spans in held.items():
+        if not spans:
+            continue
+        hold = float(np.median(spans))
+        what = "velocity" if name == "v_down" else name
+        words = f"The {what} is repeated for {hold:.3g} s before it is new."
+        seen.append(Seen(f"{what}.stale", words, hold, "s", f"{name} repeats its values"))
     if lost > LOST:
         words = f"{100 * lost:.1f} % of the rows lack a signal."
         seen.append(Seen("stream.dropout", words, lost, "1", "rows missing"))
-    mended = [replace(r, signals={n: x / wrong[n] if n in wrong else x for n, x in r.signals.items()}) for r in records]
-    return seen, mended
+    return seen
 
 
-def _twins(record: Record, aircraft: Aircraft) -> dict[str, tuple[Array, Array]]:
-    """Signals beside what others say of them: both without mean and line, but for the weight in az."""
-    x, dt = record.signals, record.dt
-    out: dict[str, tuple[Array, Array]] = {"q": (_smooth(x["q"], dt), _smooth(np.gradient(x["theta"], dt), dt))}
-    if "v_down" in x:
-        flow = x["theta"] + np.arcsin(np.clip(x["v_down"] / np.maximum(x["airspeed"], 1.0), -1, 1))
-        out["alpha_vane"] = (_smooth(x["alpha_vane"], dt), _smooth(flow, dt))
-    # The angular acceleration a moment after the elevator moves: only its sign and rough size are asked for.
-    if aircraft.value("Cm_de") and aircraft.inertia.iyy:
-        effect = aircraft.value("Cm_de") * aircraft.geometry.wing_area * aircraft.geometry.chord / aircraft.inertia.iyy
-        factor = _factor(*(_levelled(y) for y in out["q"]))
-        mistake = None if factor is None else _known("q", factor)
-        rate = x["q"] if mistake is None else x["q"] / mistake[1]
-        moment = np.gradient(rate, dt) / (effect * float(np.mean(x["dynamic_pressure"])))
-        edge = np.gradient(_smooth(x["elevator"], dt), dt)
-        answer = np.gradient(_smooth(moment, dt), dt)
-        out["elevator"] = (edge, answer)
-    weight = -G0 * np.cos(x["theta"]) * (np.cos(x["phi"]) if "phi" in x else 1.0)
-    out["az"] = (x["az"], weight)
-    return {n: (a, b) if n == "az" else (_levelled(a), _levelled(b)) for n, (a, b) in out.items()}
+def first_seen(records: Sequence[Record]) -> tuple[Seen, ...]:
+    """What all the records show before any fit, each effect once."""
+    held = [float(np.median(np.diff(r.held["v_down"]))) * r.dt for r in records if "v_down" in r.held]
+    return merged([s for r in records for s in r.seen], {"v_down": held}, max(r.lost for r in records))
 
 
-def _smooth(x: Array, dt: float) -> Array:
-    """Mean over a fifth of a second."""
-    width = max(1, round(0.2 / dt))
-    return np.convolve(x, np.full(width, 1 / width), "same")
-
-
-def _levelled(x: Array) -> Array:
-    inside = x[len(x) // 20 : len(x) - len(x) // 20]
-    t = np.linspace(-0.5, 0.5, len(inside))
-    return np.asarray(inside - inside.mean() - float((inside * t).sum() / (t * t).sum()) * t)
-
-
-def _factor(mine: Array, theirs: Array) -> float | None:
-    """mine over theirs, both noisy; None where they do not go together."""
-    cross = float(mine @ theirs)
-    size = math.sqrt(float(mine @ mine) * float(theirs @ theirs))
-    if size == 0 or abs(cross) / size < ALIKE:
-        return None
-    return math.copysign(math.sqrt(float(mine @ mine) / float(theirs @ theirs)), cross)
-
-
-def _known(name: str, factor: float) -> tuple[str, float] | None:
-    """The mistake that a factor comes from; None where it is near 1 or near none."""
-    factors, near = (FORCE_FACTORS, FORCE_NEAR) if name == "az" else (ANGLE_FACTORS, ANGLE_NEAR)
-    words, size = min(factors.items(), key=lambda f: abs(math.log(abs(factor) / f[1])))
-    if abs(math.log(abs(factor) / size)) > near:
-        return None
-    sign = math.copysign(1.0, factor)
-    if size == 1.0 and sign > 0:
-        return None
-    return words + (" and of the wrong sign" if sign < 0 and words else ""), sign * size
+def merged(mistaken: Sequence[Seen], held: Mapping[str, Sequence[float]], lost: float) -> tuple[Seen, ...]:
+    """Mistakes of several recordings, each once, and what repeats and is lost."""
+    return (*{s.id: s for s in reversed(mistaken)}.values(), *repeated_and_lost(held, lost))

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from station.diagnosis import judge
-from station.diagnosis.checks import Seen
 from station.diagnosis.detectable import detectable_sizes
 from station.diagnosis.effects import BY_ID
+from station.diagnosis.measured_record import Seen
 from station.diagnosis.procedure import Diagnosis, Effect
 from station.diagnosis.search import FIRST
 
@@ -75,8 +75,8 @@ def _seen_json(s: Seen) -> dict[str, Any]:
         "shown": s.unit,
         "ci95": [s.value, s.value],
         "evidence": {"p_value": 0.0, "signature": s.signature, "drop": None},
-        "confounded_with": [],
-        "separate_by": s.separate_by,
+        "confounded_with": list(s.alternatives),
+        "separate_by": s.separate_by if s.alternatives else "",
         "suspect": False,
     }
 

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.diagnosis.checks import Seen, examine
+from station.diagnosis.checks import Checked, merged
 from station.diagnosis.diagnosis_report import FILE_NAME, effects_table
 from station.diagnosis.effects import BY_ID, extended
-from station.diagnosis.measured_record import Record, held_samples, why_not_flown
+from station.diagnosis.measured_record import Seen, held_samples, why_not_flown
 from station.estimation.flight_record import FlightRecord
 from station.identification.analysis import flight_record
 from station.identification.flown import corrected
@@ -28,11 +28,10 @@ from station.identification.html_page import text, write_page
 from station.identification.instrument_pages import instrument_pages
 from station.identification.kinematic_results import instruments_json
 from station.identification.kinematics import Kinematics, kinematics
-from station.log import Table
 from station.model.compatibility import Compatibility
 from station.model.vane_calibration import VaneCalibration
 from station.numerics.regression import NotIdentifiable
-from station.profile import Aircraft, Rig
+from station.profile import Aircraft
 from station.rows import ParamEstimate, Status, UsageError
 
 Array = NDArray[np.float64]
@@ -47,6 +46,8 @@ FIRM: Final = {"alpha_vane.bias": math.radians(0.2), "alpha_vane.scale": 0.02, "
 """Below that a deviation is of no consequence, SI."""
 BIASES: Final = {"q_bias": "q.bias", "az_bias": "accelerometer.bias", "airspeed_scale": "dynamic_pressure.scale"}
 """Parameters of the reconstruction, and the effects that they are."""
+HELD: Final = ("alpha_vane", "theta", "v_down")
+"""Signals that are asked whether they repeat their values."""
 AERODYNAMIC: Final = "derivatives, mass, inertia, CG, elevator and the gust's way to wing and tail"
 
 
@@ -58,19 +59,22 @@ class Judged:
     record: FlightRecord
     made: Kinematics
     found: Mapping[str, Any]
+    seen: tuple[Seen, ...]
+    remarks: tuple[str, ...]
 
 
-def judge(name: str, flown: Table, aircraft: Aircraft, rig: Rig | None = None) -> Judged:
-    """The kinematics of a table. Raises UsageError where there is nothing to judge."""
-    place, noise = (rig.imu_position, rig.noise_si()) if rig else ((0.0, 0.0, 0.0), None)
+def judge(name: str, flown: Checked, aircraft: Aircraft, span: tuple[float, float] = (-math.inf, math.inf)) -> Judged:
+    """The kinematics of a span (s) of a recording. Raises UsageError where there is nothing to judge."""
+    place, noise = flown.imu_position, flown.noise
+    table = flown.table.between(*span)
     try:
-        record, _ = flight_record(corrected(flown, aircraft, noise, place), aircraft, place, noise)
+        record, _ = flight_record(corrected(table, aircraft, noise, place), aircraft, place, noise)
     except NotIdentifiable as refusal:
         raise UsageError(f"{name}: cannot be diagnosed: {refusal}") from refusal
     made = kinematics(record)
     if isinstance(made.vane, str) and isinstance(made.compatibility, str):
         raise UsageError(f"{name}: nothing can be judged: {made.vane}; {made.compatibility}")
-    return Judged(name, record, made, instruments_json(made, record))
+    return Judged(name, record, made, instruments_json(made, record), flown.seen, flown.remarks)
 
 
 def diagnose_kinematics(
@@ -78,7 +82,7 @@ def diagnose_kinematics(
 ) -> tuple[dict[str, Any], Aircraft]:
     """station.diagnose/1 of the kinematic part, with what was judged and what was not; and the extended profile."""
     effects, judged, not_judged = _effects(fitted, aircraft)
-    seen = _seen(fitted, aircraft)
+    seen = _seen(fitted)
     named = [*map(_seen_json, seen), *effects]
     verdict = "no_effect"
     if named:
@@ -92,6 +96,7 @@ def diagnose_kinematics(
     values = {e["id"]: e["value"] for e in effects}
     remarks = [f"kinematic part only: judged {', '.join(judged) or 'nothing'}"]
     remarks += [f"not judged: {what}: {why}" for what, why in not_judged.items()]
+    remarks += dict.fromkeys(words for j in (*fitted, *held_out) for words in j.remarks)
     result = {
         "schema": "station.diagnose/1",
         "aircraft": aircraft.name,
@@ -206,33 +211,23 @@ def _pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return mean, math.sqrt(max(spread, 1.0) / float(weight.sum()))
 
 
-def _seen(fitted: Sequence[Judged], aircraft: Aircraft) -> list[Seen]:
-    """Signs, units, held values and lost rows."""
-    records = []
+def _seen(fitted: Sequence[Judged]) -> tuple[Seen, ...]:
+    """Signs, units and repeated values."""
     held: dict[str, list[float]] = {}
     for j in fitted:
-        motion = {n: c[j.made.rows] for n, c in j.record.motion.items()}
-        there = {n: c for n, c in motion.items() if np.isfinite(c).all()}
-        for name in ("alpha_vane", "theta", "v_down"):
-            fresh = held_samples(there[name]) if name in there else np.empty(0)
+        for name in HELD:
+            column = j.record.motion.get(name)
+            fresh = held_samples(column[j.made.rows]) if column is not None else np.empty(0)
             if len(fresh):
                 held.setdefault(name, []).append(float(np.median(np.diff(fresh))) * j.record.dt)
-        if {"q", "theta", "alpha_vane", "airspeed", "az"} <= set(there):
-            lost = float(1 - j.record.usable[j.made.rows].mean())
-            records.append(Record(j.name, j.record.dt, 0.0, there, 0.0, 0.0, lost=lost))
-    seen = examine(records, aircraft)[0] if records else []
-    for name, spans in held.items():
-        hold = float(np.median(spans))
-        signal = "velocity" if name == "v_down" else name
-        words = f"{name} is repeated for {hold:.3g} s before it is new."
-        seen.append(Seen(f"{signal}.stale", words, hold, "s", f"{name} repeats its values"))
-    return seen
+    return merged([s for j in fitted for s in j.seen], held, 0.0)
 
 
 def _seen_json(s: Seen) -> dict[str, Any]:
     evidence = {"p_value": 0.0, "signature": s.signature, "drop": None}
     return {"id": s.id, "sentence": s.sentence, "value": s.value, "unit": s.unit, "ci95": [s.value, s.value],
-            "evidence": evidence, "confounded_with": [], "separate_by": "", "suspect": False}  # fmt: skip
+            "evidence": evidence, "confounded_with": list(s.alternatives),
+            "separate_by": s.separate_by if s.alternatives else "", "suspect": False}  # fmt: skip
 
 
 def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> dict[str, Any] | None:

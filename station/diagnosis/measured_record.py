@@ -33,6 +33,20 @@ _BANKED: Final = math.radians(30.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Seen:
+    """An effect that needs no fit."""
+
+    id: str
+    sentence: str
+    value: float
+    unit: str
+    signature: str
+    separate_by: str = ""
+    alternatives: tuple[str, ...] = ()
+    """What it may be instead."""
+
+
+@dataclass(frozen=True, slots=True)
 class Record:
     """One manoeuvre: `signals` (n,) each, SI, every `dt` seconds; "v_along" is the ground speed along the mean heading.
 
@@ -57,8 +71,10 @@ class Record:
     """Where the rig says the imu is, from the CG in body axes, m."""
     stated: Mapping[str, float] = field(default_factory=dict)
     """The noise that the rig states, SI."""
-    gaps: str = ""
-    """What was left out of the recording, in words."""
+    remarks: tuple[str, ...] = ()
+    """What was left out of the recording, and mended in it."""
+    seen: tuple[Seen, ...] = ()
+    """Signs and units of the recording that were mistaken, and have been taken back."""
 
     @property
     def n(self) -> int:
@@ -116,7 +132,7 @@ def manoeuvres(
     if not found:
         raise UsageError(refused)
     if left_out > 0:
-        found[0] = replace(found[0], gaps=f"{name}: {left_out:.1f} s left out, with gaps in what is needed")
+        found[0] = replace(found[0], remarks=(f"{name}: {left_out:.1f} s left out, with gaps in what is needed",))
     return found
 
 
@@ -253,13 +269,13 @@ def _along(signals: dict[str, Array]) -> None:
     signals["v_along"] = north * math.cos(mean) + east * math.sin(mean)
 
 
-def describe_missing(record: Record) -> str:
-    """What cannot be judged for want of signals; empty where nothing is missing."""
-    words = [record.gaps] if record.gaps else []
+def describe_missing(record: Record) -> list[str]:
+    """What was left out or mended, and what cannot be judged for want of signals."""
+    words = list(record.remarks)
     if "v_down" in record.missing:
         words.append("no vertical velocity: slow gusts and slow motion are not told apart, velocity is not judged")
     if "v_along" in record.missing:
         words.append("no ground speed along a steady heading: horizontal accelerations are not checked against it")
     if "thrust" in record.missing:
         words.append("no thrust: taken as constant")
-    return "; ".join(words)
+    return words

@@ -12,13 +12,13 @@ from typing import Final, Literal, TypeVar
 import numpy as np
 
 from station.diagnosis import judge
-from station.diagnosis.checks import Seen, examine
+from station.diagnosis.checks import first_seen
 from station.diagnosis.corrections import instrument_of
 from station.diagnosis.doubt import Doubted, in_doubt, of_vane
 from station.diagnosis.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
 from station.diagnosis.fit import Fit, Problem, moved_by
 from station.diagnosis.judge import SD_FACTOR, Gain, Leftover
-from station.diagnosis.measured_record import Record, describe_missing
+from station.diagnosis.measured_record import Record, Seen, describe_missing
 from station.diagnosis.model_doubt import beyond, gusts, incomplete, mended
 from station.diagnosis.reference import Reference, bare, heard_through, reference
 from station.diagnosis.search import FURTHER, FURTHER_SHARE, RIVAL, Found, search
@@ -96,8 +96,7 @@ def diagnose(
     seed: int = 0,
 ) -> Diagnosis:
     """Compare, name, extend, measure. Raises UsageError."""
-    seen, mended = examine([*fitted, *held_out], aircraft)
-    fitted, held_out = mended[: len(fitted)], mended[len(fitted) :]
+    seen = first_seen([*fitted, *held_out])
     progress(f"simulating {', '.join(r.name for r in (*fitted, *held_out))}")
     made = _side_by_side(lambda k, record: reference(record, aircraft, seed + 1000 * k), [*fitted, *held_out])
     references, kept = made[: len(fitted)], made[len(fitted) :]
@@ -159,7 +158,7 @@ def diagnosis_of(
     verdict: Verdict = "no_effect"
     if leftover.present or (doubted is not None and doubted.misses_much):
         verdict = "unexplained"
-    elif any(e.rivals for e in effects):
+    elif any(e.rivals for e in effects) or any(s.alternatives for s in seen):
         verdict = "confounded"
     elif effects or seen:
         verdict = "effect_found"
@@ -168,7 +167,7 @@ def diagnosis_of(
         for r, g in zip(references, found.accepted.gust, strict=True)
         if g > NOTABLE_GUST
     ]
-    remarks += dict.fromkeys(w for r in references if (w := describe_missing(r.record)))
+    remarks += dict.fromkeys(words for r in references for words in describe_missing(r.record))
     if doubted is not None and len(_far_off(doubted)) >= MOST_FAR_OFF:
         remarks.append(
             f"{', '.join(_far_off(doubted))} are far from the profile's: is it another aircraft's? use --aircraft"

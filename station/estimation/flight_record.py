@@ -88,7 +88,7 @@ class FlightRecord:
         if len(t_s) < 10:
             raise NotIdentifiable(f"the record has {len(t_s)} rows: too short")
         remarks: list[str] = []
-        cleaned = {n: _believed(n, c, (quality or {}).get(n)) for n, c in columns.items() if n in SIGNALS}
+        cleaned = {n: accepted(n, c, (quality or {}).get(n)) for n, c in columns.items() if n in SIGNALS}
         grid, dt, motion = _uniform(np.asarray(t_s, dtype=np.float64), cleaned, remarks)
         motion = {n: _bridged(c, dt) for n, c in motion.items()}
         motion["dynamic_pressure"] = _dynamic_pressure(motion, aircraft)
@@ -147,7 +147,7 @@ class FlightRecord:
         return classified(level, speed, self.noise["alpha_vane"], self.dt), level
 
 
-def _believed(name: str, column: Array, quality: NDArray[np.uint8] | None) -> Array:
+def accepted(name: str, column: Array, quality: NDArray[np.uint8] | None) -> Array:
     """NaN where the value is suspect, missing or impossible, or held where it must not be."""
     signal = SIGNALS[name]
     column = np.asarray(column, dtype=np.float64)

@@ -29,6 +29,18 @@ class About:
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Attached as they are: the rig's DBC files."""
 
+    @property
+    def imu_position(self) -> tuple[float, float, float]:
+        """Of the rig's IMU from the CG, body axes, m; at the CG where no rig says."""
+        return self.rig.imu_position if self.rig is not None else (0.0, 0.0, 0.0)
+
+    def noise_si(self, aligned: bool) -> dict[str, float] | None:
+        """Standard deviation by signal, SI, as the rig states it; None without a rig. In `aligned` frames the samples
+        of a stream faster than them are averaged, which leaves less of it."""
+        if self.rig is None:
+            return None
+        return self.rig.frame_noise_si() if aligned else self.rig.noise_si()
+
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:

@@ -41,6 +41,11 @@ class Table:
         """From the median step; NaN for fewer than two rows."""
         return float(1.0 / np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else float("nan")
 
+    @property
+    def aligned(self) -> bool:
+        """Whether the rows are frames, aligned in flight, and not samples as they came."""
+        return bool(self.quality)
+
     def between(self, start_s: float, end_s: float) -> Table:
         """The rows with start_s <= t_s <= end_s, their times unchanged."""
         keep = (self.t_s >= start_s) & (self.t_s <= end_s)

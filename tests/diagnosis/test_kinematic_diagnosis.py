@@ -11,6 +11,7 @@ from records import record
 
 from station.__main__ import app
 from station.convert import import_file
+from station.diagnosis.checks import checked
 from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Instrument, load_aircraft, load_rig
@@ -36,8 +37,12 @@ def flown(sigma: str, seed: int, **errors) -> Table:
 
 def diagnosed(*tables: Table, held: Table | None = None):
     aircraft = tables[0].aircraft
-    kept = [] if held is None else [judge("held", held, aircraft, RIG)]
-    return diagnose_kinematics([judge(f"r{k}", t, aircraft, RIG) for k, t in enumerate(tables)], kept, aircraft)
+
+    def judged(name: str, table: Table):
+        return judge(name, checked(name, table, aircraft, RIG.noise_si(), RIG.imu_position), aircraft)
+
+    kept = [] if held is None else [judged("held", held)]
+    return diagnose_kinematics([judged(f"r{k}", t) for k, t in enumerate(tables)], kept, aircraft)
 
 
 def test_sound_instruments_are_found_sound():
@@ -72,8 +77,9 @@ def test_a_record_with_nothing_to_judge_is_refused():
     t = np.arange(100) * 0.02
     columns = {n: np.full(100, v) for n, v in (("alpha_vane", 0.1), ("q", 0.0), ("airspeed", 40.0), ("theta", 0.1),
                                                ("ax", 0.0), ("az", -9.8), ("dynamic_pressure", 900.0))}  # fmt: skip
+    unknown = load_aircraft("unknown")
     with pytest.raises(UsageError, match="nothing can be judged"):
-        judge("short", Table(t, columns, load_aircraft("unknown"), 0), load_aircraft("unknown"))
+        judge("short", checked("short", Table(t, columns, unknown, 0), unknown), unknown)
 
 
 @pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])

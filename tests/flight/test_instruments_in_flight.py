@@ -11,6 +11,7 @@ import pytest
 
 from station.clock import ManualClock
 from station.conventions import STREAMS, TICK_HZ, TICK_NS, Stream
+from station.diagnosis.checks import checked
 from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
 from station.estimation.instrument_errors import Corrector
 from station.estimation.methods import Estimator
@@ -235,7 +236,8 @@ def test_the_kinematic_diagnosis_of_a_profile_that_knows_its_errors_finds_nothin
     t = np.arange(len(vane)) * 0.02
     effects = []
     for aircraft in (unknown, stated):
-        judged = judge("flight", Table(t, wrong, aircraft, 0), aircraft, RIG)
+        read = checked("flight", Table(t, wrong, aircraft, 0), aircraft, RIG.noise_si(), RIG.imu_position)
+        judged = judge("flight", read, aircraft)
         result, _ = diagnose_kinematics([judged], [], aircraft)
         effects.append({e["id"]: e["value"] for e in result["effects"]})
     before, after = effects

@@ -10,7 +10,7 @@ import pytest
 
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS, Stream
 from station.log import About, points, table, write_log
-from station.profile import load_aircraft
+from station.profile import load_aircraft, load_rig
 from station.rows import Code, Event, Extra, Frame, LogError, Quality, Rows, Sample, Tick, Truth
 
 AIRCRAFT = load_aircraft("twin_otter")
@@ -43,6 +43,27 @@ def test_frames_are_the_table(tmp_path: Path) -> None:
     assert part.t_s.tolist() == [0.02, 0.04, 0.06]
     assert part.columns["q"].tolist() == [0.1 * k for k in (1, 2, 3)]
     assert part.quality["q"].tolist() == [0] * 3
+
+
+def test_the_noise_of_a_table_is_that_of_its_rows(tmp_path: Path) -> None:
+    # A gyro at 200 Hz: four of its samples are averaged in a 50 Hz frame.
+    rig = load_rig("bench")
+    (gyro,) = [s for d in rig.devices for s in d.streams if "q" in s.signals]
+    about = About(AIRCRAFT, (FAST,), rig)
+    stated = gyro.signals["q"].noise_si()
+    rows: dict[str, list[Rows]] = {
+        "frames": [frame(k, q=0.1 * k) for k in range(5)],
+        "samples": [Sample(10**9 + k * 5_000_000, "can.gyro", None, k, (0.0, 0.1 * k)) for k in range(5)],
+    }
+    found = {}
+    for name, those in rows.items():
+        write_log(tmp_path / f"{name}.mcap", about, those)
+        noise = about.noise_si(table(tmp_path / f"{name}.mcap").aligned)
+        assert noise is not None
+        found[name] = noise["q"]
+    assert gyro.rate == 200.0
+    assert found == {"frames": pytest.approx(stated / 2), "samples": pytest.approx(stated)}
+    assert About(AIRCRAFT, (FAST,)).noise_si(True) is None
 
 
 def test_streams_on_different_times_are_interpolated_with_their_latency(tmp_path: Path) -> None:
