@@ -75,8 +75,8 @@ def diagnose(
         if report is not None:
             with _rrd_beside(result, series_in_time(judged), report):
                 say(str(write_kinematic_report(result, judged, report)))
-        told = [e["sentence"] for e in result["effects"]]
-        return _finish(result, extended, told, logs, complete.result(), as_json, write_profile)
+        reported = [e["sentence"] for e in result["effects"]]
+        return _finish(result, extended, reported, logs, complete.result(), as_json, write_profile)
     fitted: list[Record] = []
     kept: list[Record] = []
     for group, paths in ((fitted, logs), (kept, hold_out or [])):
@@ -94,8 +94,8 @@ def diagnose(
 
         with _rrd_beside(result, in_time(found, found.before, found.after, _PLOTS)[1], report):
             say(str(write_report(found, result, report)))
-    told = [e.term.words(e.value) for e in found.effects]
-    return _finish(result, found.extended, told, logs, complete.result(), as_json, write_profile)
+    reported = [e.term.words(e.value) for e in found.effects]
+    return _finish(result, found.extended, reported, logs, complete.result(), as_json, write_profile)
 
 
 def _kinematics(
@@ -151,7 +151,7 @@ def _rrd_beside(
 def _finish(
     result: Mapping[str, Any],
     extended: Aircraft,
-    told: Sequence[str],
+    reported: Sequence[str],
     logs: Sequence[Path],
     complete: bool,
     as_json: str | None,
@@ -161,7 +161,7 @@ def _finish(
     from station.diagnosis.extension import write_profile as write
 
     if write_profile is not None:
-        words = "\n".join(told) or "No effect was found: the same aircraft."
+        words = "\n".join(reported) or "No effect was found: the same aircraft."
         heading = f"Extended by station diagnose ({result['verdict']}) from {', '.join(p.name for p in logs)}.\n{words}"
         write(extended.model_copy(update={"name": write_profile.stem}), write_profile, heading)
         say(str(write_profile))

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True)
-def _play(x: Array, width: float, out: Array) -> None:
+def _lost_motion(x: Array, width: float, out: Array) -> None:
     for i in range(x.shape[0]):
         at = x[i, 0]
         for k in range(x.shape[1]):
@@ -21,22 +21,22 @@ def _play(x: Array, width: float, out: Array) -> None:
 
 
 @njit(cache=True)
-def _straighten(x: Array, cubic: float, out: Array) -> None:
+def _linearise(x: Array, cubic: float, out: Array) -> None:
     for k in range(x.shape[0]):
         out[k] = instruments.straightened(x[k], cubic)
 
 
-def play(x: Array, width: float) -> Array:
+def lost_motion(x: Array, width: float) -> Array:
     """How far a part with that slack in all stands from x (..., n) that drives it; x starts in the middle."""
     flat = np.ascontiguousarray(x).reshape(-1, x.shape[-1])
     out = np.empty_like(flat)
-    _play(flat, width, out)
+    _lost_motion(flat, width, out)
     return out.reshape(x.shape)
 
 
-def straightened(shown: Array, cubic: float) -> Array:
+def linearised(shown: Array, cubic: float) -> Array:
     """What a sensor that shows x + cubic x3 has met; beyond where that turns back, the turning point."""
     flat = np.ascontiguousarray(shown).ravel()
     out = np.empty_like(flat)
-    _straighten(flat, cubic, out)
+    _linearise(flat, cubic, out)
     return out.reshape(np.shape(shown))

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.backlash import play, straightened
+from station.diagnosis.backlash import linearised, lost_motion
 from station.diagnosis.processing import Setting, back, passed, transform
 from station.estimation.instrument_errors import DITHER
 from station.profile import Aircraft, Instrument
@@ -47,10 +47,10 @@ def corrected(x: Array, found: Instrument | None, s: Setting, moved: Array | Non
     if found.gain != 1:
         x = x / found.gain
     if found.cubic:
-        x = straightened(x, found.cubic)
+        x = linearised(x, found.cubic)
     if found.backlash:
         dither = DITHER * s.elevator_noise
-        moved = play(x, found.backlash + dither) - play(x, dither)
+        moved = lost_motion(x, found.backlash + dither) - lost_motion(x, dither)
         # The play stands between sensor and surface: the surface follows the sensor late.
         x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
     return x

@@ -14,7 +14,7 @@ from station.diagnosis.effects import judged_effects
 from station.diagnosis.fit import Problem
 from station.diagnosis.reference import Reference
 from station.diagnosis.residuals import Memo
-from station.diagnosis.search import FIRST, RIVAL, least_judged
+from station.diagnosis.search import CONFOUNDED, FIRST, least_judged
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ class Detectable:
     id: str
     found: float
     named: float
-    rival: str
+    alternative: str
     correlation: float
 
 
@@ -38,17 +38,17 @@ def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable
     effects that can be so large."""
     # A correction moves a signal's noise too, which is no information: the flights are those of the simulation.
     references = [_quiet(r, g) for r, g in zip(problem.references, gust, strict=True)]
-    problem = Problem(references, problem.aircraft, problem.allowed)
+    problem = Problem(references, problem.aircraft, problem.nuisances)
     present = set.intersection(*(set(r.record.signals) for r in references))
     gusty, held = any(r.setting.gusty for r in references), any(len(r.record.held) for r in references)
     terms = judged_effects(problem.aircraft, present, gusty, held)
     base = problem.at({})
-    allowed = problem.allowed_columns({}, base)
+    nuisances = problem.nuisance_columns({}, base)
     columns = [problem.effect_columns(t, {}, base) for t in terms]
-    e, a = len(terms), len(allowed[0])
+    e, a = len(terms), len(nuisances[0])
     whole = np.zeros((e + a, e + a))
     for k in range(len(references)):
-        stacked = np.concatenate([np.stack([c[k] for c in columns]), allowed[k]])
+        stacked = np.concatenate([np.stack([c[k] for c in columns]), nuisances[k]])
         whole += (stacked * (problem.counts[k] / (1 + gust[k] ** 2 * problem.shares[k]))) @ stacked.T
     inner = whole[e:, e:] + np.eye(a)
     information = whole[:e, :e] - whole[:e, e:] @ np.linalg.solve(inner, whole[e:, :e])
@@ -58,7 +58,7 @@ def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable
     least = np.array([limits.get(t.id, 0.0) for t in terms])
     asked = np.sqrt([FIRST + t.price for t in terms])
     found = np.maximum((asked + NINE_IN_TEN) / scale, least + NINE_IN_TEN / scale)
-    apart = math.sqrt(RIVAL) + NINE_IN_TEN
+    apart = math.sqrt(CONFOUNDED) + NINE_IN_TEN
     out = []
     for i, term in enumerate(terms):
         if found[i] > term.high - term.low:

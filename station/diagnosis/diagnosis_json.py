@@ -19,7 +19,7 @@ SCHEMA: Final = "station.diagnose/1"
 def as_json(d: Diagnosis) -> dict[str, Any]:
     """station.diagnose/1; more than the contract's fields is there, nothing less."""
     problem, found = d.problem, d.found
-    white = {name: p > d.leftover.log_p_limit for name, p in d.leftover.by_series}
+    white = {name: p > d.remaining.log_p_limit for name, p in d.remaining.by_series}
     residuals: dict[str, Any] = {}
     for name in white:
         before = [judge.channel_error(r, d.before).get(name, float("nan")) for r in problem.references]
@@ -34,21 +34,21 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
         "effects": [*map(_seen_json, d.seen), *(_effect_json(e, _is_suspect(d, e)) for e in d.effects)],
         "gain": _gain_json(d),
         "unexplained": {
-            "present": d.leftover.present,
-            "signals": list(d.leftover.signals) if d.leftover.present else [],
-            "band_hz": list(d.leftover.band_hz) if d.leftover.present else [],
-            "series": d.leftover.series if d.leftover.present else "",
-            "like": d.leftover.like if d.leftover.coherent else "",
-            "log_p": d.leftover.log_p,
-            "log_p_limit": d.leftover.log_p_limit,
-            "score": d.leftover.score,
-            "score_limit": d.leftover.score_limit,
+            "present": d.remaining.present,
+            "signals": list(d.remaining.signals) if d.remaining.present else [],
+            "band_hz": list(d.remaining.band_hz) if d.remaining.present else [],
+            "series": d.remaining.series if d.remaining.present else "",
+            "like": d.remaining.like if d.remaining.coherent else "",
+            "log_p": d.remaining.log_p,
+            "log_p_limit": d.remaining.log_p_limit,
+            "score": d.remaining.score,
+            "score_limit": d.remaining.score_limit,
         },
-        "with_model_error": _doubted_json(d),
+        "with_model_error": _model_error_json(d),
         "residuals": residuals,
         "derivatives": {
             a.name: {"change_percent": 100 * a.sd * float(m), "in_prior_sd": float(m)}
-            for a, m in zip(problem.allowed, found.accepted.moved, strict=False)
+            for a, m in zip(problem.nuisances, found.accepted.moved, strict=False)
             if a.relinear
         },
         "noise": {r.record.name: dict(r.noise) for r in problem.references},
@@ -59,7 +59,7 @@ def as_json(d: Diagnosis) -> dict[str, Any]:
             if f.ids[0] not in found.accepted.values and math.isfinite(f.cost)
         ],
         "detectable": [
-            {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.rival}
+            {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.alternative}
             for x in detectable_sizes(problem, found.accepted.gust)
         ],
         "remarks": list(d.remarks),
@@ -83,16 +83,16 @@ def _seen_json(s: Seen) -> dict[str, Any]:
 
 def _is_suspect(d: Diagnosis, e: Effect) -> bool:
     """Whether what is unexplained may have made it: not where the instruments say so among themselves."""
-    sure = d.doubted is not None and d.doubted.support.get(e.term.id, 0.0) > FIRST
-    return d.verdict == "unexplained" and not sure
+    significant = d.with_error is not None and d.with_error.kinematic_chi2.get(e.term.id, 0.0) > FIRST
+    return d.verdict == "unexplained" and not significant
 
 
-def _doubted_json(d: Diagnosis) -> dict[str, Any] | None:
-    if d.doubted is None:
+def _model_error_json(d: Diagnosis) -> dict[str, Any] | None:
+    if d.with_error is None:
         return None
     return {
-        "missed": dict(d.doubted.shares),
-        "instruments_say": {n: v for n, v in d.doubted.support.items() if v > 0},
+        "missed": dict(d.with_error.shares),
+        "instruments_say": {n: v for n, v in d.with_error.kinematic_chi2.items() if v > 0},
         "with_the_model_taken_for_right": [_effect_json(e, True) for e in d.strict],
     }
 
@@ -103,7 +103,8 @@ def _rms(values: Sequence[float]) -> float:
 
 
 def _effect_json(e: Effect, suspect: bool) -> dict[str, Any]:
-    target = f"{e.term.target}: -2 log likelihood falls by {e.drop:.1f}"
+    target = f"{e.term.target}: -2 log likelihood falls by {e.reduction:.1f}"
+    p_value = math.erfc(math.sqrt(0.5 * max(e.reduction, 0.0)))
     return {
         "id": e.term.id,
         "sentence": e.term.words(e.value),
@@ -111,9 +112,13 @@ def _effect_json(e: Effect, suspect: bool) -> dict[str, Any]:
         "unit": e.term.unit,
         "shown": e.term.shown,
         "ci95": list(e.ci95),
-        "evidence": {"p_value": math.erfc(math.sqrt(0.5 * max(e.drop, 0.0))), "signature": target, "drop": e.drop},
-        "confounded_with": list(e.rivals),
-        "separate_by": e.term.separate_by if e.rivals else "",
+        "evidence": {
+            "p_value": p_value,
+            "signature": target,
+            "drop": e.reduction,
+        },
+        "confounded_with": list(e.alternatives),
+        "separate_by": e.term.separate_by if e.alternatives else "",
         "suspect": suspect,
     }
 

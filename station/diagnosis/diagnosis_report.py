@@ -8,12 +8,12 @@ from typing import Any, Final
 
 from station.conventions import SIGNALS, from_si
 from station.diagnosis.effects import BY_ID
-from station.diagnosis.model_doubt import GUST
+from station.diagnosis.model_error import GUST
 from station.diagnosis.pictures import (
     MEANING,
     by_record,
-    drops,
     measured_and_predicted,
+    reductions,
     spectra_before_and_after,
     times,
 )
@@ -30,7 +30,7 @@ _VERDICT: Final = {
     "unexplained": "Something is different that no effect of the catalogue explains. Effects named below are suspect.",
 }
 
-_IN_DOUBT: Final = {
+_VERDICT_WITH_ERROR: Final = {
     "no_effect": "The aircraft's model does not suffice; no instrument is at fault.",
     "effect_found": "The aircraft's model does not suffice; what is named below stands in spite of that.",
     "confounded": "The aircraft's model does not suffice, and these manoeuvres cannot tell all causes apart.",
@@ -44,10 +44,10 @@ def write_report(found: Diagnosis, result: Mapping[str, Any], folder: Path) -> P
     before, after = found.before, found.after
     body = [
         f"<h1>{text(result['aircraft'])}: measured against simulated</h1>",
-        f'<p class="verdict">{_VERDICT[found.verdict] if found.doubted is None else _IN_DOUBT[found.verdict]}</p>',
+        f'<p class="verdict">{(_VERDICT if found.with_error is None else _VERDICT_WITH_ERROR)[found.verdict]}</p>',
         effects_table(result),
         _left(result),
-        _doubted(result["with_model_error"]),
+        _model_error(result["with_model_error"]),
         _next(found),
         _gain(result),
         image(by_record(found, before, after), "error of each manoeuvre before and after") if result["effects"] else "",
@@ -63,7 +63,7 @@ def write_report(found: Diagnosis, result: Mapping[str, Any], folder: Path) -> P
         else "",
         image(times(found, before, after), "each series over time before and after"),
         "<h2>What was checked</h2>",
-        image(drops(found), "how much each effect alone would explain"),
+        image(reductions(found), "how much each effect alone would explain"),
         _checked(result),
         _derivatives(result, found.problem.aircraft),
         _settings(result),
@@ -87,12 +87,12 @@ def effects_table(result: Mapping[str, Any]) -> str:
     rows = []
     for e in result["effects"]:
         low, high = e["ci95"]
-        drop, unit = e["evidence"]["drop"], e.get("shown", e["unit"])
-        evidence = "seen at once" if drop is None else f"{drop:.1f}"
-        rivals = f"Could also be {', '.join(e['confounded_with'])}." if e["confounded_with"] else ""
+        reduction, unit = e["evidence"]["drop"], e.get("shown", e["unit"])
+        evidence = "seen at once" if reduction is None else f"{reduction:.1f}"
+        alternatives = f"Could also be {', '.join(e['confounded_with'])}." if e["confounded_with"] else ""
         suspect = " (suspect)" if e["suspect"] else ""
         rows.append(
-            f"<tr><td>{text(e['id'])}{suspect}</td><td class='words'>{text(e['sentence'])} {text(rivals)}</td>"
+            f"<tr><td>{text(e['id'])}{suspect}</td><td class='words'>{text(e['sentence'])} {text(alternatives)}</td>"
             f"<td>{_shown(e['id'], e['value'], unit)}</td>"
             f"<td>{_shown(e['id'], low, unit)} to {_shown(e['id'], high, unit)}</td>"
             f"<td>{evidence}</td></tr>"
@@ -116,7 +116,7 @@ def _left(result: Mapping[str, Any]) -> str:
     )
 
 
-def _doubted(found: Mapping[str, Any] | None) -> str:
+def _model_error(found: Mapping[str, Any] | None) -> str:
     """What was allowed for, where the model is in doubt."""
     if found is None:
         return ""
@@ -131,10 +131,12 @@ def _doubted(found: Mapping[str, Any] | None) -> str:
 
 
 def _next(found: Diagnosis) -> str:
-    advice = [f"{e.term.id} or {', '.join(e.rivals)}: {e.term.separate_by}." for e in found.effects if e.rivals]
-    if found.leftover.present:
+    advice = [
+        f"{e.term.id} or {', '.join(e.alternatives)}: {e.term.separate_by}." for e in found.effects if e.alternatives
+    ]
+    if found.remaining.present:
         advice.append(
-            f"Unexplained in {found.leftover.series}: repeat the manoeuvre in calm air, at another amplitude and "
+            f"Unexplained in {found.remaining.series}: repeat the manoeuvre in calm air, at another amplitude and "
             "at another speed: what follows time, distance, amplitude or load tells what it is."
         )
     if not any(r.setting.gusty for r in found.problem.references) and GUST not in [e.term for e in found.effects]:
@@ -185,9 +187,9 @@ def _checked(result: Mapping[str, Any]) -> str:
     rows = ""
     for x in result["excluded"]:
         size = sizes.get(x["id"])
-        told = ("–", "–") if size is None else (_shown(x["id"], size["size"]), _shown(x["id"], size["size_named"]))
+        reported = ("–", "–") if size is None else (_shown(x["id"], size["size"]), _shown(x["id"], size["size_named"]))
         rows += f"<tr><td>{text(x['id'])}</td><td>{_shown(x['id'], x['value'])}</td><td>{x['drop']:.1f}</td>"
-        rows += f"<td>{told[0]}</td><td>{told[1]}</td><td>{text(size['rival']) if size else ''}</td></tr>"
+        rows += f"<td>{reported[0]}</td><td>{reported[1]}</td><td>{text(size['rival']) if size else ''}</td></tr>"
     head = (
         "<tr><th>alone, not accepted</th><th>its best value</th><th>drop</th><th>would be found</th>"
         "<th>and told from</th><th>its nearest rival</th></tr>"
@@ -203,8 +205,8 @@ def _derivatives(result: Mapping[str, Any], aircraft: Aircraft) -> str:
     rows = ""
     for n, d in result["derivatives"].items():
         change = d["change_percent"]
-        told = f"{change:+.1f} %" if aircraft.value(n) else f"{0.01 * change:.3g} (profile: none)"
-        rows += f"<tr><td>{text(n)}</td><td>{told}</td><td>{d['in_prior_sd']:+.2f}</td></tr>"
+        reported = f"{change:+.1f} %" if aircraft.value(n) else f"{0.01 * change:.3g} (profile: none)"
+        rows += f"<tr><td>{text(n)}</td><td>{reported}</td><td>{d['in_prior_sd']:+.2f}</td></tr>"
     head = "<tr><th>derivative</th><th>best within its prior</th><th>in prior sd</th></tr>"
     note = "Beyond 2 the profile's value, or its stated uncertainty, is doubtful."
     return f'<h2>Derivatives</h2><table>{head}{rows}</table><p class="note">{note}</p>'

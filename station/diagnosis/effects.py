@@ -126,7 +126,7 @@ def _boom_mode(a: Aircraft, x: float) -> Aircraft:
 
 
 def _cubic(a: Aircraft, x: float) -> Aircraft:
-    return _instruments(a, ("elevator",), lambda i: {"cubic": i.cubic + x / _BEND_AT**2})
+    return _instruments(a, ("elevator",), lambda i: {"cubic": i.cubic + x / _CUBIC_AT**2})
 
 
 def _vane_dynamics(a: Aircraft, x: float) -> Aircraft:
@@ -216,7 +216,7 @@ def _thrust_arm(a: Aircraft, x: float) -> Aircraft:
 # --- the table
 
 _DEG = math.radians(1)
-_BEND_AT = 10 * _DEG
+_CUBIC_AT = 10 * _DEG
 """Deflection at which a bent characteristic is told."""
 _RARE: Final = 4.0
 """An attitude that is integrated and levelled has no scale to be wrong: one case in eight of gyro and attitude apart,
@@ -327,7 +327,7 @@ PRIOR_SHARE: Final = 0.10
 
 
 @dataclass(frozen=True, slots=True)
-class Allowance:
+class Nuisance:
     """A quantity known only so well: it may move, at a price."""
 
     name: str
@@ -340,22 +340,22 @@ class Allowance:
     """Over what share of the standard deviation its slope is taken."""
 
 
-def allowances(aircraft: Aircraft) -> tuple[Allowance, ...]:
+def nuisance_priors(aircraft: Aircraft) -> tuple[Nuisance, ...]:
     """The derivatives with the profile's standard deviations, and what instruments and trims are off by."""
     found = []
     for name in DERIVATIVES:
         stated = aircraft.derivatives.get(name)
         if stated is not None and stated.value:
             share = (stated.sd or PRIOR_SHARE * abs(stated.value)) / abs(stated.value)
-            found.append(Allowance(name, share, derivative(name, relative=True), True, True))
+            found.append(Nuisance(name, share, derivative(name, relative=True), True, True))
     found += [
-        Allowance("theta bias", 0.1 * _DEG, bias("theta")),
-        Allowance("az bias", 0.005 * G0, bias("az")),
-        Allowance("ax bias", 0.003 * G0, bias("ax")),
-        Allowance("q bias", 0.05 * _DEG, bias("q")),
-        Allowance("CL_0", 0.01, derivative("CL_0")),
-        Allowance("Cm_0", 0.005, derivative("Cm_0")),
-        Allowance("CD_0", 0.003, _zero_drag),
+        Nuisance("theta bias", 0.1 * _DEG, bias("theta")),
+        Nuisance("az bias", 0.005 * G0, bias("az")),
+        Nuisance("ax bias", 0.003 * G0, bias("ax")),
+        Nuisance("q bias", 0.05 * _DEG, bias("q")),
+        Nuisance("CL_0", 0.01, derivative("CL_0")),
+        Nuisance("Cm_0", 0.005, derivative("Cm_0")),
+        Nuisance("CD_0", 0.003, _zero_drag),
     ]
     return tuple(found)
 

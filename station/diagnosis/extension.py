@@ -39,8 +39,8 @@ def to_toml(aircraft: Aircraft, heading: str) -> str:
         lines += ["", f"[{section}]"]
         for key, value in content.items():
             if isinstance(value, dict):
-                still = _STILL if section == "instruments" else {}
-                value = {k: v for k, v in value.items() if not _empty(v) and v != still.get(k)}
+                default = _STILL if section == "instruments" else {}
+                value = {k: v for k, v in value.items() if not _empty(v) and v != default.get(k)}
             if not _empty(value):
                 lines.append(f"{key} = {_value(key, value, units)}")
     return "\n".join(lines) + "\n"

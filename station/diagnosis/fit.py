@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import BY_ID, Allowance, Term, allowances, extended
+from station.diagnosis.effects import BY_ID, Nuisance, Term, extended, nuisance_priors
 from station.diagnosis.reference import Reference
 from station.diagnosis.residuals import Spectra
 from station.profile import Aircraft
@@ -56,7 +56,7 @@ def turbulent_share(reference: Reference) -> Array:
     return np.concatenate([flat, flat, reference.steady.turbulent[0]])
 
 
-def trust(reference: Reference) -> Array:
+def independent_values(reference: Reference) -> Array:
     """(N,) how many independent values each whitened value counts for."""
     flat = np.full(reference.bins.turbulent.size, INDEPENDENT)
     return np.concatenate([flat, flat, np.ones(len(reference.steady.turbulent[0]))])
@@ -95,12 +95,12 @@ def price(ids: Iterable[str]) -> float:
     return sum(BY_ID[i].price for i in ids)
 
 
-def moved_by(aircraft: Aircraft, allowed: Sequence[Allowance], moved: Array) -> Aircraft:
+def moved_by(aircraft: Aircraft, nuisances: Sequence[Nuisance], moved: Array) -> Aircraft:
     """The aircraft with what is allowed for moved, in standard deviations; what comes after that in `moved` is not of
     the aircraft."""
-    for allowance, x in zip(allowed, moved, strict=False):
+    for nuisance, x in zip(nuisances, moved, strict=False):
         if x:
-            aircraft = allowance.extend(aircraft, allowance.sd * float(x))
+            aircraft = nuisance.extend(aircraft, nuisance.sd * float(x))
     return aircraft
 
 
@@ -111,24 +111,24 @@ class Problem:
         self,
         references: Sequence[Reference],
         aircraft: Aircraft,
-        allowed: Sequence[Allowance] | None = None,
+        nuisances: Sequence[Nuisance] | None = None,
         about: Array | None = None,
     ) -> None:
         """`allowed` in place of what the profile's uncertainties allow; `about` (a,), in their standard deviations, is
         where what is allowed for is taken as straight, in place of the profile itself."""
         self.references = tuple(references)
         self.aircraft = aircraft
-        self.allowed: tuple[Allowance, ...] = allowances(aircraft) if allowed is None else tuple(allowed)
-        self._about = np.zeros(len(self.allowed)) if about is None else about
+        self.nuisances: tuple[Nuisance, ...] = nuisance_priors(aircraft) if nuisances is None else tuple(nuisances)
+        self._about = np.zeros(len(self.nuisances)) if about is None else about
         self.shares = [turbulent_share(r) for r in self.references]
-        self.counts = [trust(r) for r in self.references]
+        self.counts = [independent_values(r) for r in self.references]
         self._columns: dict[str, list[Array]] = {}
         self._drifts: list[Array] = []
-        self._centre = moved_by(aircraft, self.allowed, self._about)
+        self._centre = moved_by(aircraft, self.nuisances, self._about)
         self._shift = [np.zeros(len(s)) for s in self.shares]
         self._base = self.at({})
         if self._about.any():
-            columns = self._columns_of_allowed({}, self._base, False)
+            columns = self._nuisance_columns_at({}, self._base, False)
             self._shift = [self._about @ c[: len(self._about)] for c in columns]
             self._base = self.at({})
 
@@ -151,26 +151,26 @@ class Problem:
             self._columns[term.id] = columns
         return columns
 
-    def allowed_columns(self, values: Mapping[str, float], here: list[Array]) -> list[Array]:
+    def nuisance_columns(self, values: Mapping[str, float], here: list[Array]) -> list[Array]:
         """Change per standard deviation of each quantity allowed for, (a, N) by manoeuvre.
 
         Made anew where an effect changes what the derivatives multiply."""
         relinear = any(BY_ID[n].relinear for n in values)
-        base = self._columns_of_allowed({}, self._base, False)
-        return self._columns_of_allowed(values, here, True) if relinear else base
+        base = self._nuisance_columns_at({}, self._base, False)
+        return self._nuisance_columns_at(values, here, True) if relinear else base
 
-    def _columns_of_allowed(self, values: Mapping[str, float], here: list[Array], anew: bool) -> list[Array]:
+    def _nuisance_columns_at(self, values: Mapping[str, float], here: list[Array], anew: bool) -> list[Array]:
         rows = []
-        for allowance, x in zip(self.allowed, self._about, strict=True):
-            key = f"allowed {allowance.name}"
-            if key in self._columns and not (anew and allowance.relinear):
+        for nuisance, x in zip(self.nuisances, self._about, strict=True):
+            key = f"allowed {nuisance.name}"
+            if key in self._columns and not (anew and nuisance.relinear):
                 rows.append(self._columns[key])
                 continue
-            step = allowance.step / (1 + allowance.sd * float(x)) if allowance.relative else allowance.step
+            step = nuisance.step / (1 + nuisance.sd * float(x)) if nuisance.relative else nuisance.step
             # First what is allowed for, then the effects, as in `complete`: a shifted CG leaves little of Cm_alpha
             # to be a share of.
-            moved = self._differences(extended(allowance.extend(self._centre, step * allowance.sd), values))
-            row = [(a - b) / allowance.step for a, b in zip(moved, here, strict=True)]
+            moved = self._differences(extended(nuisance.extend(self._centre, step * nuisance.sd), values))
+            row = [(a - b) / nuisance.step for a, b in zip(moved, here, strict=True)]
             if not anew:
                 self._columns[key] = row
             rows.append(row)
@@ -188,19 +188,19 @@ class Problem:
 
     def drift(self, fit: Fit, k: int) -> float:
         """The drift that a fit gives to a manoeuvre, m/s."""
-        return float(fit.moved[len(self.allowed) + k]) * self.references[k].drift_sd
+        return float(fit.moved[len(self.nuisances) + k]) * self.references[k].drift_sd
 
     # --- fitting
 
     def solve(
-        self, y: list[Array], effects: list[Array], allowed: list[Array], gust: Sequence[float], rounds: int = 3
+        self, y: list[Array], effects: list[Array], nuisances: list[Array], gust: Sequence[float], rounds: int = 3
     ) -> tuple[Array, Array, tuple[float, ...], float]:
         """Linear step: y + effects' d + allowed' a with the gust re-estimated; per manoeuvre y (N,), effects (e, N),
         allowed (a, N). Returns d with a, their covariance, the gusts' standard deviations and the cost."""
         e = effects[0].shape[0]
-        p = e + allowed[0].shape[0]
+        p = e + nuisances[0].shape[0]
         penalty = np.concatenate([np.zeros(e), np.ones(p - e)])
-        columns = [np.concatenate(pair) for pair in zip(effects, allowed, strict=True)]
+        columns = [np.concatenate(pair) for pair in zip(effects, nuisances, strict=True)]
         u = [g * g for g in gust]
         x, inverse = np.zeros(p), np.eye(p)
         for _ in range(rounds):
@@ -236,18 +236,18 @@ class Problem:
         """Effects as given; what is allowed for, and the gust, fitted."""
         here = self.at(values) if values else self._base
         none = [np.zeros((0, len(y))) for y in here]
-        x, _, found, cost = self.solve(here, none, self.allowed_columns(values, here), gust, 5)
+        x, _, found, cost = self.solve(here, none, self.nuisance_columns(values, here), gust, 5)
         return Fit(dict(values), {}, x, found, cost + price(values))
 
     def complete(self, fit: Fit) -> Aircraft:
         """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
-        return extended(moved_by(self.aircraft, self.allowed, fit.moved), fit.values)
+        return extended(moved_by(self.aircraft, self.nuisances, fit.moved), fit.values)
 
     def whole_cost(self, values: Mapping[str, float], moved: Array, gust: Sequence[float]) -> float:
         """-2 log likelihood, of everything moved as it is rather than along straight lines; the manoeuvres' own noise
         counts, too."""
-        aircraft = extended(moved_by(self.aircraft, self.allowed, moved), values)
-        own = zip(self.references, moved[len(self.allowed) :], strict=True)
+        aircraft = extended(moved_by(self.aircraft, self.nuisances, moved), values)
+        own = zip(self.references, moved[len(self.nuisances) :], strict=True)
         left = [whitened(r, r.differences(aircraft, float(x) * r.drift_sd)) for r, x in own]
         volume = 0.0
         for r in self.references:
@@ -255,7 +255,7 @@ class Problem:
             volume -= 2 * float(np.linalg.slogdet(r.steady.rotate)[1].sum())
         return self.cost(left, [g * g for g in gust], moved) + volume
 
-    def undiluted(self, fit: Fit) -> Fit:
+    def noise_corrected(self, fit: Fit) -> Fit:
         """A fit with what the sensors' noise makes of its values taken out, and the standard deviations that remain.
 
         The slopes are made from measured signals: their noise adds to what a value seems to be known by, and where it
@@ -265,7 +265,7 @@ class Problem:
         own = [BY_ID[i] for i in fit.values]
         here = self.at(fit.values)
         slopes = self._slopes(own, fit.values, here)
-        noisy = Problem([r.with_more_noise() for r in self.references], self.aircraft, self.allowed, self._about)
+        noisy = Problem([r.with_more_noise() for r in self.references], self.aircraft, self.nuisances, self._about)
         there = noisy.at(fit.values)
         e, size = len(own), len(slopes[0])
         x = np.concatenate([np.zeros(e), fit.moved])
@@ -287,10 +287,10 @@ class Problem:
     def _slopes(self, own: Sequence[Term], values: Mapping[str, float], here: list[Array]) -> list[Array]:
         """Columns of effects and of what is allowed for, at a candidate; (p, ..., N) by manoeuvre."""
         columns = [self.effect_columns(t, values, here) for t in own]
-        allowed = self.allowed_columns(values, here)
+        nuisances = self.nuisance_columns(values, here)
         return [
             np.concatenate([np.array([c[k] for c in columns]).reshape(len(own), *a.shape[1:]), a])
-            for k, a in enumerate(allowed)
+            for k, a in enumerate(nuisances)
         ]
 
     def refit(self, ids: Sequence[str], start: Mapping[str, float], gust: Sequence[float]) -> Fit:
@@ -298,16 +298,16 @@ class Problem:
         terms = [BY_ID[i] for i in ids]
         values = {t.id: min(max(float(start.get(t.id, 0.0)), t.low), t.high) for t in terms}
         here = self.at(values)
-        allowed = self.allowed_columns(values, here)
+        nuisances = self.nuisance_columns(values, here)
         best: Fit | None = None
         asked = price(values)
         for _ in range(STEPS):
             effects = [self.effect_columns(t, values, here) for t in terms]
             stacked = [np.stack([c[k] for c in effects]) for k in range(len(self.references))]
-            x, inverse, gust, _ = self.solve(here, stacked, allowed, gust)
+            x, inverse, gust, _ = self.solve(here, stacked, nuisances, gust)
             none = [np.zeros((0, len(y))) for y in here]
             if best is None:
-                moved, _, g, cost = self.solve(here, none, allowed, gust)
+                moved, _, g, cost = self.solve(here, none, nuisances, gust)
                 best = Fit(dict(values), {}, moved, g, cost + asked)
             sds = {t.id: math.sqrt(max(inverse[j, j], 0.0)) for j, t in enumerate(terms)}
             best = Fit(best.values, sds, best.moved, best.gust, best.cost)
@@ -316,12 +316,12 @@ class Problem:
             for _ in range(_HALVINGS):
                 trial = {t.id: min(max(values[t.id] + step * float(x[j]), t.low), t.high) for j, t in enumerate(terms)}
                 there = self.at(trial)
-                beside = self.allowed_columns(trial, there)
+                beside = self.nuisance_columns(trial, there)
                 moved, _, g, cost = self.solve(there, none, beside, gust, 2)
                 if cost + asked < best.cost:
                     gained = best.cost - cost - asked
                     best = Fit(trial, sds, moved, g, cost + asked)
-                    values, here, allowed, gust = trial, there, beside, g
+                    values, here, nuisances, gust = trial, there, beside, g
                     break
                 step *= 0.5
             if gained < _DONE:

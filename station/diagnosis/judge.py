@@ -14,7 +14,15 @@ from scipy.signal import windows
 from scipy.special import betainc
 
 from station.diagnosis.effects import BY_ID
-from station.diagnosis.fit import INDEPENDENT, Fit, Problem, gust_variance, trust, turbulent_share, whitened
+from station.diagnosis.fit import (
+    INDEPENDENT,
+    Fit,
+    Problem,
+    gust_variance,
+    independent_values,
+    turbulent_share,
+    whitened,
+)
 from station.diagnosis.reference import Reference
 from station.diagnosis.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, TAPER, THETA, VANE, Spectra
 from station.diagnosis.search import Found
@@ -23,7 +31,7 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-LEFT_CHANCE: Final = 2e-4
+FALSE_ALARM: Final = 2e-4
 """Chance that noise makes a test of what is left speak, over everything that it looks at."""
 LEVEL_DOF: Final = 200
 """Independent values that a sensor's noise level is estimated from, which is as uncertain as that."""
@@ -44,7 +52,7 @@ SIGNALS_OF: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Leftover:
+class RemainingResidual:
     """What no effect explains: the most unlikely band and the strongest coherence with the motion."""
 
     log_p: float
@@ -82,7 +90,7 @@ class Gain:
     by_record: tuple[tuple[str, float, float], ...]
 
 
-def left_over(problem: Problem, found: Found) -> Leftover:
+def remaining_residual(problem: Problem, found: Found) -> RemainingResidual:
     """The tests of what is left after the accepted effects."""
     fit = found.accepted
     aircraft = problem.complete(fit)
@@ -106,15 +114,17 @@ def left_over(problem: Problem, found: Found) -> Leftover:
             total, count = totals.get(j, (0.0, 0.0))
             totals[j] = (total + float(x.sum()), count + len(x))
     score, like, at = _coherence(problem, fit, left)
-    log_p_limit = math.log(LEFT_CHANCE / looks)
-    score_limit = 2 * math.log(len(problem.references[0].setting.judged) * len(_LIKE) / LEFT_CHANCE)
+    log_p_limit = math.log(FALSE_ALARM / looks)
+    score_limit = 2 * math.log(len(problem.references[0].setting.judged) * len(_LIKE) / FALSE_ALARM)
     band = worst[2]
     row = worst[1]
     if worst[0] >= log_p_limit and score > score_limit:
         row, f = at, problem.references[0].setting.frequencies
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    return Leftover(worst[0], score, SERIES[row], SIGNALS_OF[row], band, like, by_series, log_p_limit, score_limit)
+    return RemainingResidual(
+        worst[0], score, SERIES[row], SIGNALS_OF[row], band, like, by_series, log_p_limit, score_limit
+    )
 
 
 def _log_p(total: float, count: float) -> float:
@@ -148,10 +158,14 @@ def _coherence(problem: Problem, fit: Fit, left: Sequence[Spectra]) -> tuple[flo
     y = [whitened(r, z) for r, z in zip(problem.references, left, strict=True)]
     here = problem.at(fit.values)
     own = [problem.effect_columns(BY_ID[i], fit.values, here) for i in fit.values]
-    allowed = problem.allowed_columns(fit.values, here)
-    weights = [trust(r) / (1 + g**2 * turbulent_share(r)) for r, g in zip(problem.references, fit.gust, strict=True)]
+    nuisances = problem.nuisance_columns(fit.values, here)
+    weights = [
+        independent_values(r) / (1 + g**2 * turbulent_share(r))
+        for r, g in zip(problem.references, fit.gust, strict=True)
+    ]
     base = [
-        np.concatenate([np.array([c[k] for c in own]).reshape(len(own), a.shape[1]), a]) for k, a in enumerate(allowed)
+        np.concatenate([np.array([c[k] for c in own]).reshape(len(own), a.shape[1]), a])
+        for k, a in enumerate(nuisances)
     ]
     size = len(base[0])
     inner = np.diag(np.concatenate([np.zeros(len(own)), np.ones(size - len(own))]))
@@ -248,23 +262,23 @@ def gain(before_aircraft: Aircraft, after_aircraft: Aircraft, held_out: Sequence
 
 
 def _gust(reference: Reference, y: Array) -> float:
-    return gust_variance(y, turbulent_share(reference), trust(reference), reference.gust_guess**2)
+    return gust_variance(y, turbulent_share(reference), independent_values(reference), reference.gust_guess**2)
 
 
 def _drift(reference: Reference, aircraft: Aircraft) -> float:
     """The most likely drift of a manoeuvre, everything else frozen, m/s: it is of the air, not of the model."""
     y = whitened(reference, reference.differences(aircraft))
     column = whitened(reference, reference.differences(aircraft, reference.drift_sd)) - y
-    weighted = column * trust(reference) / (1 + _gust(reference, y) * turbulent_share(reference))
+    weighted = column * independent_values(reference) / (1 + _gust(reference, y) * turbulent_share(reference))
     return -reference.drift_sd * float(weighted @ y) / (1 + float(weighted @ column))
 
 
-def rivals_of(found: Found, effect: str) -> tuple[str, ...]:
+def alternatives_of(found: Found, effect: str) -> tuple[str, ...]:
     """Effects that could stand in this one's place."""
     out: dict[str, None] = {}
     accepted = set(found.accepted.values)
-    for rival in found.rivals:
-        others = set(rival.values)
+    for alternative in found.alternatives:
+        others = set(alternative.values)
         if effect not in others:
             for name in sorted(others - accepted):
                 out[name] = None

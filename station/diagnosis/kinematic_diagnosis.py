@@ -138,11 +138,11 @@ def _effects(fitted: Sequence[Judged], aircraft: Aircraft) -> tuple[list[dict[st
         if not _is_beyond(name, value, sd):
             continue
         term = BY_ID[name]
-        rivals: list[str] = []
+        alternatives: list[str] = []
         if name == "alpha_vane.delay" and aircraft.boom is None:
-            rivals = ["alpha_vane.position"]
+            alternatives = ["alpha_vane.position"]
         if name == "accelerometer.bias":
-            rivals = ["theta.bias"]
+            alternatives = ["theta.bias"]
         effects.append(
             {
                 "id": name,
@@ -155,8 +155,8 @@ def _effects(fitted: Sequence[Judged], aircraft: Aircraft) -> tuple[list[dict[st
                     "signature": f"{term.target} against the other instruments",
                     "drop": (value / sd) ** 2,
                 },
-                "confounded_with": rivals,
-                "separate_by": term.separate_by if rivals else "",
+                "confounded_with": alternatives,
+                "separate_by": term.separate_by if alternatives else "",
                 "suspect": False,
             }
         )
@@ -290,7 +290,7 @@ def series_in_time(fitted: Sequence[Judged]) -> dict[str, dict[str, tuple[Array,
 
 def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], folder: Path) -> Path:
     """The page: verdict, effects, each record's calibration with its pictures, and what was not judged."""
-    said = {
+    kinematic = {
         "no_effect": "The instruments agree with each other within noise.",
         "effect_found": "Instruments disagree with each other.",
         "confounded": "Instruments disagree with each other; this record does not tell which of two causes it is.",
@@ -298,7 +298,7 @@ def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], 
     lines = "".join(f"<li>{text(w)}: {text(y)}</li>" for w, y in result["not_judged"].items())
     body = [
         f"<h1>{text(result['aircraft'])}: what the instruments say of each other</h1>",
-        f'<p class="verdict">{said[result["verdict"]]}</p>',
+        f'<p class="verdict">{kinematic[result["verdict"]]}</p>',
         "<p>Kinematic part only: without aerodynamic data nothing is simulated.</p>",
         effects_table(result),
         f"<h2>Not judged</h2><ul>{lines}</ul>",

@@ -140,19 +140,19 @@ def _between_gaps(t_s: Array, columns: Mapping[str, Array], start: float, end: f
     """The parts of a span, long enough to be judged, in which no signal that is needed is away for longer than
     BRIDGED_S; the span itself where there is none."""
     inside = (t_s >= start - 1e-9) & (t_s <= end + 1e-9)
-    away: list[tuple[float, float]] = []
+    missing_spans: list[tuple[float, float]] = []
     for name in NEEDED:
         t = t_s[inside & np.isfinite(columns[name])]
         apart = np.flatnonzero(np.diff(t) > BRIDGED_S + float(np.median(np.diff(t_s))))
-        away += zip(t[apart].tolist(), t[apart + 1].tolist(), strict=True)
+        missing_spans += zip(t[apart].tolist(), t[apart + 1].tolist(), strict=True)
     parts, since = [], start
-    for last, first in sorted(away):
+    for last, first in sorted(missing_spans):
         if last - since >= SHORTEST_S:
             parts.append((since, last))
         since = max(since, first)
     if end - since >= SHORTEST_S:
         parts.append((since, end))
-    return parts if away and parts else [(start, end)]
+    return parts if missing_spans and parts else [(start, end)]
 
 
 def _piece(

@@ -16,7 +16,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import Allowance
+from station.diagnosis.effects import Nuisance
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ BESIDE: Final = {"moment_rate": 10.0, "moment_cross": 3.0}
 """Standard deviations of Cm per alpha rate c/2V, and of Cm per alpha times elevator."""
 
 
-class Bent(Aircraft):
+class Nonlinear(Aircraft):
     """An aircraft whose lift and moment follow tables beside the profile's own terms."""
 
     alpha_knots: tuple[float, ...] = ()
@@ -63,8 +63,8 @@ class Bent(Aircraft):
         if self.elevator_moment:
             bend = bend + np.interp(elevator, self.elevator_knots, self.elevator_moment)
         if self.moment_cross:
-            away = (alpha - alpha.mean(-1, keepdims=True)) * (elevator - elevator.mean(-1, keepdims=True))
-            bend = bend + self.moment_cross * away
+            product = (alpha - alpha.mean(-1, keepdims=True)) * (elevator - elevator.mean(-1, keepdims=True))
+            bend = bend + self.moment_cross * product
         return np.asarray(bend)
 
 
@@ -72,7 +72,7 @@ LEAST_VISITS: Final = 0.25
 """Least weight of a knot, over that of one among knots alike: a manoeuvre is short beside the flight about it."""
 
 
-def bends(aircraft: Aircraft, alpha: Sequence[Array], elevator: Sequence[Array]) -> tuple[Allowance, ...]:
+def nonlinear_priors(aircraft: Aircraft, alpha: Sequence[Array], elevator: Sequence[Array]) -> tuple[Nuisance, ...]:
     """What is allowed for, from the flow angles (rad, by manoeuvre) and elevator angles that were flown."""
     out = []
     angles, deflections = _knots(np.concatenate(alpha)), _knots(np.concatenate(elevator))
@@ -83,9 +83,9 @@ def bends(aircraft: Aircraft, alpha: Sequence[Array], elevator: Sequence[Array])
         slope = abs(aircraft.value(_SLOPE_OF[curve])) or UNKNOWN_SLOPE[curve]
         for k, shape in enumerate(_shapes(knots, visits, SLOPE_WALK[curve] * slope, power)):
             change = partial(_moved, curve=curve, knots=tuple(map(float, knots)), shape=shape)
-            out.append(Allowance(f"{curve} bend {k}", 1.0, change))
+            out.append(Nuisance(f"{curve} bend {k}", 1.0, change))
     for name, sd in BESIDE.items():
-        out.append(Allowance(name.replace("_", " "), sd, partial(_added, field=name)))
+        out.append(Nuisance(name.replace("_", " "), sd, partial(_added, field=name)))
     return tuple(out)
 
 
@@ -117,12 +117,12 @@ def _shapes(knots: Array, visits: Array, walk: float, power: int) -> Array:
     return np.asarray((left[:, kept] * sizes[kept] / root).T)
 
 
-def _bent(aircraft: Aircraft) -> Bent:
-    return aircraft if isinstance(aircraft, Bent) else Bent.model_construct(**dict(aircraft))
+def _nonlinear(aircraft: Aircraft) -> Nonlinear:
+    return aircraft if isinstance(aircraft, Nonlinear) else Nonlinear.model_construct(**dict(aircraft))
 
 
 def _moved(aircraft: Aircraft, x: float, curve: Curve, knots: tuple[float, ...], shape: Array) -> Aircraft:
-    old = _bent(aircraft)
+    old = _nonlinear(aircraft)
     field = "elevator_moment" if curve == "elevator" else curve
     at = "elevator_knots" if curve == "elevator" else "alpha_knots"
     before = np.array(getattr(old, field)) if getattr(old, field) else np.zeros(len(knots))
@@ -130,5 +130,5 @@ def _moved(aircraft: Aircraft, x: float, curve: Curve, knots: tuple[float, ...],
 
 
 def _added(aircraft: Aircraft, x: float, field: str) -> Aircraft:
-    old = _bent(aircraft)
+    old = _nonlinear(aircraft)
     return old.model_copy(update={field: getattr(old, field) + x})

@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from station.diagnosis import judge
-from station.diagnosis.model_doubt import still
+from station.diagnosis.model_error import with_constant_forces
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.processing import HIGH_HZ, back, transform, without_line
 from station.diagnosis.reference import Reference, loaded
@@ -165,12 +165,12 @@ def series_in_time(
     plots: dict[str, dict[str, tuple[Array, Array]]] = {
         "elevator, deg": {"measured": (t, np.degrees(r.record.signals["elevator"]))}
     }
-    told = {"before": _told(r, before), "after": _told(r, after)}
+    reported = {"before": _series_of(r, before), "after": _series_of(r, after)}
     for name in names:
         j = SERIES.index(name)
         lines = plots.setdefault(f"{name}, {MEANING[name][2] or '1'}", {})
-        for label in told:
-            lines[label] = (t[inside], told[label][j, inside] * _scale(name))
+        for label in reported:
+            lines[label] = (t[inside], reported[label][j, inside] * _scale(name))
     return r.record.name, plots
 
 
@@ -193,7 +193,7 @@ def times(found: Diagnosis, before: Aircraft, after: Aircraft) -> Figure:
     return figure
 
 
-def _told(r: Reference, aircraft: Aircraft) -> Array:
+def _series_of(r: Reference, aircraft: Aircraft) -> Array:
     """The series (7, n), measured less that aircraft's, without line and above HIGH_HZ."""
     own, s = loaded(aircraft, r.record, r.mass_share, r.iyy_share), r.setting
     return _smooth(series(r.record.signals, own, s), r)
@@ -220,11 +220,11 @@ def measured_and_predicted(found: Diagnosis, before: Aircraft, after: Aircraft) 
     names = sorted(one, key=lambda n: -abs(one[n] - other[n]))[:3]
     t = r.record.start_s + r.record.dt * np.arange(r.record.n, dtype=np.float64)
     # Against an aircraft whose forces do not change, all of what was measured is left; instruments are their own.
-    whole = _told(r, still(before))
+    whole = _series_of(r, with_constant_forces(before))
     for name, signal in _SIGNAL_OF.items():
         if signal in r.record.signals:
             whole[SERIES.index(name)] = _smooth(r.record.signals[signal], r)
-    lines = {"before": whole - _told(r, before), "after": whole - _told(r, after)}
+    lines = {"before": whole - _series_of(r, before), "after": whole - _series_of(r, after)}
     inside = np.arange(s.cut, s.n - s.cut)
     j = SERIES.index(names[0])
     # The mean over a second: one instant's noise is no change.
@@ -249,16 +249,16 @@ def measured_and_predicted(found: Diagnosis, before: Aircraft, after: Aircraft) 
     return figure
 
 
-def drops(found: Diagnosis) -> Figure:
+def reductions(found: Diagnosis) -> Figure:
     fits = [f for f in found.found.singles if math.isfinite(f.cost)][:14]
     names = [f.ids[0] for f in fits]
-    drops = [max(found.found.screened - f.cost, 0.05) for f in fits]
-    rivals = {x for e in found.effects for x in e.rivals}
+    reductions = [max(found.found.screened - f.cost, 0.05) for f in fits]
+    alternatives = {x for e in found.effects for x in e.alternatives}
     accepted = {e.term.id for e in found.effects}
-    colours = [ORANGE if n in accepted else _YELLOW if n in rivals else FAINT for n in names]
+    colours = [ORANGE if n in accepted else _YELLOW if n in alternatives else FAINT for n in names]
     figure = _figure(0.8 + 0.24 * len(names))
     axes = figure.subplots(gridspec_kw=_space(figure, top=0.1, left=1.9))
-    axes.barh(names[::-1], drops[::-1], color=colours[::-1])
+    axes.barh(names[::-1], reductions[::-1], color=colours[::-1])
     axes.axvline(FIRST, color=INK, lw=0.8, ls=":")
     axes.set_xscale("log")
     axes.set_xlabel("drop of -2 log likelihood, alone (dotted: asked for; orange: accepted; yellow: rival)", fontsize=8)

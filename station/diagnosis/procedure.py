@@ -14,14 +14,14 @@ import numpy as np
 from station.diagnosis import judge
 from station.diagnosis.checks import first_seen
 from station.diagnosis.corrections import instrument_of
-from station.diagnosis.doubt import Doubted, in_doubt, of_vane
 from station.diagnosis.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
 from station.diagnosis.fit import Fit, Problem, moved_by
-from station.diagnosis.judge import SD_FACTOR, Gain, Leftover
+from station.diagnosis.judge import SD_FACTOR, Gain, RemainingResidual
 from station.diagnosis.measured_record import Record, Seen, describe_missing
-from station.diagnosis.model_doubt import beyond, gusts, incomplete, mended
-from station.diagnosis.reference import Reference, bare, heard_through, reference
-from station.diagnosis.search import FURTHER, FURTHER_SHARE, RIVAL, Found, search
+from station.diagnosis.model_error import beyond, corrected_profile, gusts, incomplete
+from station.diagnosis.model_error_search import WithModelError, of_vane, with_model_error
+from station.diagnosis.reference import Reference, bare, reference, with_noise_through
+from station.diagnosis.search import CONFOUNDED, FURTHER, FURTHER_SHARE, Found, search
 from station.profile import Aircraft, Instrument
 from station.rows import UsageError
 
@@ -29,7 +29,7 @@ MOVED: Final = 1.0
 """Standard deviations of a derivative from which the noise is taken through the model as it then is."""
 LARGE: Final = 300.0
 """Drop from which the accepted effects are simulated and refitted."""
-PLAY_UNSURE: Final = 0.5
+BACKLASH_UNSURE: Final = 0.5
 """Of the elevator's noise: what goes through a play with the motion widens it, however long the record (0.8 found)."""
 NOTABLE_GUST: Final = 0.3
 FAR_OFF: Final = 0.5
@@ -51,9 +51,9 @@ class Effect:
     term: Term
     value: float
     sd: float
-    drop: float
+    reduction: float
     """Of -2 log likelihood, against the same without it."""
-    rivals: tuple[str, ...]
+    alternatives: tuple[str, ...]
 
     @property
     def ci95(self) -> tuple[float, float]:
@@ -68,7 +68,7 @@ class Diagnosis:
     verdict: Verdict
     effects: tuple[Effect, ...]
     gain: Gain | None
-    leftover: Leftover
+    remaining: RemainingResidual
     found: Found
     problem: Problem
     held_out: tuple[Reference, ...]
@@ -81,7 +81,7 @@ class Diagnosis:
     """The same with what was found."""
     seen: tuple[Seen, ...] = ()
     """Effects that needed no fit."""
-    doubted: Doubted | None = None
+    with_error: WithModelError | None = None
     """Where the model is in doubt: what was allowed for, and what of it is wrong. The effects are those that stand
     then, the model's own first among them."""
     strict: tuple[Effect, ...] = ()
@@ -125,40 +125,42 @@ def diagnosis_of(
     terms = judged_effects(aircraft, present, gusty, held)
     strict: tuple[Effect, ...] = ()
     if not incomplete(aircraft):
-        problem = _as_heard(problem)
+        problem = _with_noise_through_model(problem)
         found = search(problem, terms, progress)
         progress("what is left")
-        leftover = judge.left_over(problem, found)
-        if found.accepted.values and (leftover.present or found.drop > LARGE):
+        remaining = judge.remaining_residual(problem, found)
+        if found.accepted.values and (remaining.present or found.reduction > LARGE):
             progress("simulating with the effects")
             problem, found = _second_look(problem, found)
-            leftover = judge.left_over(problem, found)
-        if found.accepted.values and not leftover.present:
-            found = replace(found, accepted=sure(problem, found.accepted))
+            remaining = judge.remaining_residual(problem, found)
+        if found.accepted.values and not remaining.present:
+            found = replace(found, accepted=significant(problem, found.accepted))
         far = beyond(problem, found.accepted)
-        more = (Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in far.values())
-        effects = tuple(sorted((*_effects(found, problem), *more), key=lambda e: -e.drop))
+        more = (Effect(p.term, p.value, SD_FACTOR * p.sd, p.reduction, ()) for p in far.values())
+        effects = tuple(sorted((*_effects(found, problem), *more), key=lambda e: -e.reduction))
         # What the data say of these is what is gained.
-        allowed = [0.0 if a.name in far else float(x) for a, x in zip(problem.allowed, found.null.moved, strict=False)]
-        before = moved_by(problem.aircraft, problem.allowed, np.array(allowed))
+        nuisances = [
+            0.0 if a.name in far else float(x) for a, x in zip(problem.nuisances, found.null.moved, strict=False)
+        ]
+        before = moved_by(problem.aircraft, problem.nuisances, np.array(nuisances))
         better = extended(aircraft, found.accepted.values)
         for part in far.values():
             better = part.term.extend(better, part.value)
-    doubted = None
-    if incomplete(aircraft) or leftover.present:
+    with_error = None
+    if incomplete(aircraft) or remaining.present:
         strict = () if incomplete(aircraft) else effects
-        doubted = in_doubt(references, aircraft, terms, progress)
-        problem, found = doubted.problem, doubted.found
+        with_error = with_model_error(references, aircraft, terms, progress)
+        problem, found = with_error.problem, with_error.found
         if incomplete(aircraft):
-            leftover = judge.left_over(problem, found)
-        effects = _effects_in_doubt(doubted, aircraft)
-        before, better = base.complete(base.null()), mended(problem, found.accepted)
+            remaining = judge.remaining_residual(problem, found)
+        effects = _effects_with_error(with_error, aircraft)
+        before, better = base.complete(base.null()), corrected_profile(problem, found.accepted)
     after = problem.complete(found.accepted)
     measured = judge.gain(before, after, held_out) if effects else None
     verdict: Verdict = "no_effect"
-    if leftover.present or (doubted is not None and doubted.misses_much):
+    if remaining.present or (with_error is not None and with_error.misses_much):
         verdict = "unexplained"
-    elif any(e.rivals for e in effects) or any(s.alternatives for s in seen):
+    elif any(e.alternatives for e in effects) or any(s.alternatives for s in seen):
         verdict = "confounded"
     elif effects or seen:
         verdict = "effect_found"
@@ -168,33 +170,33 @@ def diagnosis_of(
         if g > NOTABLE_GUST
     ]
     remarks += dict.fromkeys(words for r in references for words in describe_missing(r.record))
-    if doubted is not None and len(_far_off(doubted)) >= MOST_FAR_OFF:
+    if with_error is not None and len(_far_off(with_error)) >= MOST_FAR_OFF:
         remarks.append(
-            f"{', '.join(_far_off(doubted))} are far from the profile's: is it another aircraft's? use --aircraft"
+            f"{', '.join(_far_off(with_error))} are far from the profile's: is it another aircraft's? use --aircraft"
         )
-    if doubted is not None and aircraft.boom is None:
+    if with_error is not None and aircraft.boom is None:
         remarks.append(_about_the_vane(better))
     return Diagnosis(
-        aircraft, verdict, effects, measured, leftover, found, problem, tuple(held_out), tuple(remarks), better,
-        before, after, tuple(seen), doubted, strict,
+        aircraft, verdict, effects, measured, remaining, found, problem, tuple(held_out), tuple(remarks), better,
+        before, after, tuple(seen), with_error, strict,
     )  # fmt: skip
 
 
-def _as_heard(problem: Problem) -> Problem:
+def _with_noise_through_model(problem: Problem) -> Problem:
     """With the sensors' noise as it passes through the model that the data ask for, where that is not the profile's:
     through the profile's, an effect that brings its derivatives back would seem to add noise."""
     nothing = problem.null()
-    moved = [x for a, x in zip(problem.allowed, nothing.moved, strict=False) if a.name in DERIVATIVES]
+    moved = [x for a, x in zip(problem.nuisances, nothing.moved, strict=False) if a.name in DERIVATIVES]
     if max(np.abs(moved), default=0.0) < MOVED:
         return problem
     there = problem.complete(nothing)
-    return Problem([heard_through(r, there) for r in problem.references], problem.aircraft)
+    return Problem([with_noise_through(r, there) for r in problem.references], problem.aircraft)
 
 
-def sure(problem: Problem, fit: Fit) -> Fit:
+def significant(problem: Problem, fit: Fit) -> Fit:
     """A fit free of what the sensors' noise makes of its values, without the effects that are nothing then."""
     while True:
-        freed = problem.undiluted(fit)
+        freed = problem.noise_corrected(fit)
         if not freed.values:
             return freed
         weakest = min(freed.values, key=lambda n: abs(freed.values[n]) / max(freed.sds[n], 1e-30))
@@ -236,13 +238,13 @@ def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
         if best.cost - accepted.cost > max(FURTHER, FURTHER_SHARE * (nothing.cost - best.cost)):
             break
         accepted = best
-    rivals = []
-    for rival in found.rivals:
-        if len(rival.values) == len(accepted.values):
-            fit = again.refit(rival.ids, rival.values, gust)
-            if fit.cost - accepted.cost < RIVAL and frozenset(fit.ids) != frozenset(accepted.ids):
-                rivals.append(fit)
-    return again, Found(nothing, accepted, tuple(rivals), found.singles, tried, found.screened)
+    alternatives = []
+    for alternative in found.alternatives:
+        if len(alternative.values) == len(accepted.values):
+            fit = again.refit(alternative.ids, alternative.values, gust)
+            if fit.cost - accepted.cost < CONFOUNDED and frozenset(fit.ids) != frozenset(accepted.ids):
+                alternatives.append(fit)
+    return again, Found(nothing, accepted, tuple(alternatives), found.singles, tried, found.screened)
 
 
 def _flies_alike(one: Aircraft, other: Aircraft) -> bool:
@@ -259,51 +261,51 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
     out = []
     for name, value in accepted.values.items():
         others = frozenset(accepted.values) - {name}
-        drop = _without(found, others) - accepted.cost
+        reduction = _without(found, others) - accepted.cost
         sd = SD_FACTOR * accepted.sds[name]
         if name == "elevator.backlash":
-            sd = math.hypot(sd, PLAY_UNSURE * max(r.noise["elevator"] for r in problem.references))
-        rivals = judge.rivals_of(found, name)
+            sd = math.hypot(sd, BACKLASH_UNSURE * max(r.noise["elevator"] for r in problem.references))
+        alternatives = judge.alternatives_of(found, name)
         if name == "alpha_vane.scale" and aircraft.boom is not None:
             twice = aircraft.boom.steady_calibration - 1
             if abs(value - twice) < 1.96 * sd < 0.4 * abs(twice):
                 # Someone may have divided by the upwash already: the value is just what that gives.
-                rivals = ("alpha_vane.double_upwash", *rivals)
-        out.append(Effect(BY_ID[name], value, sd, drop, rivals))
-    return tuple(sorted(out, key=lambda e: -e.drop))
+                alternatives = ("alpha_vane.double_upwash", *alternatives)
+        out.append(Effect(BY_ID[name], value, sd, reduction, alternatives))
+    return tuple(sorted(out, key=lambda e: -e.reduction))
 
 
-def _effects_in_doubt(d: Doubted, aircraft: Aircraft) -> tuple[Effect, ...]:
+def _effects_with_error(d: WithModelError, aircraft: Aircraft) -> tuple[Effect, ...]:
     """The effects that stand with the model in doubt, and what of the model is wrong."""
-    found = [replace(e, rivals=(*e.rivals, *_as_likely(d, e))) for e in _effects(d.found, d.problem)]
+    found = [replace(e, alternatives=(*e.alternatives, *_as_likely(d, e))) for e in _effects(d.found, d.problem)]
     if any(r.setting.rebuilt for r in d.problem.references):
-        found = [replace(e, rivals=(*e.rivals, *UNWITNESSED.get(e.term.id, ()))) for e in found]
+        found = [replace(e, alternatives=(*e.alternatives, *UNWITNESSED.get(e.term.id, ()))) for e in found]
     wrong = list(d.parts)
     if incomplete(aircraft) and (gust := gusts(d.problem, d.found.accepted)) is not None:
         wrong.append(gust)
-    found += [Effect(p.term, p.value, SD_FACTOR * p.sd, p.drop, ()) for p in wrong]
-    return tuple(sorted(found, key=lambda e: -e.drop))
+    found += [Effect(p.term, p.value, SD_FACTOR * p.sd, p.reduction, ()) for p in wrong]
+    return tuple(sorted(found, key=lambda e: -e.reduction))
 
 
-def _as_likely(d: Doubted, e: Effect) -> tuple[str, ...]:
+def _as_likely(d: WithModelError, e: Effect) -> tuple[str, ...]:
     """Effects that the instruments among themselves like better than one named, or as well if they explain as much of
     the rest: a likelihood with the model's errors in it does not tell apart what is that near."""
-    own = d.support.get(e.term.id)
+    own = d.kinematic_chi2.get(e.term.id)
     if own is None:
         return ()
-    named = {*d.found.accepted.values, *e.rivals}
-    drops = {f.ids[0]: d.found.screened - f.cost for f in d.found.singles if math.isfinite(f.cost)}
-    enough = AS_MUCH * drops.get(e.term.id, math.inf)
+    named = {*d.found.accepted.values, *e.alternatives}
+    reductions = {f.ids[0]: d.found.screened - f.cost for f in d.found.singles if math.isfinite(f.cost)}
+    enough = AS_MUCH * reductions.get(e.term.id, math.inf)
     return tuple(
         n
-        for n, v in d.support.items()
+        for n, v in d.kinematic_chi2.items()
         if n not in named
         and of_vane(n) == of_vane(e.term.id)
-        and v > own + (-RIVAL if drops.get(n, 0.0) > enough else RIVAL)
+        and v > own + (-CONFOUNDED if reductions.get(n, 0.0) > enough else CONFOUNDED)
     )
 
 
-def _far_off(d: Doubted) -> list[str]:
+def _far_off(d: WithModelError) -> list[str]:
     """Derivatives that differ from the profile's by more than half of it."""
     names = {p.term.id.removeprefix("aero."): abs(p.value) for p in d.parts if p.term.shown == "%"}
     return [n for n in DERIVATIVES if names.get(n, 0.0) > FAR_OFF]

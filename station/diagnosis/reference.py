@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from station.conventions import to_si
-from station.diagnosis.backlash import straightened
+from station.diagnosis.backlash import linearised
 from station.diagnosis.corrections import instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.noise_levels import THRUST_SHARE, Flights, levels, noisy, stated_noise, true_noise
@@ -201,7 +201,7 @@ def reference(
     )
 
 
-def heard_through(r: Reference, aircraft: Aircraft) -> Reference:
+def with_noise_through(r: Reference, aircraft: Aircraft) -> Reference:
     """The same manoeuvre with the sensors' noise as it passes through another aircraft's lift and moment."""
     plain = bare(loaded(aircraft, r.record, r.mass_share, r.iyy_share))
     own = replace(r.setting, nominal=bare(r.setting.nominal))
@@ -239,7 +239,7 @@ def _rescaled(x: Array, found: Instrument | None) -> Array:
     if found is None:
         return x
     x = (x - found.bias) / found.gain
-    return straightened(x, found.cubic) if found.cubic else x
+    return linearised(x, found.cubic) if found.cubic else x
 
 
 def _deflection(record: Record, elevator: Array) -> Array:

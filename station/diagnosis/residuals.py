@@ -26,7 +26,7 @@ from scipy import fft, signal
 
 from station.conventions import G0
 from station.diagnosis.corrections import corrected, gain_of, instrument_of, own_motion
-from station.diagnosis.nonlinearity import Bent
+from station.diagnosis.nonlinearity import Nonlinear
 from station.diagnosis.processing import (
     Setting,
     at_places,
@@ -249,7 +249,7 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
         wing_series = at_places(back(wing, s), again)
     gust_series = at_places(back(gust + turned, s), again)
-    shown_gust = _scaled(aircraft, s, "alpha_vane") * _bent_by_gusts(boom, s, v0)
+    shown_gust = _scaled(aircraft, s, "alpha_vane") * _flexed_by_gusts(boom, s, v0)
     return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * shown_gust)
 
 
@@ -297,7 +297,7 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         for name, bent in (("CL", cl_model), ("Cm", cm_model)):
             if value(f"{name}_alpha{power}"):
                 bent += value(f"{name}_alpha{power}") * alpha**power
-    if isinstance(aircraft, Bent):
+    if isinstance(aircraft, Nonlinear):
         rate = derivative(flow.alpha_i, s.dt) * (0.5 * chord / v)
         cl_model = cl_model + aircraft.more_lift(alpha)
         cm_model = cm_model + aircraft.more_moment(alpha, rate, de)
@@ -311,7 +311,7 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     lighter = nominal.mass / mass / pressure
     easier = (nominal.iyy or 1.0) / inertia / pressure
     out = np.empty((*q.shape[:-1], 3, s.n))
-    bent_by_gusts = _bent_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
+    bent_by_gusts = _flexed_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
     out[..., 0, :] = (cl - cl_model) * lighter * _scaled(aircraft, s, "az") / bent_by_gusts
     out[..., 1, :] = (cm - cm_model) * easier * _scaled(aircraft, s, "q")
     out[..., 2, :] = (cd - cd_model) * lighter * _scaled(aircraft, s, "ax")
@@ -323,7 +323,7 @@ def _scaled(aircraft: Aircraft, s: Setting, name: str) -> float:
     return gain_of(aircraft, name) / gain_of(s.nominal, name)
 
 
-def _bent_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
+def _flexed_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
     """What a boom that bends shows of a gust, whose lift bends it: 1 + flexure daz/dalpha.
 
     The load at hand takes the bending by the gust out of VANE and puts its own noise into LIFT, both by this factor. To

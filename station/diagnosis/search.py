@@ -24,7 +24,7 @@ FURTHER: Final = 18.0
 FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 PAIR: Final = 30.0
-RIVAL: Final = 6.0
+CONFOUNDED: Final = 6.0
 """Candidates of one size within this of the best cannot be told from it."""
 SINGLES: Final = 7
 PAIRS: Final = 12
@@ -33,11 +33,11 @@ HOPEFUL: Final = 0.5
 """Share of the drop asked of a second effect that a pair must promise, along straight lines, to be refitted."""
 MOST: Final = 4
 """Effects at once."""
-LEAST_PLACE: Final = 0.02
+LEAST_DISTANCE: Final = 0.02
 """Of the distance to the vane or to the tail: no drawing says better where on them a gust is met."""
 LEAST_TIME: Final = 0.05
 """Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
-LEAST_PLAY: Final = 2.5
+LEAST_BACKLASH: Final = 2.5
 """Play below this many standard deviations of the elevator's noise is not judged."""
 
 
@@ -47,7 +47,7 @@ class Found:
 
     null: Fit
     accepted: Fit
-    rivals: tuple[Fit, ...]
+    alternatives: tuple[Fit, ...]
     singles: tuple[Fit, ...]
     """Each effect alone, the best first; those not refitted have their linear estimate."""
     refitted: Mapping[frozenset[str], Fit] = field(default_factory=dict)
@@ -55,7 +55,7 @@ class Found:
     """Cost of nothing, that the singles compare with."""
 
     @property
-    def drop(self) -> float:
+    def reduction(self) -> float:
         return self.null.cost - self.accepted.cost
 
 
@@ -63,8 +63,8 @@ def least_judged(problem: Problem, terms: Sequence[Term]) -> dict[str, float]:
     """The values below which effects are not judged, SI, for those that have such a limit."""
     tick = LEAST_TIME * max(r.record.dt for r in problem.references)
     least = {t.id: tick for t in terms if t.unit == "s"}
-    least["elevator.backlash"] = LEAST_PLAY * max(r.noise["elevator"] for r in problem.references)
-    least |= dict.fromkeys(("gust.lead", "gust.tail_penetration"), LEAST_PLACE)
+    least["elevator.backlash"] = LEAST_BACKLASH * max(r.noise["elevator"] for r in problem.references)
+    least |= dict.fromkeys(("gust.lead", "gust.tail_penetration"), LEAST_DISTANCE)
     return least
 
 
@@ -132,16 +132,16 @@ def search(
             if not more or accepted.cost - more[0].cost <= threshold:
                 break
             accepted = more[0]
-    rivals: tuple[Fit, ...] = ()
+    alternatives: tuple[Fit, ...] = ()
     if accepted.values:
         # How rare an effect is decides what is named first, not what is told apart.
         best_bare = accepted.cost - price(accepted.ids)
-        rivals = tuple(
+        alternatives = tuple(
             f
             for f in _of_size(refitted, len(accepted.values))
-            if f is not accepted and f.cost - price(f.ids) - best_bare < RIVAL
+            if f is not accepted and f.cost - price(f.ids) - best_bare < CONFOUNDED
         )
-    return Found(null, accepted, rivals, tuple(singles), refitted, null.cost)
+    return Found(null, accepted, alternatives, tuple(singles), refitted, null.cost)
 
 
 def _of_size(refitted: Mapping[frozenset[str], Fit], size: int) -> list[Fit]:
@@ -152,7 +152,7 @@ def _of_size(refitted: Mapping[frozenset[str], Fit], size: int) -> list[Fit]:
 def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit:
     """One effect's linear estimate from nothing, the gust re-estimated."""
     columns = [c[None] for c in problem.effect_columns(term, {}, base)]
-    x, inverse, gust, cost = problem.solve(base, columns, problem.allowed_columns({}, base), null.gust, 3)
+    x, inverse, gust, cost = problem.solve(base, columns, problem.nuisance_columns({}, base), null.gust, 3)
     cost += term.price
     value = min(max(float(x[0]), term.low), term.high)
     if value != float(x[0]) and term.low == 0:
@@ -163,8 +163,8 @@ def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit
 def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]) -> list[Start]:
     """Every pair by its linear drop, the largest first, with the drop and both values."""
     columns = [problem.effect_columns(t, {}, base) for t in terms]
-    allowed = problem.allowed_columns({}, base)
-    normal, right = _projected(problem, base, columns, allowed, null.gust)
+    nuisances = problem.nuisance_columns({}, base)
+    normal, right = _projected(problem, base, columns, nuisances, null.gust)
     found: list[Start] = []
     for i, j in itertools.combinations(range(len(terms)), 2):
         pick = np.array([i, j])
@@ -179,13 +179,13 @@ def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]
 
 
 def _projected(
-    problem: Problem, y: list[Array], columns: list[list[Array]], allowed: list[Array], gust: Sequence[float]
+    problem: Problem, y: list[Array], columns: list[list[Array]], nuisances: list[Array], gust: Sequence[float]
 ) -> tuple[Array, Array]:
     """Normal equations of effects with what is allowed for taken out."""
-    e, a = len(columns), len(allowed[0])
+    e, a = len(columns), len(nuisances[0])
     whole, right = np.zeros((e + a, e + a)), np.zeros(e + a)
     for k, data in enumerate(y):
-        stacked = np.concatenate([np.stack([c[k] for c in columns]), allowed[k]])
+        stacked = np.concatenate([np.stack([c[k] for c in columns]), nuisances[k]])
         weighted = stacked * (problem.counts[k] / (1 + gust[k] ** 2 * problem.shares[k]))
         whole += weighted @ stacked.T
         right -= weighted @ data
@@ -200,8 +200,8 @@ def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[Start
     own = [problem.effect_columns(BY_ID[i], about.values, here) for i in about.values]
     others = [t for t in terms if t.id not in about.values]
     columns = [problem.effect_columns(t, about.values, here) for t in others]
-    allowed = problem.allowed_columns(about.values, here)
-    normal, right = _projected(problem, here, own + columns, allowed, about.gust)
+    nuisances = problem.nuisance_columns(about.values, here)
+    normal, right = _projected(problem, here, own + columns, nuisances, about.gust)
     m = len(own)
     found: list[Start] = []
     for j in range(len(others)):

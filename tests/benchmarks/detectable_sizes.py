@@ -80,9 +80,9 @@ def main() -> None:
     for term in EFFECTS:
         if any(term.id in sizes for sizes in columns.values()):
             cells = [cell(sizes.get(term.id), term.shown) for sizes in columns.values()]
-            rival = next((s[term.id].rival for s in reversed(columns.values()) if term.id in s), "")
+            alternative = next((s[term.id].alternative for s in reversed(columns.values()) if term.id in s), "")
             unit = "" if term.shown == "1" else term.shown
-            print(f"| {term.id} | {unit} | " + " | ".join(cells) + f" | {rival} |")
+            print(f"| {term.id} | {unit} | " + " | ".join(cells) + f" | {alternative} |")
 
 
 if __name__ == "__main__":

@@ -235,8 +235,8 @@ def _outside(case: Case, name: str, truth):
     if name == "az":
         return o.get("az_tone", 0.0) * G0 * np.sin(2 * np.pi * 1.3 * truth["time"] + case.seed)
     if name == "alpha_vane":
-        away = truth[name] - truth[name].mean()
-        return o.get("vane_quadratic", 0.0) * away**2
+        deviation = truth[name] - truth[name].mean()
+        return o.get("vane_quadratic", 0.0) * deviation**2
     return np.zeros(len(truth["time"]))
 
 
@@ -273,8 +273,8 @@ def score(case: Case, d: Diagnosis) -> str:
     if names == true:
         if d.verdict == "unexplained":
             return "suspect"
-        return "group" if any(e.rivals for e in d.effects) else "exact"
-    possible = names | {r for e in d.effects for r in e.rivals}
+        return "group" if any(e.alternatives for e in d.effects) else "exact"
+    possible = names | {r for e in d.effects for r in e.alternatives}
     if len(names) == len(true) and true <= possible and d.verdict != "unexplained":
         return "group"
     if not names:

@@ -99,10 +99,10 @@ def confusion(found: Sequence[tuple[Case, Diagnosis]]) -> str:
     held: dict[str, list[bool]] = defaultdict(list)
     for case, d in found:
         key = " + ".join(case.effects) or " ".join(f"{n} {v:g}" for n, v in case.outside.items()) or "nothing"
-        told = score(case, d)
-        if told not in ("exact", "clean", "unexplained"):
-            told += " {" + ", ".join(" = ".join((e.term.id, *e.rivals)) for e in d.effects) + "}"
-        rows[key].append(told)
+        reported = score(case, d)
+        if reported not in ("exact", "clean", "unexplained"):
+            reported += " {" + ", ".join(" = ".join((e.term.id, *e.alternatives)) for e in d.effects) + "}"
+        rows[key].append(reported)
         for name, inside, _ in covered(case, d):
             held[name].append(inside)
     lines = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from blind import DEG, FT, SIGMAS, Case, covered, diagnosed, planted, score
 
-from station.diagnosis.backlash import straightened
+from station.diagnosis.backlash import linearised
 from station.diagnosis.effects import extended
 from station.profile import Flight, load_aircraft
 from station.simulation import Simulation
@@ -38,7 +38,7 @@ def test_a_bent_sensor_is_flown_and_straightened(bend):
 
     shown = Installed(Ramp(), aircraft).advance(101)["elevator"]
     assert shown[-1] == pytest.approx(10 * DEG * (1 + bend))
-    np.testing.assert_allclose(straightened(shown, aircraft.instruments["elevator"].cubic), ramp, atol=1e-12)
+    np.testing.assert_allclose(linearised(shown, aircraft.instruments["elevator"].cubic), ramp, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,6 @@ def test_a_bent_sensor_is_flown_and_straightened(bend):
 def test_each_is_found_or_grouped_with_what_it_resembles(seed, sigma, name, sign):
     case = Case(seed=seed, sigma=sigma, effects={name: planted(name, 2.5, sigma, sign)})
     d = diagnosed(case)
-    assert score(case, d) in ("exact", "group"), [(e.term.id, e.value, e.rivals) for e in d.effects]
+    assert score(case, d) in ("exact", "group"), [(e.term.id, e.value, e.alternatives) for e in d.effects]
     for _, inside, z in covered(case, d):
         assert inside or abs(z) < 3

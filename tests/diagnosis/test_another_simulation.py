@@ -26,7 +26,7 @@ def diagnosed(case: Case, folder: Path) -> Diagnosis:
 @pytest.mark.parametrize("sigma", [0.0, 1.5])
 def test_nothing_is_found_where_nothing_is_hidden(sigma: float, tmp_path: Path) -> None:
     found = diagnosed(Case(seed=1, sigma=sigma), tmp_path)
-    assert found.verdict == "no_effect", (found.effects, found.leftover)
+    assert found.verdict == "no_effect", (found.effects, found.remaining)
 
 
 def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_mended(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from station.diagnosis.fit import Problem
 from station.diagnosis.procedure import diagnosis_of
 
 
-def told(cases: Sequence[Case]) -> list[str]:
+def reported(cases: Sequence[Case]) -> list[str]:
     """Scores, printed by case."""
     found = [(c, diagnosed(c)) for c in cases]
     print(confusion(found))
@@ -40,7 +40,7 @@ def test_a_clean_flight_shows_nothing(sigma):
 def test_a_single_effect_is_named_and_its_interval_holds_it(seed, sigma, name, sign):
     case = Case(seed=seed, sigma=sigma, effects={name: sign * 2.5 * size(name, sigma)})
     d = diagnosed(case)
-    assert score(case, d) in ("exact", "group"), [(e.term.id, e.value, e.rivals) for e in d.effects]
+    assert score(case, d) in ("exact", "group"), [(e.term.id, e.value, e.alternatives) for e in d.effects]
     for _, inside, z in covered(case, d):
         assert inside or abs(z) < 3
 
@@ -54,7 +54,7 @@ def test_two_effects_at_once_are_both_named():
 def test_what_the_catalogue_does_not_have_is_unexplained(outside):
     d = diagnosed(Case(seed=931, sigma=SIGMAS[0], outside=outside))
     assert d.verdict == "unexplained"
-    assert set(d.leftover.signals) & {"q", "theta", "elevator"}
+    assert set(d.remaining.signals) & {"q", "theta", "elevator"}
 
 
 @pytest.mark.parametrize("factor", [1.5])
@@ -80,7 +80,7 @@ def test_detectable_sizes_are_those_that_are_found():
 
 @pytest.mark.slow
 def test_matrix_of_clean_flights():
-    assert told(clean(200)).count("clean") >= 0.99 * 200
+    assert reported(clean(200)).count("clean") >= 0.99 * 200
 
 
 @pytest.mark.slow
@@ -97,33 +97,33 @@ def test_matrix_of_single_effects_at_twice_their_detectable_size():
 @pytest.mark.slow
 def test_matrix_of_single_effects_at_half_their_detectable_size():
     # Most are too small to be found: what is named nevertheless must be true.
-    scores = told(singles(3, 0.5))
+    scores = reported(singles(3, 0.5))
     assert scores.count("wrong") + scores.count("companion") + scores.count("left over") <= 0.03 * len(scores)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [1.5, 0.7])
 def test_matrix_with_noise_other_than_stated(noise):
-    assert told(clean(30, noise)).count("clean") >= 29
-    scores = told(singles(1, 2.5, noise))
+    assert reported(clean(30, noise)).count("clean") >= 29
+    scores = reported(singles(1, 2.5, noise))
     assert scores.count("exact") + scores.count("group") >= 0.94 * len(scores)
 
 
 @pytest.mark.slow
 def test_matrix_of_pairs():
-    scores = told(pairs(60))
+    scores = reported(pairs(60))
     assert scores.count("exact") + scores.count("group") >= 0.92 * len(scores)
 
 
 @pytest.mark.slow
 def test_matrix_outside_the_catalogue():
-    scores = told(outside(80))
+    scores = reported(outside(80))
     assert scores.count("unexplained") >= 0.95 * len(scores)
 
 
 @pytest.mark.slow
 def test_matrix_of_large_effects():
-    scores = told(large(60))
+    scores = reported(large(60))
     assert scores.count("companion") <= 0.03 * len(scores)
 
 

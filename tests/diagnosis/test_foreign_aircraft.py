@@ -48,8 +48,8 @@ def test_what_is_allowed_for_beside_a_shifted_cg_is_of_the_profile():
     problem = Problem(prepared(Case(seed=12, fit_on=("doublets",)))[0], aircraft())
     values = {"cg.shift": 0.15}
     here = problem.at(values)
-    columns = problem.allowed_columns(values, here)[0]
-    k = [a.name for a in problem.allowed].index("Cm_alpha")
+    columns = problem.nuisance_columns(values, here)[0]
+    k = [a.name for a in problem.nuisances].index("Cm_alpha")
     moved = np.zeros(columns.shape[0])
     moved[k] = 1.0
     there = problem.complete(Fit(values, {}, moved, (0.0,), 0.0))
@@ -87,10 +87,10 @@ def test_matrix_of_a_foreign_aircraft(name):
                 if j % 3 == i and physical and effect != "boom.mode":
                     value = planted(effect, size, -1 if j % 2 else 1)
                     singles.append(Case(seed=SEED + 100 + j, sigma=sigma, effects={effect: value}, fit_on=KINDS))
-        told = [(case, diagnosed(case)) for case in (*clean, *singles)]
+        reported = [(case, diagnosed(case)) for case in (*clean, *singles)]
     print(name)
-    print(confusion(told))
-    scores = Counter(score(case, d) for case, d in told)
+    print(confusion(reported))
+    scores = Counter(score(case, d) for case, d in reported)
     assert scores["clean"] >= len(clean) - 1
     # 91 % of 99 flights were counted; two standard deviations of some thirty below that.
     assert scores["exact"] + scores["group"] >= 0.8 * len(singles)

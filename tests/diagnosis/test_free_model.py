@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from blind import DEG, Case, aircraft, prepared
 
-from station.diagnosis.doubt import in_doubt
-from station.diagnosis.effects import EFFECTS, allowances, derivative, extended
+from station.diagnosis.effects import EFFECTS, derivative, extended, nuisance_priors
 from station.diagnosis.fit import Problem, moved_by, whitened
-from station.diagnosis.model_doubt import structures
-from station.diagnosis.nonlinearity import Bent, bends
-from station.diagnosis.reference import heard_through, spread
+from station.diagnosis.model_error import structures
+from station.diagnosis.model_error_search import with_model_error
+from station.diagnosis.nonlinearity import Nonlinear, nonlinear_priors
+from station.diagnosis.reference import spread, with_noise_through
 from station.diagnosis.residuals import LIFT
 
 
@@ -26,9 +26,9 @@ def test_curves_follow_a_table_that_no_cubic_follows():
     table = np.interp(alpha / DEG, [0, 2, 4, 6, 8], [0.44, 0.58, 0.75, 0.81, 0.95])
     cubic = np.vander(alpha / DEG - 4, 4)
     columns = []
-    for a in bends(aircraft(), [alpha], [0.1 * alpha]):
+    for a in nonlinear_priors(aircraft(), [alpha], [0.1 * alpha]):
         moved = a.extend(aircraft(), a.sd)
-        assert isinstance(moved, Bent)
+        assert isinstance(moved, Nonlinear)
         if moved.lift:
             columns.append(moved.more_lift(alpha))
 
@@ -41,20 +41,20 @@ def test_curves_follow_a_table_that_no_cubic_follows():
 
 
 def test_straight_lines_touch_what_is_moved_where_they_are_taken(manoeuvre):
-    allowed = allowances(aircraft())
-    moved = np.linspace(-1.5, 1.5, len(allowed))
-    problem = Problem([manoeuvre], aircraft(), allowed, moved)
-    shift = extended(moved_by(aircraft(), allowed, moved), {"alpha_vane.delay": 0.02})
+    nuisances = nuisance_priors(aircraft())
+    moved = np.linspace(-1.5, 1.5, len(nuisances))
+    problem = Problem([manoeuvre], aircraft(), nuisances, moved)
+    shift = extended(moved_by(aircraft(), nuisances, moved), {"alpha_vane.delay": 0.02})
     there = whitened(manoeuvre, manoeuvre.differences(shift))
     values = {"alpha_vane.delay": 0.02}
-    columns = problem.allowed_columns(values, problem.at(values))[0][: len(allowed)]
+    columns = problem.nuisance_columns(values, problem.at(values))[0][: len(nuisances)]
     np.testing.assert_allclose(problem.at(values)[0] + moved @ columns, there, atol=1e-6 * np.abs(there).max())
     # And the line has the slope that the curve has there, for what multiplies too.
-    k = next(i for i, a in enumerate(allowed) if a.name == "CL_alpha")
-    step = 1e-3 * np.eye(len(allowed))[k]
-    ahead = whitened(manoeuvre, manoeuvre.differences(moved_by(aircraft(), allowed, moved + step)))
-    here = whitened(manoeuvre, manoeuvre.differences(moved_by(aircraft(), allowed, moved)))
-    slope = problem.allowed_columns({}, problem.at({}))[0][k]
+    k = next(i for i, a in enumerate(nuisances) if a.name == "CL_alpha")
+    step = 1e-3 * np.eye(len(nuisances))[k]
+    ahead = whitened(manoeuvre, manoeuvre.differences(moved_by(aircraft(), nuisances, moved + step)))
+    here = whitened(manoeuvre, manoeuvre.differences(moved_by(aircraft(), nuisances, moved)))
+    slope = problem.nuisance_columns({}, problem.at({}))[0][k]
     np.testing.assert_allclose(slope, (ahead - here) / 1e-3, atol=1e-3 * np.abs(slope).max())
 
 
@@ -64,9 +64,9 @@ def test_noise_passes_through_the_lift_that_is_found(manoeuvre):
     def lift(r):
         return float(spread(r.bins)[0][:, row, row].real.sum())
 
-    assert lift(heard_through(manoeuvre, aircraft())) == pytest.approx(lift(manoeuvre), rel=1e-6)
+    assert lift(with_noise_through(manoeuvre, aircraft())) == pytest.approx(lift(manoeuvre), rel=1e-6)
     flat = derivative("CL_alpha", relative=True)(aircraft(), -0.9)
-    assert lift(heard_through(manoeuvre, flat)) < 0.9 * lift(manoeuvre)
+    assert lift(with_noise_through(manoeuvre, flat)) < 0.9 * lift(manoeuvre)
 
 
 def test_the_classical_structure_has_the_same_steady_lift():
@@ -79,5 +79,5 @@ def test_the_classical_structure_has_the_same_steady_lift():
 
 def test_the_noise_of_the_airspeed_is_no_dependence_of_lift_on_speed():
     references, _ = prepared(Case(seed=983))
-    found = in_doubt(references, aircraft(), EFFECTS, lambda _: None)
+    found = with_model_error(references, aircraft(), EFFECTS, lambda _: None)
     assert [p.term.id for p in found.parts] == []

@@ -11,7 +11,7 @@ from jsbsim_flights import flown, profile
 from station.diagnosis.noise_levels import Flights
 from station.diagnosis.procedure import Diagnosis, diagnosis_of
 from station.diagnosis.reference import fly, reference
-from station.diagnosis.search import RIVAL
+from station.diagnosis.search import CONFOUNDED
 
 TWO_SPEEDS = (("doublets", 100.0), ("3-2-1-1", 125.0))
 PLANTED = (
@@ -37,7 +37,7 @@ def diagnosed(case: Case, card=TWO_SPEEDS) -> Diagnosis:
 
 def named(d: Diagnosis) -> dict[str, tuple[str, ...]]:
     """What is named that is not the aircraft's model, and its rivals."""
-    return {e.term.id: e.rivals for e in d.effects if not e.term.aerodynamic}
+    return {e.term.id: e.alternatives for e in d.effects if not e.term.aerodynamic}
 
 
 def score(case: Case, d: Diagnosis) -> str:
@@ -48,7 +48,7 @@ def score(case: Case, d: Diagnosis) -> str:
         return "group" if any(found.values()) else "alone"
     if not found:
         return "none"
-    possible = set(found) | {r for rivals in found.values() for r in rivals}
+    possible = set(found) | {r for alternatives in found.values() for r in alternatives}
     return "companion" if true < set(found) else "group" if true <= possible and len(found) == 1 else "wrong"
 
 
@@ -88,7 +88,7 @@ def test_two_speeds_tell_a_delay_from_a_position():
         d = diagnosed(case)
         assert score(case, d) == "alone"
         cost = {f.ids[0]: f.cost for f in d.found.singles}
-        assert cost[other] - cost[true] > RIVAL
+        assert cost[other] - cost[true] > CONFOUNDED
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from blind import Case, aircraft, prepared
 
 from station.diagnosis.fit import INDEPENDENT, Problem
 from station.diagnosis.judge import LEVEL_DOF, _log_p
-from station.diagnosis.procedure import SD_FACTOR, sure
+from station.diagnosis.procedure import SD_FACTOR, significant
 
 NAME = "aero.downwash_lag"
 """Its slope is the rate of the flow angle, much of which is noise in calm air."""
@@ -22,7 +22,7 @@ def test_noise_in_the_slopes_draws_no_value():
         case = Case(seed=661, effects={NAME: sign * planted}, fit_on=("multisine",))
         problem = Problem(prepared(case)[0], aircraft())
         fit = problem.refit((NAME,), {}, problem.null().gust)
-        better = problem.undiluted(fit)
+        better = problem.noise_corrected(fit)
         plain.append(sign * fit.values[NAME])
         found.append(sign * better.values[NAME])
         sds.append(better.sds[NAME])
@@ -37,9 +37,9 @@ def test_leftovers_are_as_unlikely_as_told_with_an_estimated_level(count):
     shape = count * INDEPENDENT
     level = rng.chisquare(LEVEL_DOF, 20000) / LEVEL_DOF
     totals = rng.gamma(shape, 1 / INDEPENDENT, 20000) / level
-    told = np.exp([_log_p(float(t), count) for t in totals])
+    reported = np.exp([_log_p(float(t), count) for t in totals])
     for chance in (0.5, 0.01):
-        assert np.mean(told < chance) == pytest.approx(chance, abs=4 * np.sqrt(chance / 20000))
+        assert np.mean(reported < chance) == pytest.approx(chance, abs=4 * np.sqrt(chance / 20000))
 
 
 def test_an_effect_that_is_not_there_is_not_kept_beside_one_that_is():
@@ -47,8 +47,8 @@ def test_an_effect_that_is_not_there_is_not_kept_beside_one_that_is():
     problem = Problem(made, aircraft())
     both = problem.refit(("aero.downwash_lag", "alpha_vane.delay"), {}, [r.gust_guess for r in made])
     assert set(both.values) == {"aero.downwash_lag", "alpha_vane.delay"}
-    kept = sure(problem, both)
+    kept = significant(problem, both)
     assert set(kept.values) == {"alpha_vane.delay"}
     nothing, _ = prepared(Case(seed=4))
     clean = Problem(nothing, aircraft())
-    assert sure(clean, clean.refit(("q.scale",), {}, [r.gust_guess for r in nothing])).values == {}
+    assert significant(clean, clean.refit(("q.scale",), {}, [r.gust_guess for r in nothing])).values == {}

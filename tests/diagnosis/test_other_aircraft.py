@@ -155,4 +155,4 @@ def test_a_fast_jet(name: str, value: float, sigma: float) -> None:
     assert found.verdict in (("effect_found", "confounded") if name else ("no_effect",))
     for effect in found.effects:
         assert abs(effect.value - value) < 3 * effect.sd
-        assert math.isfinite(effect.drop)
+        assert math.isfinite(effect.reduction)

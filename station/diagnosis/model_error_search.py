@@ -15,27 +15,27 @@ import numpy as np
 
 from station.diagnosis.effects import BY_ID, DERIVATIVES, NEEDS_MEMORY, Term
 from station.diagnosis.fit import Fit, Problem, moved_by
-from station.diagnosis.model_doubt import (
+from station.diagnosis.model_error import (
     ABSENT,
-    BENT,
+    NONLINEAR,
     Complex,
     Freed,
     Part,
-    doubts,
     freed,
     incomplete,
+    model_error_priors,
     parts,
     structures,
 )
-from station.diagnosis.nonlinearity import bends
-from station.diagnosis.reference import CALM_BELOW, TURBULENT, Reference, Whitener, heard_through, spread
+from station.diagnosis.nonlinearity import nonlinear_priors
+from station.diagnosis.reference import CALM_BELOW, TURBULENT, Reference, Whitener, spread, with_noise_through
 from station.diagnosis.residuals import DOWN, DRAG, NORTH, SERIES, THETA, VANE, Memo, Spectra
-from station.diagnosis.search import RIVAL, Found, search
+from station.diagnosis.search import CONFOUNDED, Found, search
 from station.profile import Aircraft
 
 KINEMATIC: Final = (THETA, DOWN, NORTH, VANE)
 """Series in which instruments are compared with each other."""
-SUPPORT: Final = 9.0
+KINEMATIC_CHI2: Final = 9.0
 """chi2 of an effect, of the instruments among themselves, without which an instrument is no candidate."""
 APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""
@@ -57,7 +57,7 @@ GAINS: Final = (
     "mass.scale", "inertia.scale", "cg.shift", "aero.icing", "elevator.scale", "dynamic_pressure.scale",
 )  # fmt: skip
 """Effects that act as wrong derivatives do: no candidates where those are wrong or not known well."""
-SURE: Final = 0.15
+WELL_KNOWN: Final = 0.15
 """Standard deviation of a freed derivative, as a share of it, up to which it is known well."""
 ALIKE: Final = 0.2
 """Share of the model's motion that the measured one must be."""
@@ -67,12 +67,12 @@ MOST_MISSED: Final = 0.25
 """Share of what was measured of lift or moment that a model may miss and still be a model."""
 
 
-def judged_alone(reference: Reference) -> Reference:
+def kinematic_reference(reference: Reference) -> Reference:
     """The same manoeuvre with its series without aerodynamics only."""
     rows = np.array([i for i, j in enumerate(reference.setting.judged) if j in KINEMATIC])
     judged = tuple(reference.setting.judged[i] for i in rows)
     calm, turbulent = spread(reference.bins)
-    still, gusty = spread(reference.steady)
+    calm_steady, gusty = spread(reference.steady)
 
     def pick(m: Complex) -> Complex:
         return m[:, rows[:, None], rows]
@@ -82,18 +82,18 @@ def judged_alone(reference: Reference) -> Reference:
         setting=replace(reference.setting, judged=judged),
         mean=Spectra(reference.mean.bins[rows], reference.mean.steady[rows]),
         bins=Whitener.of(pick(calm), pick(turbulent)),
-        steady=Whitener.of(pick(still), pick(gusty)),
+        steady=Whitener.of(pick(calm_steady), pick(gusty)),
     )
 
 
-def alone(references: Sequence[Reference], aircraft: Aircraft) -> Problem:
+def kinematic_problem(references: Sequence[Reference], aircraft: Aircraft) -> Problem:
     """What the instruments say of each other, without aerodynamics."""
-    aerodynamic = {*DERIVATIVES, *ABSENT, *BENT, "CL_0", "Cm_0", "CD_0"}
-    own = tuple(a for a in doubts(aircraft, ())[0] if a.name not in aerodynamic)
-    return Problem([judged_alone(r) for r in references], aircraft, own)
+    aerodynamic = {*DERIVATIVES, *ABSENT, *NONLINEAR, "CL_0", "Cm_0", "CD_0"}
+    own = tuple(a for a in model_error_priors(aircraft, ())[0] if a.name not in aerodynamic)
+    return Problem([kinematic_reference(r) for r in references], aircraft, own)
 
 
-def supported(
+def kinematic_estimates(
     references: Sequence[Reference],
     problem: Problem,
     gust: Sequence[float],
@@ -107,28 +107,28 @@ def supported(
     shows, and an effect that goes with the motion would be seen in every gust. How large it shows is taken from the
     measured motion, which is not the model's: the simulation is the instrument of the regression."""
     quiet = [replace(r, record=replace(r.record, signals=r.nominal), memo=Memo()) for r in references]
-    motion = alone(quiet, problem.aircraft)
+    motion = kinematic_problem(quiet, problem.aircraft)
     y = problem.at(values)
-    still = motion.at({})
-    there = [motion.effect_columns(BY_ID[n], {}, still) for n in values]
-    allowed = [
+    at_nothing = motion.at({})
+    there = [motion.effect_columns(BY_ID[n], {}, at_nothing) for n in values]
+    nuisances = [
         np.concatenate([a, np.array([c[k] for c in there]).reshape(len(there), a.shape[1])])
-        for k, a in enumerate(motion.allowed_columns({}, still))
+        for k, a in enumerate(motion.nuisance_columns({}, at_nothing))
     ]
     weights = [c / (1 + g**2 * s) for c, s, g in zip(problem.counts, problem.shares, gust, strict=True)]
-    inner = np.diag([*np.ones(len(allowed[0]) - len(there)), *np.full(len(there), 1e-9)])
+    inner = np.diag([*np.ones(len(nuisances[0]) - len(there)), *np.full(len(there), 1e-9)])
     right = np.zeros(len(inner))
-    for a, w, data in zip(allowed, weights, y, strict=True):
+    for a, w, data in zip(nuisances, weights, y, strict=True):
         inner += (a * w) @ a.T
         right += (a * w) @ data
     out = {}
     for term in terms:
         if term.id.split(".")[0] not in INSTRUMENTS or term.id in values:
             continue
-        column, shown = motion.effect_columns(term, {}, still), problem.effect_columns(term, values, y)
+        column, shown = motion.effect_columns(term, {}, at_nothing), problem.effect_columns(term, values, y)
         cross, across = np.zeros(len(inner)), np.zeros(len(inner))
         own = both = slope = 0.0
-        for a, w, c, x, data in zip(allowed, weights, column, shown, y, strict=True):
+        for a, w, c, x, data in zip(nuisances, weights, column, shown, y, strict=True):
             cross += (a * w) @ c
             across += (a * w) @ x
             own += float((c * w) @ c)
@@ -142,7 +142,7 @@ def supported(
 
 
 @dataclass(frozen=True, slots=True)
-class Doubted:
+class WithModelError:
     """Outcome of a search with the model in doubt."""
 
     problem: Problem
@@ -151,7 +151,7 @@ class Doubted:
     """What of the model is wrong or lacking."""
     shares: Mapping[str, float]
     """What the model misses of lift, moment and drag, as a share of what was measured (root mean square)."""
-    support: Mapping[str, float]
+    kinematic_chi2: Mapping[str, float]
     """What the instruments among themselves say for each of their effects: chi2."""
 
     @property
@@ -159,51 +159,53 @@ class Doubted:
         return max((v for n, v in self.shares.items() if n != SERIES[DRAG]), default=0.0) > MOST_MISSED
 
 
-def in_doubt(
+def with_model_error(
     references: Sequence[Reference], aircraft: Aircraft, terms: Sequence[Term], progress: Callable[[str], None]
-) -> Doubted:
+) -> WithModelError:
     """Search with the model in doubt."""
     progress("what instruments say of each other")
-    without = alone(references, aircraft)
+    without = kinematic_problem(references, aircraft)
     gust = without.null().gust
     if all(g < CALM_BELOW * r.flights.sigma / TURBULENT for g, r in zip(gust, references, strict=True)):
         terms = [t for t in terms if not t.gust_only]  # a vane that nothing is said of looked like turbulence
-    said = supported(references, without, gust, terms, {})
-    support = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
+    kinematic = kinematic_estimates(references, without, gust, terms, {})
+    kinematic_chi2 = {n: (v / sd) ** 2 for n, (v, sd) in kinematic.items()}
     progress("freeing the model")
-    tried = [_free(references, a, terms, gust) for a in structures(aircraft)]
+    tried = [_freed_structure(references, a, terms, gust) for a in structures(aircraft)]
     references, named, model = min(tried, key=lambda t: t[2].cost)
-    problem, aircraft, allowed = model.problem, model.problem.aircraft, model.problem.allowed
+    problem, aircraft, nuisances = model.problem, model.problem.aircraft, model.problem.nuisances
     terms = [t for t in terms if _applies(t, aircraft)]
     wrong = parts(problem, problem.null(), named)
-    unsure = incomplete(aircraft) or any(a.sd > SURE for a in allowed if a.name in DERIVATIVES)
+    unsure = incomplete(aircraft) or any(a.sd > WELL_KNOWN for a in nuisances if a.name in DERIVATIVES)
     gains = GAINS if unsure or any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong) else ()
     gusty = any(r.setting.gusty for r in references)
-    others = [t for t in terms if t.id not in named and t.id not in gains and t.id not in said]
-    own = [t for t in terms if _candidate(t, aircraft, said, gusty)]
+    others = [t for t in terms if t.id not in named and t.id not in gains and t.id not in kinematic]
+    own = [t for t in terms if _candidate(t, aircraft, kinematic, gusty)]
     found = search(problem, [*others, *own], progress, ASKED)
     for _ in range(MOST_ROUNDS):
         accepted = found.accepted
         if not accepted.values:
             break
-        against = [n for n in accepted.values if n in said and _contradicted(accepted, n, said[n])]
-        against = against or _needless(references, without, gust, found)
-        instruments = {n: v for n, v in accepted.values.items() if n in said and n not in against}
-        beside = supported(references, without, gust, terms, instruments)
+        against = [n for n in accepted.values if n in kinematic and _contradicted(accepted, n, kinematic[n])]
+        against = against or _redundant(references, without, gust, found)
+        instruments = {n: v for n, v in accepted.values.items() if n in kinematic and n not in against}
+        beside = kinematic_estimates(references, without, gust, terms, instruments)
         more = [t for t in terms if t not in own and _candidate(t, aircraft, beside, False)]
-        said = {**said, **{t.id: beside[t.id] for t in more}}
+        kinematic = {**kinematic, **{t.id: beside[t.id] for t in more}}
         own = [t for t in [*own, *more] if t.id not in against]
         if not against:
             # What the model misses was found with these effects taken for a part of it.
-            model = freed(references, aircraft, allowed, gust, accepted.values, model.moved)
+            model = freed(references, aircraft, nuisances, gust, accepted.values, model.moved)
             problem = model.problem
         found = search(problem, [*others, *own], progress, ASKED)
         if set(found.accepted.values) == set(accepted.values):
             break
-    found = replace(found, rivals=(*found.rivals, *_unheard(problem, found, terms, said)))
+    found = replace(
+        found, alternatives=(*found.alternatives, *_kinematic_alternatives(problem, found, terms, kinematic))
+    )
     wrong = parts(problem, found.accepted, named)
-    found = replace(found, accepted=_valued(references, without, gust, problem, found.accepted))
-    return Doubted(problem, found, wrong, model.shares, support)
+    found = replace(found, accepted=_with_kinematic_values(references, without, gust, problem, found.accepted))
+    return WithModelError(problem, found, wrong, model.shares, kinematic_chi2)
 
 
 def of_vane(name: str) -> bool:
@@ -211,29 +213,29 @@ def of_vane(name: str) -> bool:
     return name.startswith(("alpha_vane.", "boom."))
 
 
-def _beside(
+def _kinematic_estimate(
     references: Sequence[Reference], problem: Problem, gust: Sequence[float], values: Mapping[str, float], name: str
 ) -> tuple[float, float]:
     """What the instruments among themselves say of an effect with the other `values` there, those as large as it
     takes."""
     others = {n: v for n, v in values.items() if n != name and n.split(".")[0] in INSTRUMENTS}
-    return supported(references, problem, gust, [BY_ID[name]], others).get(name, (0.0, math.inf))
+    return kinematic_estimates(references, problem, gust, [BY_ID[name]], others).get(name, (0.0, math.inf))
 
 
-def _needless(references: Sequence[Reference], problem: Problem, gust: Sequence[float], found: Found) -> list[str]:
+def _redundant(references: Sequence[Reference], problem: Problem, gust: Sequence[float], found: Found) -> list[str]:
     """Of several effects at the vane that one which the instruments among themselves can do without beside the others,
     and which explains least alone: what the model misses is also shaped like a little of each."""
     values = found.accepted.values
     vane = [n for n in values if of_vane(n)]
     if len(vane) < 2:
         return []
-    said = {n: _beside(references, problem, gust, values, n) for n in vane}
-    alone = {f.ids[0]: f.cost for f in found.singles}
-    needless = [n for n in vane if (said[n][0] / said[n][1]) ** 2 < SUPPORT]
-    return [max(needless, key=lambda n: alone.get(n, math.inf))] if needless else []
+    kinematic = {n: _kinematic_estimate(references, problem, gust, values, n) for n in vane}
+    costs = {f.ids[0]: f.cost for f in found.singles}
+    redundant = [n for n in vane if (kinematic[n][0] / kinematic[n][1]) ** 2 < KINEMATIC_CHI2]
+    return [max(redundant, key=lambda n: costs.get(n, math.inf))] if redundant else []
 
 
-def _valued(
+def _with_kinematic_values(
     references: Sequence[Reference], without: Problem, gust: Sequence[float], problem: Problem, accepted: Fit
 ) -> Fit:
     """The effects with the values that instruments tell among themselves, where they can; elsewhere as sure as a value
@@ -242,8 +244,8 @@ def _valued(
     for name in accepted.values:
         if name.split(".")[0] not in INSTRUMENTS:
             continue
-        value, sd = _beside(references, without, gust, accepted.values, name)
-        if (value / sd) ** 2 >= SUPPORT:
+        value, sd = _kinematic_estimate(references, without, gust, accepted.values, name)
+        if (value / sd) ** 2 >= KINEMATIC_CHI2:
             values[name], sds[name] = value, sd
         else:
             leans = LEANS if name in LIKE_SLOPE else 0.5 * LEANS
@@ -254,26 +256,26 @@ def _valued(
     return Fit(values, sds, fit.moved, fit.gust, accepted.cost)
 
 
-def _free(
+def _freed_structure(
     references: Sequence[Reference], aircraft: Aircraft, terms: Sequence[Term], gust: Sequence[float]
 ) -> tuple[list[Reference], dict[str, Term], Freed]:
     """Manoeuvres with one structure of the model free, their noise as it passes through that, and the terms by
     allowance."""
-    allowed, named = doubts(aircraft, [t for t in terms if _applies(t, aircraft)])
+    nuisances, named = model_error_priors(aircraft, [t for t in terms if _applies(t, aircraft)])
     angles = [r.flow_angle(aircraft) for r in references]
-    allowed += bends(aircraft, angles, [r.record.signals["elevator"] for r in references])
-    first = freed(references, aircraft, allowed, gust, {})
-    moved = moved_by(aircraft, allowed, first.moved)
-    heard = [heard_through(r, moved) for r in references]
-    return heard, named, freed(heard, aircraft, allowed, gust, {}, first.moved)
+    nuisances += nonlinear_priors(aircraft, angles, [r.record.signals["elevator"] for r in references])
+    first = freed(references, aircraft, nuisances, gust, {})
+    moved = moved_by(aircraft, nuisances, first.moved)
+    heard = [with_noise_through(r, moved) for r in references]
+    return heard, named, freed(heard, aircraft, nuisances, gust, {}, first.moved)
 
 
 def _applies(term: Term, aircraft: Aircraft) -> bool:
     return aircraft.unsteady.memory or term.id not in NEEDS_MEMORY
 
 
-def _unheard(
-    problem: Problem, found: Found, terms: Sequence[Term], said: Mapping[str, tuple[float, float]]
+def _kinematic_alternatives(
+    problem: Problem, found: Found, terms: Sequence[Term], kinematic: Mapping[str, tuple[float, float]]
 ) -> list[Fit]:
     """What could stand in place of an effect named, were the instruments among themselves not too unsure of it to name
     it first."""
@@ -283,34 +285,34 @@ def _unheard(
         kept = {n: v for n, v in accepted.values.items() if n != name}
         for term in terms:
             ids = frozenset({*kept, term.id})
-            if term.id not in said or term.id in accepted.values or ids in found.refitted:
+            if term.id not in kinematic or term.id in accepted.values or ids in found.refitted:
                 continue
-            value, sd = said[term.id]
+            value, sd = kinematic[term.id]
             if not math.isfinite(sd):
                 continue
             fit = problem.refit(tuple(ids), {**kept, term.id: value}, accepted.gust)
-            if fit.cost < accepted.cost + RIVAL and not _contradicted(fit, term.id, said[term.id]):
+            if fit.cost < accepted.cost + CONFOUNDED and not _contradicted(fit, term.id, kinematic[term.id]):
                 out.append(fit)
     return out
 
 
-def _contradicted(fit: Fit, name: str, said: tuple[float, float]) -> bool:
+def _contradicted(fit: Fit, name: str, kinematic: tuple[float, float]) -> bool:
     """Whether the value that the model asks for is not the one that the instruments say, or too unsure without them."""
-    value, sd = said
+    value, sd = kinematic
     found, own = fit.values[name], fit.sds[name]
-    if (value / sd) ** 2 < SUPPORT and (found / own) ** 2 < UNSUPPORTED:
+    if (value / sd) ** 2 < KINEMATIC_CHI2 and (found / own) ** 2 < UNSUPPORTED:
         return True
     return abs(found - value) > APART * math.hypot(sd, own) + LEANS * abs(value)
 
 
-def _candidate(term: Term, aircraft: Aircraft, said: Mapping[str, tuple[float, float]], gusty: bool) -> bool:
+def _candidate(term: Term, aircraft: Aircraft, kinematic: Mapping[str, tuple[float, float]], gusty: bool) -> bool:
     """Whether the instruments say so of an effect, and of no other much more."""
-    if term.id not in said:
+    if term.id not in kinematic:
         return False
     if term.id.split(".")[0] in ("alpha_vane", "boom"):
         if aircraft.boom is None:
             return False  # nothing was said that could be wrong
         if gusty and term.id in HIDDEN:
             return True
-    strength = {n: (v / sd) ** 2 for n, (v, sd) in said.items()}
-    return strength[term.id] >= max(SUPPORT, NEXT * max(strength.values()))
+    strength = {n: (v / sd) ** 2 for n, (v, sd) in kinematic.items()}
+    return strength[term.id] >= max(KINEMATIC_CHI2, NEXT * max(strength.values()))

@@ -23,7 +23,7 @@ def test_an_accelerometers_scale_is_not_told_from_the_lift_slope_without_a_veloc
         made.append(reference(replace(record, signals=kept), profile))
     found = {e.term.id: e for e in diagnosis_of(made, [], profile).effects}
     assert found["accelerometer.scale"].value == pytest.approx(0.12, abs=0.03)
-    assert set(UNWITNESSED["accelerometer.scale"]) <= set(found["accelerometer.scale"].rivals)
+    assert set(UNWITNESSED["accelerometer.scale"]) <= set(found["accelerometer.scale"].alternatives)
 
 
 def minus_log_likelihood(u, y, share, counts):

@@ -18,18 +18,18 @@ from numpy.typing import NDArray
 from station.diagnosis.effects import (
     BY_ID,
     DERIVATIVES,
-    Allowance,
+    Nuisance,
     Term,
-    allowances,
     bias,
     boom,
     delay,
     derivative,
     extended,
+    nuisance_priors,
     unsteady,
 )  # fmt: skip
 from station.diagnosis.fit import Fit, Problem, moved_by
-from station.diagnosis.nonlinearity import Bent
+from station.diagnosis.nonlinearity import Nonlinear
 from station.diagnosis.reference import Reference, Whitener, spread
 from station.diagnosis.residuals import DRAG, LIFT, MOMENT, SERIES, Spectra
 from station.profile import Aircraft
@@ -37,7 +37,7 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-LOOSER: Final = 3.0
+WIDENING: Final = 3.0
 """Standard deviations of the derivatives, over those stated."""
 TRIM: Final[Mapping[str, float]] = {"CL_0": 0.2, "Cm_0": 0.1, "CD_0": 0.05}
 """Standard deviations of what says where the aircraft trims: next to nothing is known of it."""
@@ -48,7 +48,7 @@ LEAST_CHANGE: Final = 2.0
 BEYOND: Final = 3.5
 """The same, with the model's structure not in doubt, within the price that they put on it."""
 GYRO: Final = "q bias"
-GYRO_ZERO: Final = Term(
+GYRO_BIAS: Final = Term(
     "q.bias", "q", 0, "rad/s", "deg/s", -0.2, 0.2, 1e-3, "The gyro's zero is off by {value}.",
     "the gyro at rest on the ground", bias("q"),
 )  # fmt: skip
@@ -70,18 +70,18 @@ FROZEN: Final = 0.02
 acts near the CG."""
 ABSENT: Final[dict[str, float]] = {"Cm_alpha": 1.0, "Cm_q": 15.0, "Cm_de": 1.0, "CL_alpha": 5.0}
 """The same of derivatives that a profile does not have at all."""
-BENT: Final[dict[str, float]] = {"CL_alpha3": 150.0, "Cm_alpha2": 5.0, "Cm_alpha3": 50.0}
+NONLINEAR: Final[dict[str, float]] = {"CL_alpha3": 150.0, "Cm_alpha2": 5.0, "Cm_alpha3": 50.0}
 """The same of what bends lift and moment beside aero.alpha_squared: tables do not follow a parabola."""
 TAIL: Final = (
-    Allowance("tail lift slope", 0.4, unsteady("tail_lift_slope")),
-    Allowance("downwash", 0.2, unsteady("downwash")),
+    Nuisance("tail lift slope", 0.4, unsteady("tail_lift_slope")),
+    Nuisance("downwash", 0.2, unsteady("downwash")),
 )
 """How lift and moment are shared between wing and tail, which meet motion and gusts at different times."""
 UNSTATED: Final = (
-    Allowance("vane position", 8.0, boom("vane_x")),
-    Allowance("vane upwash", 0.15, boom("upwash_body")),
-    Allowance("vane latency", 0.1, delay("alpha_vane")),
-    Allowance("vane zero", math.radians(1.0), bias("alpha_vane")),
+    Nuisance("vane position", 8.0, boom("vane_x")),
+    Nuisance("vane upwash", 0.15, boom("upwash_body")),
+    Nuisance("vane latency", 0.1, delay("alpha_vane")),
+    Nuisance("vane zero", math.radians(1.0), bias("alpha_vane")),
 )
 """Of a vane that the profile says nothing about: where it is, what the body does to the flow there, how late it is."""
 
@@ -99,7 +99,7 @@ class Part:
     term: Term
     value: float
     sd: float
-    drop: float
+    reduction: float
 
 
 def incomplete(aircraft: Aircraft) -> bool:
@@ -107,24 +107,24 @@ def incomplete(aircraft: Aircraft) -> bool:
     return aircraft.boom is None or not all(aircraft.value(name) for name in DERIVATIVES)
 
 
-def doubts(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple[Allowance, ...], dict[str, Term]]:
+def model_error_priors(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple[Nuisance, ...], dict[str, Term]]:
     """What is allowed for where the model is in doubt, and the terms, by allowance, that name what was moved."""
     named: dict[str, Term] = {}
-    out: list[Allowance] = []
-    for a in allowances(aircraft):
+    out: list[Nuisance] = []
+    for a in nuisance_priors(aircraft):
         if a.name in DERIVATIVES:
-            out.append(replace(a, sd=LOOSER * a.sd))
+            out.append(replace(a, sd=WIDENING * a.sd))
             named[a.name] = _derivative_term(a.name, aircraft)
         else:
             out.append(replace(a, sd=TRIM.get(a.name, a.sd)))
-    for name, sd in (ABSENT | BENT).items():
+    for name, sd in (ABSENT | NONLINEAR).items():
         if not aircraft.value(name):
-            out.append(Allowance(name, sd, derivative(name), True))
+            out.append(Nuisance(name, sd, derivative(name), True))
             named[name] = _derivative_term(name, aircraft)
     for term in terms:
         if term.id in LOOSE:
             sd = FROZEN if term.id == "gust.lead" and aircraft.boom is not None else LOOSE[term.id]
-            out.append(Allowance(term.id, sd, term.extend))
+            out.append(Nuisance(term.id, sd, term.extend))
             named[term.id] = term
     if aircraft.unsteady.memory:
         out += TAIL
@@ -145,7 +145,7 @@ def _derivative_term(name: str, aircraft: Aircraft) -> Term:
                 "a multisine in calm air", derivative(name, relative=True), aerodynamic=True)  # fmt: skip
 
 
-def still(aircraft: Aircraft) -> Aircraft:
+def with_constant_forces(aircraft: Aircraft) -> Aircraft:
     """An aircraft whose forces do not change: what is left against it is all of what was measured."""
     gone = {n: d.model_copy(update={"value": 0.0}) for n, d in aircraft.derivatives.items() if not n.endswith("_0")}
     drag = aircraft.drag and aircraft.drag.model_copy(update={"induced": 0.0})
@@ -164,7 +164,7 @@ def structures(aircraft: Aircraft) -> tuple[Aircraft, ...]:
     return aircraft, aircraft.model_copy(update={"unsteady": plain})
 
 
-def tolerant(
+def with_misfit_as_noise(
     reference: Reference, left: Spectra, whole: Spectra, gust: float
 ) -> tuple[Reference, dict[str, tuple[float, float]]]:
     """The manoeuvre with what the model leaves in lift, moment and drag taken as noise; and by series the power of that
@@ -203,7 +203,7 @@ class Freed:
 
 
 def freed(
-    references: Sequence[Reference], aircraft: Aircraft, allowed: Sequence[Allowance], gust: Sequence[float],
+    references: Sequence[Reference], aircraft: Aircraft, nuisances: Sequence[Nuisance], gust: Sequence[float],
     values: Mapping[str, float], start: Array | None = None,
 ) -> Freed:  # fmt: skip
     """The model freed, and the noise of what it misses found from what it leaves, in turn.
@@ -211,20 +211,22 @@ def freed(
     `gust` as the instruments alone have it: a model in doubt would take its own errors for gusts. `values` are effects
     thought to be there. `start` is what was moved before."""
     subject = extended(aircraft, values)
-    whole = [r.differences(still(subject)) for r in references]
+    whole = [r.differences(with_constant_forces(subject)) for r in references]
     strength = tuple(gust)
-    moved = np.zeros(len(allowed) + len(references)) if start is None else start
+    moved = np.zeros(len(nuisances) + len(references)) if start is None else start
 
     def left() -> list[Spectra]:
-        there = extended(moved_by(aircraft, allowed, moved), values)
-        own = moved[len(allowed) :]
+        there = extended(moved_by(aircraft, nuisances, moved), values)
+        own = moved[len(nuisances) :]
         return [r.differences(there, float(x) * r.drift_sd) for x, r in zip(own, references, strict=True)]
 
     for _ in range(ROUNDS):
-        made = [tolerant(r, z, w, g) for r, z, w, g in zip(references, left(), whole, strength, strict=True)]
-        problem = Problem([m[0] for m in made], aircraft, allowed, moved[: len(allowed)])
+        made = [
+            with_misfit_as_noise(r, z, w, g) for r, z, w, g in zip(references, left(), whole, strength, strict=True)
+        ]
+        problem = Problem([m[0] for m in made], aircraft, nuisances, moved[: len(nuisances)])
         moved, cost = _on_the_way(problem, values, moved, problem.fixed(values, strength), strength)
-    problem = Problem([m[0] for m in made], aircraft, allowed, moved[: len(allowed)])
+    problem = Problem([m[0] for m in made], aircraft, nuisances, moved[: len(nuisances)])
     shares = {n: math.sqrt(sum(m[1][n][0] for m in made) / sum(m[1][n][1] for m in made)) for n in made[0][1]}
     return Freed(problem, shares, moved, cost)
 
@@ -245,28 +247,28 @@ def _on_the_way(
 def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, ...]:
     """The parts of the model that the data have moved for good, the surest first."""
     out = []
-    for allowance, moved, sd in zip(problem.allowed, *_posterior(problem, fit), strict=False):
-        term = named.get(allowance.name)
+    for nuisance, moved, sd in zip(problem.nuisances, *_posterior(problem, fit), strict=False):
+        term = named.get(nuisance.name)
         if term is None or (moved / sd) ** 2 < NAMED:
             continue
-        stated = problem.aircraft.derivatives.get(allowance.name)
-        if stated is not None and stated.value and abs(moved) * LOOSER < LEAST_CHANGE:
+        stated = problem.aircraft.derivatives.get(nuisance.name)
+        if stated is not None and stated.value and abs(moved) * WIDENING < LEAST_CHANGE:
             continue
-        out.append(Part(term, float(moved * allowance.sd), float(sd * allowance.sd), float((moved / sd) ** 2)))
-    return tuple(sorted(out, key=lambda p: -p.drop))
+        out.append(Part(term, float(moved * nuisance.sd), float(sd * nuisance.sd), float((moved / sd) ** 2)))
+    return tuple(sorted(out, key=lambda p: -p.reduction))
 
 
 def beyond(problem: Problem, fit: Fit) -> dict[str, Part]:
     """Derivatives, and the gyro's zero, that the data put where they are taken to be impossible, though nothing is left
     over; by allowance."""
     far = {
-        a.name: GYRO_ZERO if a.name == GYRO else _derivative_term(a.name, problem.aircraft)
-        for a, x in zip(problem.allowed, fit.moved, strict=False)
+        a.name: GYRO_BIAS if a.name == GYRO else _derivative_term(a.name, problem.aircraft)
+        for a, x in zip(problem.nuisances, fit.moved, strict=False)
         if a.name in (*DERIVATIVES, GYRO) and abs(x) > BEYOND
     }
     if not far:
         return {}
-    loose = [replace(a, sd=LOOSER * a.sd) if a.name in far else a for a in problem.allowed]
+    loose = [replace(a, sd=WIDENING * a.sd) if a.name in far else a for a in problem.nuisances]
     freer = Problem(problem.references, problem.aircraft, loose)
     own = freer.refit(fit.ids, fit.values, fit.gust) if fit.values else freer.null()
     names = {term.id: name for name, term in far.items()}
@@ -274,26 +276,26 @@ def beyond(problem: Problem, fit: Fit) -> dict[str, Part]:
 
 
 BIASES: Final = ("theta bias", "az bias", "ax bias", "q bias")
-TOLD: Final = 0.02
+LEAST_SD: Final = 0.02
 """Least standard deviation of a derivative that was found with the model in doubt, as a share of it."""
 
 
-def mended(problem: Problem, fit: Fit) -> Aircraft:
+def corrected_profile(problem: Problem, fit: Fit) -> Aircraft:
     """The profile with the effects found, and with the model as the data have it; derivatives with what is then known
     of them. Zeros of instruments within what is usual are left out: they are of the flight."""
     aircraft = problem.aircraft
     out = extended(aircraft, fit.values)
     _, sds = _posterior(problem, fit)
-    for a, moved, sd in zip(problem.allowed, fit.moved, sds, strict=False):
+    for a, moved, sd in zip(problem.nuisances, fit.moved, sds, strict=False):
         extended_by = a.extend(out, a.sd * float(moved))
-        if a.name in BIASES or isinstance(extended_by, Bent):
+        if a.name in BIASES or isinstance(extended_by, Nonlinear):
             continue
         out = extended_by
         known = out.derivatives.get(a.name)
         if known is not None:
             stated = aircraft.derivatives.get(a.name)
             size = abs(stated.value) if stated is not None and stated.value else 1.0
-            sd_now = max(2 * a.sd * float(sd) * size, TOLD * abs(known.value))
+            sd_now = max(2 * a.sd * float(sd) * size, LEAST_SD * abs(known.value))
             out = out.model_copy(
                 update={"derivatives": {**out.derivatives, a.name: known.model_copy(update={"sd": sd_now})}}
             )
@@ -305,7 +307,7 @@ def _posterior(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     here = problem.at(fit.values)
     own = [problem.effect_columns(BY_ID[i], fit.values, here) for i in fit.values]
     effects = [np.array([c[k] for c in own]).reshape(len(own), len(y)) for k, y in enumerate(here)]
-    x, inverse, _, _ = problem.solve(here, effects, problem.allowed_columns(fit.values, here), fit.gust)
+    x, inverse, _, _ = problem.solve(here, effects, problem.nuisance_columns(fit.values, here), fit.gust)
     return x[len(own) :], np.sqrt(np.diag(inverse)[len(own) :])
 
 
@@ -313,14 +315,14 @@ def gusts(problem: Problem, fit: Fit) -> Part | None:
     """The vertical gust as process noise: its strength, and what is lost without it."""
     here = problem.at(fit.values)
     none = [np.zeros((0, len(y))) for y in here]
-    allowed = problem.allowed_columns(fit.values, here)
-    _, _, found, cost = problem.solve(here, none, allowed, fit.gust)
-    still, _, _, _ = problem.solve(here, none, allowed, [0.0] * len(here), 1)
-    left = [y + still @ a for y, a in zip(here, allowed, strict=True)]
-    drop = problem.cost(left, [0.0] * len(here), still) - cost
+    nuisances = problem.nuisance_columns(fit.values, here)
+    _, _, found, cost = problem.solve(here, none, nuisances, fit.gust)
+    calm, _, _, _ = problem.solve(here, none, nuisances, [0.0] * len(here), 1)
+    left = [y + calm @ a for y, a in zip(here, nuisances, strict=True)]
+    reduction = problem.cost(left, [0.0] * len(here), calm) - cost
     k = int(np.argmax(found))
-    if drop < NAMED or not found[k]:
+    if reduction < NAMED or not found[k]:
         return None
     scale = problem.shares[k] / (1 + found[k] ** 2 * problem.shares[k])
     information = 0.5 * float((problem.counts[k] * scale**2).sum())
-    return Part(GUST, found[k], 0.5 / found[k] / math.sqrt(information), drop)
+    return Part(GUST, found[k], 0.5 / found[k] / math.sqrt(information), reduction)
