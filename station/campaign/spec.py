@@ -69,11 +69,15 @@ class Scenario(Frozen):
     """One kind of flight. Each key may be a factor."""
 
     aircraft: str = "twin_otter"
+    """Name or path of the profile."""
     lift: Literal["steady", "unsteady"] = "unsteady"
     """steady: no memory, everything at the CG; unsteady: as the aircraft's profile says."""
     speed: MetresPerSecond = to_si(110.0, "kt")
+    """True airspeed of the trim."""
     altitude: Metres = to_si(2500.0, "ft")
+    """Above mean sea level."""
     turbulence: Annotated[MetresPerSecond, Field(ge=0), BeforeValidator(_turbulence)] = 0.0
+    """Standard deviation of the vertical gust, or calm, light, moderate or severe."""
     turbulence_start: Annotated[Seconds, Field(ge=0)] = 0.0
     """After the record begins; 0: it was always there."""
     input: str = ""
@@ -82,21 +86,27 @@ class Scenario(Frozen):
     """What is measured. boom: the profile's, which the estimators know. perfect: the angle of attack at the CG. vane:
     that through the vane's dynamics. distorted: through `distortion` as well; distorted gust: the gust's part only."""
     vane_frequency: Annotated[Hertz, Positive] | None = None
+    """The vane's, in place of the profile's."""
     vane_damping: float | None = Field(default=None, gt=0, lt=2)
+    """The vane's, in place of the profile's."""
     signal_to_noise: float | None = Field(default=None, gt=0)
     """White noise on alpha_vane, q and elevator of their standard deviation over this; the noise of a good installation
     on every channel if left out."""
     CL_gust: float = 0.0
     """Additional to CL_alpha, per rad of the gust's part of alpha. Cm alike."""
     Cm_gust: float = 0.0
+    """As CL_gust."""
 
 
 class Distortion(Frozen):
     """What the measured angle of attack is at each frequency: divided by `correction`, early by `lead`."""
 
     frequency: tuple[Hertz, ...]
+    """Rising."""
     correction: tuple[float, ...]
+    """At each frequency."""
     lead: tuple[Seconds, ...]
+    """At each frequency."""
 
     @model_validator(mode="before")
     @classmethod
@@ -117,7 +127,9 @@ class Claim(Frozen):
     """Something that a study found, to be looked for in the results."""
 
     figure: str
+    """Where the study says so."""
     parameter: str
+    """Of which derivative."""
     finds: Literal["less scatter", "more scatter", "more bias", "feasible", "not feasible"]
     """With rising turbulence; or whether few enough flights (`limit`) leave the tolerance."""
     limit: int = 20
@@ -125,13 +137,16 @@ class Claim(Frozen):
     where: dict[str, Any] = Field(default={})
     """Only cases with these levels."""
     except_calm: bool = False
+    """Not looked for in calm air."""
 
 
 class Comparison(Frozen):
     """Two methods side by side: for each level of turbulence, which errs less."""
 
     method: str
+    """One method."""
     against: str
+    """The other."""
     says: str
     """What the study says of it, or what is asked."""
 
@@ -143,31 +158,43 @@ class Campaign(Frozen):
     """A specification as it is written."""
 
     name: str
+    """What its results are called."""
     description: str = ""
+    """One sentence."""
     seed: Annotated[int, Field(ge=0)] = 1
+    """Of all its gusts and noise."""
     runs: Annotated[int, Field(gt=0)]
     """Flights a case."""
     methods: tuple[str, ...]
+    """What estimates: methods, or the benchmarks `perfect` and `raw`."""
     axes: Literal["wind", "body"] = "wind"
+    """CL or CZ."""
     reference: Literal["truth", "calm"] = "truth"
     """Errors are from the aircraft's own derivatives, or from what perfect sensors give in calm air (`physical`
     estimates the former always)."""
     tolerance: Annotated[float, Positive] = 0.1
+    """An estimate further from its reference, as a share of it, is an exceedance."""
     record: Annotated[Seconds, Positive] = 20.0
     """Estimates are taken after so long."""
     warm_up: Annotated[Seconds, Field(ge=0)] = 0.0
     """Flown before the record, for the filters to settle."""
     low: Annotated[Hertz, Positive] = 0.1
+    """Lowest frequency of the estimates."""
     high: Annotated[Hertz, Positive] = 2.0
+    """Highest frequency of the estimates."""
     step: Annotated[Hertz, Positive] = 0.04
+    """Spacing of the transform's lines."""
     segments: bool = True
     """As in flight, the transform begins anew every 1/step; false: one transform over the record."""
     figures: tuple[Literal["estimates", "exceedances", "errors"], ...] = ()
+    """Drawn at the end."""
     show: tuple[str, ...] = ()
     """Parameters in the figures; all if left out."""
     flight: Scenario
     factors: dict[str, tuple[Any, ...]] = Field(default={})
+    """`[factors]`: lists of levels of keys of [flight]; every combination is a case."""
     variants: tuple[dict[str, Any], ...] = ()
+    """`[[variants]]`: keys of [flight] that change together, flown with every combination."""
     inputs: dict[str, tuple[Manoeuvre, ...]] = Field(default={})
     """Their times count from the record's begin."""
     distortion: Distortion | None = None

@@ -31,30 +31,42 @@ class Derivative(Frozen):
     """A coefficient, per radian (rates normalised), its prior standard deviation in the same unit, and its source."""
 
     value: float
+    """The coefficient."""
     sd: float | None = Field(default=None, gt=0)
+    """Its prior standard deviation; where left out, diagnosis takes 10 % of the value."""
     source: str = ""
+    """Where it is from."""
 
 
 class Geometry(Frozen):
     wing_area: Annotated[SquareMetres, Positive]
+    """Reference area of every coefficient."""
     span: Annotated[Metres, Positive]
+    """Reference length of Cl, Cn, p b/2V and r b/2V."""
     chord: Annotated[Metres, Positive]
     """Mean aerodynamic or geometric chord: the reference length of Cm and of q c/2V."""
 
 
 class Inertia(Frozen):
     mass: Annotated[Kilograms, Positive]
+    """All-up mass; a recorded one takes precedence."""
     ixx: Annotated[KilogramMetres2, Positive] | None = None
+    """Roll inertia about the CG; needed for Cl and Cn."""
     iyy: Annotated[KilogramMetres2, Positive] | None = None
+    """Pitch inertia; needed for Cm."""
     izz: Annotated[KilogramMetres2, Positive] | None = None
+    """Yaw inertia; needed for Cl and Cn."""
     ixz: KilogramMetres2 = 0.0
+    """Product of inertia."""
 
 
 class Indicial(Frozen):
     """phi(t) = 1 - sum a exp(-b t), t in chords travelled (physics of unsteady lift and upwash)."""
 
     a: tuple[float, ...]
+    """Amplitudes."""
     b: tuple[float, ...]
+    """Rates, per reference chord travelled."""
 
     @model_validator(mode="before")
     @classmethod
@@ -74,13 +86,19 @@ class Boom(Frozen):
     vane_x: Metres
     """Vane ahead of the CG, positive forward."""
     vane_y: Metres = 0.0
+    """Vane right of the CG."""
     vane_z: Metres = 0.0
+    """Vane below the CG."""
     upwash_body: float = Field(default=0.0, ge=-0.5, le=1.0)
+    """Upwash angle at the vane per angle of attack that fuselage and boom cause, without memory."""
     upwash_wing: float = Field(default=0.0, ge=-0.5, le=1.0)
+    """The same of the wing, whose circulation follows the angle of attack late. k_u0 is the sum of both."""
     zero: Radians = 0.0
     """Vane reading at zero flow angle."""
     vane_frequency: Annotated[Hertz, Positive] = 9.0
+    """Natural frequency of the vane on its spring of air."""
     vane_damping: float = Field(default=0.35, gt=0, lt=2)
+    """Damping ratio of the vane."""
     flexure: Annotated[float, quantity("rad s2/m")] = 0.0
     """Vane angle per specific force down: positive where the boom droops when pulled up."""
     tip_load: float = Field(default=0.0, ge=-1.0, le=1.0)
@@ -88,6 +106,7 @@ class Boom(Frozen):
     mode_frequency: Annotated[Hertz, Positive] | None = None
     """Of the boom's first bending mode; without one it bends at once."""
     mode_damping: float = Field(default=0.03, gt=0, lt=2)
+    """Damping ratio of that mode."""
     mode_length: Metres = 0.0
     """How far the vane rises per radian of bending: about 2/3 of a slender boom's length."""
     gust_lead: float = Field(default=1.0, ge=0, le=4)
@@ -112,6 +131,7 @@ class Unsteady(Frozen):
     tail_lift_slope: float = Field(default=0.0, ge=0)
     """Tail's share of CL_alpha, per rad, referred to the wing area (a_h)."""
     tail_arm: Metres = 0.0
+    """Tail's aerodynamic centre behind the CG."""
     tail_penetration: float = Field(default=1.0, ge=0, le=4)
     """How far behind the CG a gust meets the tail, in tail arms: 0 as if the tail were at the CG."""
     downwash: float = Field(default=0.0, ge=0, lt=1)
@@ -123,37 +143,50 @@ class Unsteady(Frozen):
     gust_span: Metres = Field(default=0.0, ge=0)
     """Length of the lag by which the wing averages gusts along its span: about a quarter of it; 0 for none."""
     lift_motion: Indicial | None = None
+    """Wing's lift after a step of the angle of attack (Wagner's function where the wing is thin)."""
     lift_gust: Indicial | None = None
+    """Wing's lift after entering a sharp-edged gust (Kuessner's function)."""
     upwash_motion: Indicial | None = None
+    """Wing's upwash at the vane after a step of the angle of attack."""
     upwash_gust: Indicial | None = None
+    """Wing's upwash at the vane after entering a sharp-edged gust."""
 
 
 class Drag(Frozen):
     """CD = zero_lift + induced CL^2."""
 
     zero_lift: float = Field(ge=0)
+    """CD at no lift."""
     induced: float = Field(default=0.0, ge=0)
+    """CD per CL squared."""
 
 
 class Actuator(Frozen):
     time_constant: Annotated[Seconds, Positive] = 0.08
+    """First-order lag between command and surface."""
     rate_limit: Annotated[RadiansPerSecond, Positive] = math.radians(60)
+    """Fastest deflection."""
     position_limit: Annotated[Radians, Positive] = math.radians(20)
+    """Largest deflection, either way."""
 
 
 class Instrument(Frozen):
     """What a signal's sensor does to it besides its noise, as found in flight; SI of the signal.
 
-    Reported = gain * lagged(signal + cubic signal^3, latency earlier) + bias; a surface's play lies between sensor and
-    surface.
+    Reported = gain * lagged(signal + cubic signal^3, latency earlier) + bias; a surface's backlash lies between sensor
+    and surface.
     """
 
     latency: Seconds = 0.0
+    """Pure delay."""
     lag: Seconds = 0.0
+    """Time constant of a first-order lag."""
     gain: float = Field(default=1.0, gt=0)
+    """Reported over true: a scale error of 3 % is 1.03."""
     bias: float = 0.0
+    """Reported at zero, in the signal's SI unit."""
     backlash: float = Field(default=0.0, ge=0)
-    """Width of the play, in the signal's SI unit."""
+    """Width of the backlash, in the signal's SI unit."""
     cubic: float = 0.0
     """Per square of the signal's SI unit."""
 
@@ -165,18 +198,24 @@ DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
 
 class Aircraft(Frozen):
     name: str
+    """What a card calls it."""
     description: str = ""
+    """One sentence."""
     sources: tuple[str, ...] = ()
+    """Where the numbers are from."""
     geometry: Geometry
     inertia: Inertia
     boom: Boom | None = None
     derivatives: dict[str, Derivative] = Field(default_factory=dict)
+    """One table each, `[derivatives.CL_alpha]`: a coefficient of COEFFICIENTS, and what it multiplies, of ARGUMENTS."""
     rate_reference: Literal["instantaneous", "fixed"] = "instantaneous"
     """Whether rates are normalised with the speed of the instant or with the reference speed."""
     reference_speed: MetresPerSecond | None = None
+    """For rate_reference = "fixed", and of CL_V."""
     air_density: Annotated[float, quantity("kg/m3")] | None = None
     """Fixed density; the standard atmosphere if left out."""
     thrust_angle: Radians = 0.0
+    """Of the thrust line above the body's x axis."""
     thrust_pitch_arm: Metres = 0.0
     """Nose-up moment per newton of thrust, m."""
     drag: Drag | None = None

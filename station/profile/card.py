@@ -13,41 +13,56 @@ from station.profile.quantity import Bytes, Frozen, Hertz, Metres, MetresPerSeco
 
 class _Input(Frozen):
     start: Seconds
+    """Seconds of flight."""
     surface: Literal["elevator", "aileron", "rudder"] = "elevator"
+    """Which surface moves."""
     amplitude: Radians
+    """Of each half, or of each sine's sum; negative starts the other way."""
     repeat: Annotated[Seconds, Positive] | None = None
     """Fly it again each so many seconds, for as long as the flight lasts."""
 
 
 class Doublet(_Input):
     kind: Literal["doublet"]
+    """The shape."""
     width: Annotated[Seconds, Positive]
     """Of each half."""
 
 
 class ThreeTwoOneOne(_Input):
     kind: Literal["3-2-1-1"]
+    """The shape."""
     unit: Annotated[Seconds, Positive]
     """Width of a 1."""
 
 
 class Multisine(_Input):
     kind: Literal["multisine"]
+    """The shape."""
     duration: Annotated[Seconds, Positive]
+    """How long it lasts."""
     low: Annotated[Hertz, Positive] = 0.1
+    """Lowest frequency."""
     high: Annotated[Hertz, Positive] = 2.0
+    """Highest frequency."""
 
 
 class Sweep(_Input):
     kind: Literal["sweep"]
+    """The shape."""
     duration: Annotated[Seconds, Positive]
+    """How long it lasts."""
     low: Annotated[Hertz, Positive] = 0.1
+    """Lowest frequency."""
     high: Annotated[Hertz, Positive] = 2.0
+    """Highest frequency."""
 
 
 class Pulse(_Input):
     kind: Literal["pulse"]
+    """The shape."""
     width: Annotated[Seconds, Positive]
+    """How long it lasts."""
 
 
 Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]
@@ -57,9 +72,13 @@ class Fault(Frozen):
     """What an emulated device does wrong, from `start` for `duration` (seconds of flight)."""
 
     device: str
+    """Which device of the rig."""
     kind: Literal["off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent", "clock_step", "unplug"]
+    """What goes wrong."""
     start: Seconds
+    """From when on."""
     duration: Annotated[Seconds, Positive]
+    """For how long."""
     stream: str | None = None
     """Only this stream of the device; all of them if left out."""
     signal: str | None = None
@@ -79,45 +98,66 @@ class Flight(Frozen):
     lead_in: Seconds = 0.0
     """The recording's first values are held so long before it plays, for filters to settle."""
     speed: MetresPerSecond = 56.59
+    """True airspeed of the trim."""
     altitude: Metres = 762.0
+    """Above mean sea level."""
     gust_sigma: Annotated[MetresPerSecond, Field(ge=0)] = 0.0
     """Standard deviation of the vertical gust."""
     turbulence: Literal["light", "moderate", "severe"] | None = None
     """In place of gust_sigma: that of MIL-F-8785C at the altitude."""
     gust_start: Seconds = 0.0
+    """Calm until then."""
     wind_north: MetresPerSecond = 0.0
+    """Steady wind, towards the north."""
     wind_east: MetresPerSecond = 0.0
+    """Steady wind, towards the east."""
     heading: Radians = 0.0
+    """Clockwise from north."""
     seed: int = Field(default=1, ge=0)
+    """Of gusts and sensor noise."""
     device_clock_offset: Seconds = 3600.0
     """Device clocks start this far from the station's, each a multiple of it."""
     device_clock_drift_ppm: float = 30.0
+    """How fast the devices' clocks gain, parts per million, each a multiple of it."""
 
 
 class Card(Frozen):
     """A test card: aircraft, rig, what to fly, what to record and when the answers are good enough."""
 
     name: str
+    """What `station run` calls it."""
     description: str = ""
+    """One sentence."""
     aircraft: str
+    """Name or path of the aircraft profile."""
     rig: str
+    """Name or path of the rig."""
     emulate: bool = False
+    """Serve emulated devices wherever the rig says "emulated"."""
     lag: Annotated[Seconds, Field(ge=0.02, le=1.0)] = 0.06
     """How far behind now the aligned frame stands."""
     needs: tuple[str, ...] = ("alpha_vane", "airspeed", "q", "ax", "az", "theta", "v_down", "elevator")
+    """Signals without which the check says no-go."""
     low: Annotated[Hertz, Positive] = 0.1
+    """Lowest frequency of the estimates."""
     high: Annotated[Hertz, Positive] = 2.0
+    """Highest frequency of the estimates: 1.3 times the short period or more."""
     step: Annotated[Hertz, Positive] = 0.04
+    """Spacing of the transform's lines."""
     warm_up: Seconds = 20.0
     """Filters run this long before the transform opens."""
     rotate: Annotated[Bytes, Positive] = 512 * 1024.0**2
+    """A recording goes on in a new file at this size."""
     accuracy: float = Field(default=0.1, gt=0)
     """Enough: 2 sd below this share of the value."""
     lateral: bool | None = None
     """Whether CY, Cl and Cn are estimated too; if left out, where a manoeuvre moves aileron or rudder."""
     flight: Flight = Flight()
+    """What the emulated aircraft flies."""
     manoeuvres: tuple[Manoeuvre, ...] = ()
+    """What the pilot does."""
     faults: tuple[Fault, ...] = ()
+    """What emulated devices do wrong."""
 
     @property
     def asks_lateral(self) -> bool:

@@ -18,10 +18,15 @@ class Channel(Frozen):
     """How a field on the wire becomes a signal: unit-value = slope (field - zero), or a table of (field, value)."""
 
     field: str
+    """The field's name in the message."""
     unit: str
+    """Of the value that slope and zero, or the table, give: any unit that fits the signal."""
     slope: float = 1.0
+    """Units per count of the field."""
     zero: float = 0.0
+    """The field's count where the value is 0."""
     table: tuple[tuple[float, float], ...] | None = None
+    """Points (field, value) in place of slope and zero; linear between them and beyond its ends."""
     noise: float = Field(default=0.0, ge=0)
     """Standard deviation, in `unit`: what the emulated device adds and what the estimator expects."""
     drift: float = Field(default=0.0, ge=0)
@@ -85,8 +90,11 @@ class StreamProfile(Frozen):
     """One message of a device and the signals in it."""
 
     name: str
+    """What the recording calls it, after the device's name."""
     message: str | int
+    """Which message of the protocol: a number, or a name such as "NAV-PVT" or a DBC message."""
     rate: Annotated[Hertz, Positive]
+    """How often it comes; after 2.2 periods without one (0.2 s at least, 3 s at most) it is stale."""
     latency: Seconds = 0.0
     """How old the values are when the message is stamped by the device (or arrives, if it carries no time)."""
     stamp_resolution: Seconds = 0.0
@@ -96,6 +104,7 @@ class StreamProfile(Frozen):
     dropout_length: Seconds = Field(default=0.0, ge=0)
     """Mean length of a gap; 0: each message is lost or not by itself."""
     signals: dict[str, Channel]
+    """Which field becomes which signal."""
 
     @model_validator(mode="after")
     def _known_signals(self) -> Self:
@@ -117,7 +126,9 @@ class StreamProfile(Frozen):
 
 class _Device(Frozen):
     name: str
+    """What events and the screen call it."""
     streams: tuple[StreamProfile, ...] = Field(min_length=1)
+    """Its messages."""
 
     @model_validator(mode="before")
     @classmethod
@@ -131,6 +142,7 @@ class SerialDevice(_Device):
     """A serial port, whose bytes one of the protocols of the drivers reads."""
 
     link: Literal["serial"]
+    """The kind of link."""
     protocol: str
     """boombox, boombox_ascii, ubx, nmea, or one that an installed package adds (drivers/README.md)."""
     port: str
@@ -143,23 +155,32 @@ class CanDevice(_Device):
     """A CAN bus through any of python-can's interfaces, its messages from a DBC file beside the rig."""
 
     link: Literal["can"]
+    """The kind of link."""
     interface: str = "slcan"
+    """One of python-can's interfaces: slcan, socketcan, pcan, ..."""
     channel: str
     """What python-can's interface calls its channel (for slcan a port's path), or "emulated"."""
     bitrate: int = Field(default=1_000_000, gt=0)
+    """Bits per second of the bus."""
     dbc: str
+    """The DBC file that describes its messages."""
 
 
 class MavlinkDevice(_Device):
     """An autopilot or other MAVLink source. Receive-only but for what `timesync` and `request_streams` allow."""
 
     link: Literal["mavlink"]
+    """The kind of link."""
     url: str
     """pymavlink's connection string (udpin:HOST:PORT, tcp:HOST:PORT, a serial path), or "emulated"."""
     baud: int = Field(default=115_200, gt=0)
+    """Bits per second, of a serial link."""
     system_id: int | None = Field(default=None, ge=1, le=255)
+    """Only messages of this system; of any if left out."""
     timesync: bool = False
+    """Whether the station may send TIMESYNC, to measure the clocks' offset."""
     request_streams: bool = False
+    """Whether the station may ask for messages at their rates."""
     signing_key_file: str | None = None
     """File with the 32-byte key in hexadecimal; with it, unsigned and wrongly signed packets are refused."""
 
@@ -169,10 +190,13 @@ Device = Annotated[SerialDevice | CanDevice | MavlinkDevice, Field(discriminator
 
 class Rig(Frozen):
     name: str
+    """What a card calls it."""
     description: str = ""
+    """One sentence."""
     imu_position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     """IMU from the CG, body axes (forward, right, down)."""
     devices: tuple[Device, ...] = Field(min_length=1)
+    """What is plugged in."""
 
     @model_validator(mode="before")
     @classmethod

@@ -13,9 +13,13 @@ class Uncertainty(Frozen):
     drawings, handbook methods and a vortex lattice."""
 
     tail_lift_slope: float = Field(default=0.2, ge=0)
+    """Of the tail's lift slope."""
     downwash: float = Field(default=0.2, ge=0)
+    """Of the downwash at the tail."""
     downwash_delay: Seconds = 0.015
+    """Of the downwash's delay."""
     tail_arm: float = Field(default=0.09, ge=0)
+    """Of the tail arm."""
     lift_memory: float = Field(default=0.3, ge=0)
     """Of the amplitude of the wing's indicial response to motion."""
     lift_rate: float = Field(default=0.27, ge=0)
@@ -23,9 +27,12 @@ class Uncertainty(Frozen):
     span_lag: float = Field(default=1.0, ge=0)
     """Share of the lag with which a wing of that span would follow a gust, were its lift spread evenly."""
     upwash_wing: float = Field(default=0.3, ge=0)
+    """Of the wing's upwash at the vane."""
     upwash_rate: float = Field(default=0.27, ge=0)
+    """Of the rates of the upwash's indicial responses."""
     vane_x: Seconds = 0.006
     """Of the vane's lead over the CG, position over speed."""
     vane_delay: Seconds = 0.004
     """Of the vane against the inertial data."""
     vane_scale: float = Field(default=0.0115, ge=0)
+    """Of the vane's scale."""
