@@ -21,8 +21,7 @@ from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
 from station.estimation.methods import NOISE
 from station.estimation.physical_method import SEGMENT
-from station.model import physical_signals, regressor_error
-from station.model import unsteady_lift as lift_memory
+from station.model import physical_signals, regressor_error, unsteady_lift
 from station.model.physical_columns import constants, why_not
 from station.numerics import spectra
 from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
@@ -150,7 +149,6 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
     # The split angle of attack also turns the forces of the other methods to wind axes.
     has_split = campaign.axes == "wind" or any(m == "physical" or m.startswith("split") for m in methods)
     frequencies = spectra.grid(campaign.low, campaign.high, campaign.step)
-    sos, rest = spectra.high_pass(_TICK_S)
     imu = (0.0, 0.0, 0.0)
     boom = known.boom
     return Estimation(
@@ -161,13 +159,11 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
         boom=(boom.zero, boom.steady_calibration, boom.vane_x) if boom else (0.0, 1.0, 0.0),
         imu=np.array(imu),
         sides=Sides(known, imu, _TICK_S, campaign.axes == "body").constant,
-        sos=sos,
-        rest=rest,
+        transform=spectra.design(frequencies, _TICK_S),
         frequencies=frequencies,
-        turn=np.exp(-2j * np.pi * frequencies * _TICK_S),
         derivative=spectra.central_difference_factor(frequencies, _TICK_S),
         lengths=lengths(known),
-        remembered=lift_memory.known(known),
+        unsteady=unsteady_lift.known(known),
         sears_k=SEARS_K,
         sears=SEARS,
         paths=regressor_error.lengths(known),

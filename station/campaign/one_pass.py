@@ -20,12 +20,12 @@ from station.conventions import SIGNAL_INDEX, TICK_HZ, TICK_NS
 from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
 from station.estimation import equation_error as ee
-from station.estimation import inertial, tick
-from station.estimation.derivatives import KINDS, SLACK_S, moved, weights
+from station.estimation import inertial, method_fits, tick
+from station.estimation.derivatives import SLACK_S, moved, weights
+from station.estimation.method_fits import KINDS, SPLIT_CHANNELS, STEADY_CHANNELS, Extent, Factors
 from station.estimation.methods import SETTLE_TICKS
 from station.model import physical_signals as gusts
-from station.model import regressor_error
-from station.model import unsteady_lift as lift_memory
+from station.model import regressor_error, unsteady_lift
 from station.numerics import spectra
 from station.simulation import airframe as ac
 from station.simulation.boom import SecondOrder, VaneConstants
@@ -45,8 +45,6 @@ _KINDS: Final = len(KINDS)
 PHYSICAL: Final = _KINDS + 2
 SLOTS: Final = PHYSICAL + 1
 """Methods that the pass can fit: the live ones, perfect, raw, and physical."""
-_WING_BODY: Final = 7
-"""Channels of the transform that II, III and V take."""
 
 
 class Air(NamedTuple):
@@ -100,25 +98,18 @@ class Estimation(NamedTuple):
     """Its place from the CG, m."""
     sides: Array
     """equation_error.Sides.constant."""
-    sos: Array
-    rest: Array
-    """The high-pass and its state at rest: spectra.high_pass."""
+    transform: spectra.Design
     frequencies: Array
     """Of the transform's lines, Hz."""
-    turn: NDArray[np.complex128]
-    """What each line's phase is multiplied by from one sample to the next."""
     derivative: Array
     """What a central difference loses of each line: spectra.central_difference_factor."""
     lengths: tuple[float, float, float]
-    remembered: Array
-    """lift_memory.known."""
+    unsteady: unsteady_lift.Known
     sears_k: Array
     sears: Array
     """derivatives.lengths and Sears' function over reduced frequency: what weights gain and delay."""
-    paths: tuple[float, float, float, float]
-    """regressor_error.lengths."""
-    noisy: tuple[float, float, float, float, float, float]
-    """regressor_error.deviations."""
+    paths: regressor_error.Lengths
+    noisy: regressor_error.Deviations
     vane_noise: float
     """Standard deviation, rad."""
     warm_up: float
@@ -176,28 +167,30 @@ def measure(sensors: Sensors, truth: Array, white: Array, shown: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _fit_benchmarks(
-    e: Estimation, steady: NDArray[np.complex128], extra: NDArray[np.complex128], samples: float, past: Array,
-    close: bool, results: Results, run: int,
+    e: Estimation, steady: NDArray[np.complex128], extra: spectra.State, past: ee.Sums, close: bool, results: Results,
+    run: int,
 ) -> None:  # fmt: skip
     """Perfect and raw: least squares on their own regressor."""
     lines = steady.shape[1]
     x = np.empty((3, lines), dtype=np.complex128)
     z = np.empty(lines, dtype=np.complex128)
-    # A slice, as fit_methods hands on: one kind of array, one compilation.
-    out = np.zeros((3, ee.MAX_PARAMETERS + 1))[:, :4]
-    inverse = np.zeros((4, 4))
+    fitted, ridge = ee.nothing_fitted((), method_fits.PLACES), np.zeros(3)
+    samples = extra.samples[spectra.TRANSFORMED]
     for i in range(2):
         at = _KINDS + i
         for equation in range(2):
             for f in range(lines):
-                x[0, f], x[1, f], x[2, f] = extra[i, f], steady[0, f], steady[1, f]
+                x[0, f], x[1, f], x[2, f] = extra.spectrum[i, f], steady[0, f], steady[1, f]
                 z[f] = steady[2, f] if equation == 0 else steady[3, f] * e.derivative[f]
-            done = ee.fit(x, z, np.zeros(3), samples * _DT * e.step, past[i, equation], close, out, inverse)
-            results.solved[run, at, equation] = done
+            one = ee.Sums(
+                past.normal[i, equation], past.scores[i, equation], past.right[i, equation], past.extent[i, equation]
+            )
+            r2 = ee.fit(x, z, ridge, samples * _DT * e.step, one, close, fitted)
+            results.solved[run, at, equation] = r2 == r2
             for j in range(3):
-                results.estimate[run, at, equation, j] = out[0, j]
-                results.error[run, at, equation, j] = out[1, j]
-            results.r2[run, at, equation] = out[0, 3]
+                results.estimate[run, at, equation, j] = fitted.value[j]
+                results.error[run, at, equation, j] = fitted.error[j]
+            results.r2[run, at, equation] = r2
 
 
 @njit(cache=True, error_model="numpy")
@@ -216,32 +209,24 @@ def estimate(
     u, motion, air, ages = np.empty(len(_INPUTS)), np.empty(6), np.empty(3), np.zeros(3)
     row, history, means = np.zeros(ee.ROW), np.full((3, ee.ROW), math.nan), np.zeros(4)
     made = np.full(4 + ee.EXTRAS, math.nan)
-    sections = e.sos.shape[0]
-    channels = (e.channels, 6, 2)
-    filters = (np.zeros((_WING_BODY, sections, 2)), np.zeros((6, sections, 2)), np.zeros((2, sections, 2)))
-    spectrum = (
-        np.zeros((_WING_BODY, lines), dtype=np.complex128),
-        np.zeros((6, lines), dtype=np.complex128),
-        np.zeros((2, lines), dtype=np.complex128),
+    groups = (
+        spectra.begin(e.transform, STEADY_CHANNELS),
+        spectra.begin(e.transform, SPLIT_CHANNELS),
+        spectra.begin(e.transform, 2),
     )
-    phase = np.ones((3, lines), dtype=np.complex128)
-    counts = np.zeros((3, 2))
-    split_x, extra_x = np.empty(6), np.empty(2)
-    past, extra_past = np.zeros((_KINDS, 2, ee.PAST)), np.zeros((2, 2, ee.PAST))
+    steady, split, benchmarks = groups
+    split_x, extra_x = np.empty(SPLIT_CHANNELS), np.empty(2)
+    past, extra_past = method_fits.nothing_past(_KINDS), ee.no_sums((2, 2), method_fits.PLACES)
     closed, independent, close = np.zeros(3), np.zeros(2), np.zeros(2, dtype=np.bool_)
-    out, model = np.zeros((_KINDS, 2, 3, ee.MAX_PARAMETERS + 1)), np.zeros((_KINDS, 2, 3))
-    solved = np.zeros((_KINDS, 2), dtype=np.bool_)
-    scale, tail = np.ones(lines), np.zeros(lines)
-    memory = np.zeros((lift_memory.ROWS, lines), dtype=np.complex128)
-    wrong = np.zeros((regressor_error.ROWS, lines), dtype=np.complex128)
-    doubt = (memory, wrong, np.zeros((4, 4)))
+    found = method_fits.nothing_found(_KINDS)
+    factors = Factors(e.derivative, np.ones(lines), np.ones((2, lines), dtype=np.complex128), np.zeros(lines))
+    doubt = method_fits.no_doubt(lines)
     wind_state = np.zeros(gusts.STATE)
-    unmeasured = np.ones((2, lines), dtype=np.complex128)
     zero, calibration, arm = e.boom
     speed, density = math.nan, math.nan
     steady_from, split_from, split_run = 0.0, 0.0, 0
     if own is not None:
-        kept = physical.begin(own, sections, lines)
+        kept = physical.begin(own, e.transform)
         wind_state = kept.state
 
     for k in range(n):
@@ -252,7 +237,9 @@ def estimate(
         alpha_i = math.nan
         if e.has_split:
             a, v = cond.ATTITUDE, cond.VELOCITY
-            inertial_state[inertial.HOLD] = 1.0 if own is not None and kept.counted[1] > 0.0 else 0.0
+            inertial_state[inertial.HOLD] = 0.0
+            if own is not None and kept.transform.samples[spectra.TRANSFORMED] > 0.0:
+                inertial_state[inertial.HOLD] = 1.0
             inertial.step(
                 inertial_state, inertial_ring, t, _DT, motion, u[a:v], ages, u[v:], ages, air, e.imu, inertial_out
             )
@@ -273,57 +260,52 @@ def estimate(
         if has_sample and k + 1 > SETTLE_TICKS:
             due = t >= e.warm_up
             late = t - e.warm_up + SLACK_S
-            if counts[0, 0] == 0.0:
+            if steady.samples[spectra.FILTERED] == 0.0:
                 steady_from = t
             is_open = due and steady_from <= late
-            m = channels[0]
-            spectra.step(e.sos, e.rest, filters[0][:m], made[:m], spectrum[0][:m], phase[0], e.turn, counts[0], is_open)
+            spectra.step(e.transform, steady, made[: e.channels], is_open)
             if e.has_benchmarks:
                 extra_x[0], extra_x[1] = true_alpha[k - 1], shown[k - 1, _VANE]
-                spectra.step(e.sos, e.rest, filters[2], extra_x, spectrum[2], phase[2], e.turn, counts[2], is_open)
+                spectra.step(e.transform, benchmarks, extra_x, is_open)
             if split_run > 0:
-                if counts[1, 0] == 0.0:
+                if split.samples[spectra.FILTERED] == 0.0:
                     split_from = t
-                for i in range(6):
+                for i in range(SPLIT_CHANNELS):
                     split_x[i] = made[i if i < 4 else 3 + i]
                 opens = due and split_from <= late
-                spectra.step(e.sos, e.rest, filters[1], split_x, spectrum[1], phase[1], e.turn, counts[1], opens)
+                spectra.step(e.transform, split, split_x, opens)
             if own is not None and split_run > SETTLE_TICKS:
-                filter_, card, left = (e.sos, e.rest), (e.warm_up, e.step), n - 1 - k
+                card, left = (e.warm_up, e.step), n - 1 - k
                 physical.add(
-                    own, kept, filter_, e.frequencies, e.turn, e.derivative, card, made, t, inertial_out[2], means[2],
-                    left,
-                )  # fmt: skip
+                    own, kept, e.transform, e.frequencies, e.derivative, card, made, t, inertial_out[2], means[2], left
+                )
         split_run = split_run + 1 if is_split else 0
 
         mean = vane_out[cg.SPEED_MEAN]
-        if counts[0, 1] + closed[0] == 0.0 or not mean > 0.0:
+        if steady.samples[spectra.TRANSFORMED] + closed[0] == 0.0 or not mean > 0.0:
             continue
         if moved(mean, speed) or moved(means[2], density):
             speed, density = mean, means[2]
         for i in range(2):
-            independent[i] = counts[i, 1] * _DT * e.step
-            close[i] = counts[i, 1] * _DT >= e.segment
+            count = groups[i].samples[spectra.TRANSFORMED]
+            independent[i] = count * _DT * e.step
+            close[i] = count * _DT >= e.segment
         if not (k + 1 == n or close[0] or close[1]):
             continue
-        weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, scale, tail)
-        lift_memory.weights(e.remembered, speed, density, e.frequencies, memory)
-        regressor_error.weights(e.paths, speed, e.frequencies, e.noisy, wrong, doubt[2])
-        samples = counts[1, 1] + closed[1]
+        weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, factors.scale, factors.tail)
+        unsteady_lift.weights(e.unsteady, speed, density, e.frequencies, doubt.lift)
+        regressor_error.weights(e.paths, speed, e.frequencies, e.noisy, doubt.regressors)
+        samples = split.samples[spectra.TRANSFORMED] + closed[1]
         ridge = lines * samples * e.vane_noise**2
         wind = regressor_error.wind_share(gusts.wind_sd(wind_state, _DT), mean, samples * _DT)
-        ee.fit_methods(
-            spectrum[0], spectrum[1], e.derivative, scale, unmeasured, tail, doubt, wind, samples, ridge, independent,
-            close, past, out, model, solved,
-        )  # fmt: skip
+        extent = Extent(independent, close, samples, ridge, wind)
+        method_fits.fit_methods(steady.spectrum, split.spectrum, factors, doubt, extent, past, found)
         if e.has_benchmarks:
-            _fit_benchmarks(e, spectrum[0], spectrum[2], counts[2, 1], extra_past, close[0], results, run)
+            _fit_benchmarks(e, steady.spectrum, benchmarks, extra_past, close[0], results, run)
         for i in range(3):
             if close[0 if i == 2 else i]:
-                closed[i] += counts[i, 1]
-                counts[i, 1] = 0.0
-                spectrum[i][:] = 0.0
-                phase[i, :] = 1.0
+                closed[i] += groups[i].samples[spectra.TRANSFORMED]
+                spectra.clear(groups[i])
     if own is not None and kept.sums[2] > 0.0:
         for i in range(6):
             results.estimate[run, PHYSICAL, i // 3, i % 3] = kept.theta[i]
@@ -336,11 +318,11 @@ def estimate(
     for kind in range(_KINDS):
         for equation in range(2):
             for i in range(3):
-                results.estimate[run, kind, equation, i] = out[kind, equation, 0, i]
-                results.error[run, kind, equation, i] = out[kind, equation, 1, i]
-                results.model[run, kind, equation, i] = model[kind, equation, i]
-            results.r2[run, kind, equation] = out[kind, equation, 0, 4 if kind == 4 else 3]
-            results.solved[run, kind, equation] = solved[kind, equation]
+                results.estimate[run, kind, equation, i] = found.fitted.value[kind, equation, i]
+                results.error[run, kind, equation, i] = found.fitted.error[kind, equation, i]
+                results.model[run, kind, equation, i] = found.model[kind, equation, i]
+            results.r2[run, kind, equation] = found.r2[kind, equation]
+            results.solved[run, kind, equation] = found.solved[kind, equation]
 
 
 def fly_and_measure(
@@ -365,17 +347,12 @@ def fly_and_measure(
 def compile_fits(e: Estimation) -> None:
     """Compile the fits alone, with arguments of the kinds that `estimate` has for them: it then finds them done."""
     lines = len(e.frequencies)
-    ones, none = np.ones(lines), np.zeros((_WING_BODY, lines), dtype=np.complex128)
-    past, out, model = (
-        np.zeros((_KINDS, 2, ee.PAST)),
-        np.zeros((_KINDS, 2, 3, ee.MAX_PARAMETERS + 1)),
-        np.zeros((_KINDS, 2, 3)),
-    )
-    solved, close, whole = np.zeros((_KINDS, 2), dtype=np.bool_), np.zeros(2, dtype=np.bool_), np.ones(2)
-    memory = np.zeros((lift_memory.ROWS, lines), dtype=np.complex128)
-    weights(e.lengths, 50.0, e.frequencies, e.sears_k, e.sears, ones.copy(), ones.copy())
-    wrong = np.zeros((regressor_error.ROWS, lines), dtype=np.complex128)
-    doubt = (memory, wrong, np.zeros((4, 4)))
-    lift_memory.weights(e.remembered, 50.0, 1.0, e.frequencies, memory)
-    regressor_error.weights(e.paths, 50.0, e.frequencies, e.noisy, wrong, doubt[2])
-    ee.fit_methods(none, none, ones, ones, none, ones, doubt, 0.0, 1.0, 1.0, whole, close, past, out, model, solved)
+    ones, none = np.ones(lines), np.zeros((STEADY_CHANNELS, lines), dtype=np.complex128)
+    factors = Factors(ones, ones.copy(), np.ones((2, lines), dtype=np.complex128), ones.copy())
+    doubt = method_fits.no_doubt(lines)
+    weights(e.lengths, 50.0, e.frequencies, e.sears_k, e.sears, factors.scale, factors.tail)
+    unsteady_lift.weights(e.unsteady, 50.0, 1.0, e.frequencies, doubt.lift)
+    regressor_error.weights(e.paths, 50.0, e.frequencies, e.noisy, doubt.regressors)
+    extent = Extent(np.ones(2), np.zeros(2, dtype=np.bool_), 1.0, 1.0, 0.0)
+    past, found = method_fits.nothing_past(_KINDS), method_fits.nothing_found(_KINDS)
+    method_fits.fit_methods(none, none, factors, doubt, extent, past, found)

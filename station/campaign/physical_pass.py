@@ -41,10 +41,7 @@ class Memory(NamedTuple):
     state: Array
     ring: Array
     out: Array
-    z: Array
-    spectrum: NDArray[np.complex128]
-    phase: NDArray[np.complex128]
-    counted: Array
+    transform: spectra.State
     sums: Array
     """Time of the first sample, s; sum of the inertial speed, m/s; whether the last update was solved; standard error
     of the mean wind when the segment began, m/s."""
@@ -59,16 +56,13 @@ class Memory(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def begin(c: Constants, sections: int, lines: int) -> Memory:
+def begin(c: Constants, design: spectra.Design) -> Memory:
     """At the start of a flight."""
     return Memory(
         np.zeros(ps.STATE),
         np.zeros((ps.RING, ps.COLUMNS)),
         np.full((2, ps.SIGNALS), math.nan),
-        np.zeros((pc.CHANNELS, sections, 2)),
-        np.zeros((pc.CHANNELS, lines), dtype=np.complex128),
-        np.ones(lines, dtype=np.complex128),
-        np.zeros(2),
+        spectra.begin(design, pc.CHANNELS),
         np.zeros(4),
         c.regressors.copy(),
         np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N)),
@@ -77,7 +71,7 @@ def begin(c: Constants, sections: int, lines: int) -> Memory:
         np.zeros(pc.PARAMETERS),
         np.zeros(pc.PARAMETERS),
         np.zeros(physical_fit.QUALITY),
-        np.zeros(lines),
+        np.zeros(design.turn.shape[0]),
     )
 
 
@@ -98,9 +92,8 @@ def follow(
 def add(
     c: Constants,
     m: Memory,
-    filters: tuple[Array, Array],
+    design: spectra.Design,
     frequencies: Array,
-    turn: NDArray[np.complex128],
     derivative: Array,
     card: tuple[float, float],
     made: Array,
@@ -112,16 +105,16 @@ def add(
     """One sample and, where an update is due that the end of the flight (`left` ticks on) or a segment needs, the
     estimate.
 
-    `filters`: high-pass sections and rest; `card`: warm-up, s, and step, Hz; `made`: what equation_error.sides gave;
+    `card`: warm-up, s, and step, Hz; `made`: what equation_error.sides gave;
     `ground`: inertial speed, m/s; `density`: of the air, kg/m3.
     """
     m.row[: ps.SIGNALS] = m.out[0]
     m.row[ps.SIGNALS :] = made[:4]
-    if m.counted[0] == 0.0:
+    if m.transform.samples[spectra.FILTERED] == 0.0:
         m.sums[0] = t
     is_open = t >= card[0] and m.sums[0] <= t - card[0] + SLACK_S
-    spectra.step(filters[0], filters[1], m.z, m.row, m.spectrum, m.phase, turn, m.counted, is_open)
-    samples = m.counted[1]
+    spectra.step(design, m.transform, m.row, is_open)
+    samples = m.transform.samples[spectra.TRANSFORMED]
     if samples == 0.0:
         return
     if samples == 1.0:
@@ -133,7 +126,7 @@ def add(
     speed = m.sums[1] / samples
     pc.set_air(m.regressors, density, m.sums[3] / speed)
     solved = physical_fit.fit(
-        m.spectrum,
+        m.transform.spectrum,
         2.0 * np.pi * frequencies,
         derivative,
         speed,
@@ -150,7 +143,5 @@ def add(
     )
     m.sums[2] = 1.0 if solved else 0.0
     if close:
-        m.counted[1] = 0.0
-        m.spectrum[:] = 0.0
-        m.phase[:] = 1.0
+        spectra.clear(m.transform)
         m.sums[1] = 0.0

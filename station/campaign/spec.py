@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, to_si
-from station.estimation.derivatives import KINDS
+from station.estimation.method_fits import KINDS
 from station.profile import (
     Frozen,
     Hertz,

@@ -20,11 +20,26 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
-from station.estimation.equation_error import MAX_PARAMETERS, PAST, fit_methods
+from station.estimation import method_fits
+from station.estimation.method_fits import (
+    ELEVATOR,
+    GROUP_OF,
+    GROUPS,
+    KINDS,
+    PARAMETERS,
+    SPLIT_ALPHA,
+    SPLIT_CHANNELS,
+    STEADY,
+    STEADY_CHANNELS,
+    Extent,
+    Factors,
+    Found,
+    fit_methods,
+)
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.model import regressor_error
-from station.model import unsteady_lift as lift_memory
-from station.numerics.spectra import Transform, central_difference_factor, grid, step
+from station.model import regressor_error, unsteady_lift
+from station.numerics import spectra
+from station.numerics.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
 
@@ -32,11 +47,6 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Whole = NDArray[np.int64]
-Spectra = tuple[Array, Complex, Complex, Array]
-"""Transform.arrays."""
-
-KINDS: Final = ("II", "III", "V", "split", "split+gust")
-"""In the order that equation_error.fit_methods numbers them; IV comes after, where spectra are given."""
 
 MIN_PERIODS: Final = 0.5
 """Of the lowest frequency, before anything counts as estimated."""
@@ -99,7 +109,7 @@ def weights(
     scale: Array,
     tail: Array,
 ) -> None:
-    """At a mean airspeed (m/s) and each frequency (Hz): V's `scale` of the vane and the `tail` of fit_methods.
+    """At a mean airspeed (m/s) and each frequency (Hz): V's `scale` of the vane and the `tail` of method_fits.Factors.
 
     `about`: see `lengths`; `sears`: |S| at reduced frequencies `sears_k`, which rise evenly from 0. (Not np.interp: it
     takes longer to compile than all else here.)
@@ -129,22 +139,18 @@ def measured_factors(
 
 @njit(cache=True)
 def add(
-    sos: Array,
-    rest: Array,
-    turn: Complex,
-    steady: Spectra,
-    split: Spectra,
+    design: spectra.Design,
+    steady: spectra.State,
+    split: spectra.State,
     x: Array,
     is_open: bool,
     with_split: bool,
     split_is_open: bool,
 ) -> None:
     """One sample `x`, see Derivatives.add, into the transforms of both groups."""
-    z, spectrum, phase, count = steady
-    step(sos, rest, z, x[:7], spectrum, phase, turn, count, is_open)
+    spectra.step(design, steady, x[:7], is_open)
     if with_split:
-        z, spectrum, phase, count = split
-        step(sos, rest, z, np.concatenate((x[:4], x[7:9])), spectrum, phase, turn, count, split_is_open)
+        spectra.step(design, split, np.concatenate((x[:4], x[7:9])), split_is_open)
 
 
 @njit(cache=True)
@@ -158,7 +164,7 @@ def energy(spectrum: Complex) -> float:
 
 @njit(cache=True)
 def judge(
-    fitted: tuple[Array, Array, Flags],
+    fitted: Found,
     rows: Whole,
     known: Array,
     has_inertia: bool,
@@ -168,29 +174,27 @@ def judge(
 ) -> None:
     """What to believe of the kinds in `rows` -> `found` (2, rows, 6): values and errors, and `verdicts` (rows, 6).
 
-    `fitted`: out, model and solved of fit_methods; `known` (6,): sizes of the profile's derivatives; `blocked` (rows,):
+    `known` (6,): sizes of the profile's derivatives; `blocked` (rows,):
     a verdict over all of a kind's, or ESTIMATED.
     """
-    out, model, solved = fitted
+    out = fitted.fitted
     for row in range(rows.shape[0]):
         kind = rows[row]
-        # R2 comes after the parameters, of which split+gust has four.
-        at_r2 = 4 if kind == 4 else 3
         for i in range(6):
-            e, j = i // 3, i % 3
+            e, j = i // PARAMETERS, i % PARAMETERS
             verdict = blocked[row]
-            is_solved = solved[kind, e]
+            is_solved = fitted.solved[kind, e]
             if e == 1 and not has_inertia:
                 verdict, is_solved = NO_INERTIA, False
             value, error = math.nan, math.nan
             if is_solved:
-                value = out[kind, e, 0, j]
-                error = math.hypot(out[kind, e, 1, j], model[kind, e, j])
-                r2 = out[kind, e, 0, at_r2]
+                value = out.value[kind, e, j]
+                error = math.hypot(out.error[kind, e, j], fitted.model[kind, e, j])
+                r2 = fitted.r2[kind, e]
                 if verdict == ESTIMATED:
                     if r2 < MIN_R2:
                         verdict = UNEXPLAINED + round(100.0 * max(r2, 0.0))
-                    elif out[kind, e, 2, j] > COLLINEAR:
+                    elif out.inflation[kind, e, j] > COLLINEAR:
                         verdict = MOVES_ALONG
                     elif not 2.0 * error <= max(abs(value), known[i]):
                         verdict = WIDE
@@ -212,10 +216,10 @@ class Derivatives:
         names: tuple[str, ...],
         dt: float,
         forgetting_s: float,
-        spectra: VaneSpectra | None = None,
+        vane_spectra: VaneSpectra | None = None,
     ) -> None:
-        """`noise`: standard deviations of alpha_vane, q and elevator, SI. `names`: of the six derivatives. `spectra`:
-        of IV."""
+        """`noise`: standard deviations of alpha_vane, q and elevator, SI. `names`: of the six derivatives.
+        `vane_spectra`: of IV."""
         self._dt = dt
         self._warm_up_s = card.warm_up
         self._step_hz = card.step
@@ -224,28 +228,23 @@ class Derivatives:
         self._derivative = central_difference_factor(self._frequencies, dt)
         self._steady_from_s: float | None = None
         self._split_from_s: float | None = None
-        self._steady = Transform(7, self._frequencies, dt)
-        self._split = Transform(6, self._frequencies, dt)
+        self._steady = Transform(STEADY_CHANNELS, self._frequencies, dt)
+        self._split = Transform(SPLIT_CHANNELS, self._frequencies, dt)
         self._groups = (self._steady, self._split)
         self._samples = [0.0, 0.0]
         self._methods = methods
         self.lacking = ""
         """What has been missing for a while."""
-        self._kinds = (*KINDS, "IV") if spectra else KINDS
+        self._kinds = (*KINDS, "IV") if vane_spectra else KINDS
         kinds = len(self._kinds)
-        is_split = [kind.startswith("split") for kind in self._kinds]
-        self._fitted = (np.flatnonzero(~np.array(is_split)), np.flatnonzero(is_split))
-        """Kinds that either group of signals is for."""
-        self._out = np.zeros((kinds, 2, 3, MAX_PARAMETERS + 1))
-        self._past = np.zeros((kinds, 2, PAST))
-        self._close = np.zeros(2, dtype=np.bool_)
+        self._past = method_fits.nothing_past(kinds)
+        self._close = np.zeros(GROUPS, dtype=np.bool_)
         self._segment = 1.0 / card.step
         self._keep = math.exp(-self._segment / forgetting_s)
-        self._closed = np.zeros((2, 2))
+        self._closed = np.zeros((GROUPS, 2))
         """Of either group's closed segments: samples, and elevator energy on all lines."""
-        self._model = np.zeros((kinds, 2, 3))
-        self._solved = np.zeros((kinds, 2), dtype=np.bool_)
-        self._independent = np.zeros(2)
+        self._made = method_fits.nothing_found(kinds)
+        self._independent = np.zeros(GROUPS)
         self._known = np.array([abs(aircraft.value(n.replace("CZ", "CL"))) for n in names])
         self._rows = np.array([self._kinds.index(method) for method in methods], dtype=np.int64)
         self._of_kinds = np.zeros(len(methods), dtype=np.int64)
@@ -259,26 +258,22 @@ class Derivatives:
         self._has_inertia = aircraft.inertia.iyy is not None
         self._has_tail = aircraft.unsteady.tail_arm > 0.0
         self._lengths = lengths(aircraft)
-        self._remembered = lift_memory.known(aircraft)
+        self._unsteady = unsteady_lift.known(aircraft)
         self._paths = regressor_error.lengths(aircraft)
         self._noisy = regressor_error.deviations(aircraft, noise)
         self._speed = self._density = math.nan
-        self._scale = np.ones(len(self._frequencies))
-        self._tail = np.zeros(len(self._frequencies))
-        self._doubt = (
-            np.zeros((lift_memory.ROWS, len(self._frequencies)), dtype=np.complex128),
-            np.zeros((regressor_error.ROWS, len(self._frequencies)), dtype=np.complex128),
-            np.zeros((4, 4)),
-        )
-        self._by_frequency = spectra.at(self._frequencies) if spectra else None
+        lines = len(self._frequencies)
+        measured = np.ones((2, lines), dtype=np.complex128)
+        self._factors = Factors(self._derivative, np.ones(lines), measured, np.zeros(lines))
+        self._doubt = method_fits.no_doubt(lines)
+        self._by_frequency = vane_spectra.at(self._frequencies) if vane_spectra else None
         self._lead = aircraft.boom.gust_x if aircraft.boom else 0.0
-        self._measured = np.ones((2, len(self._frequencies)), dtype=np.complex128)
 
     def clear(self) -> None:
         """Begin anew; the high-passes stay warm."""
         self._steady.clear()
         self._split.clear()
-        self._past[:] = 0.0
+        method_fits.clear(self._past)
         self._closed[:] = 0.0
 
     def add(self, x: Array, since_start_s: float, with_split: bool) -> None:
@@ -290,18 +285,8 @@ class Derivatives:
         due = since_start_s >= self._warm_up_s
         late = since_start_s - self._warm_up_s + SLACK_S
         splits = with_split and self._split_from_s is not None and due and self._split_from_s <= late
-        steady = self._steady
-        add(
-            steady.sos,
-            steady.rest,
-            steady.turn,
-            steady.arrays,
-            self._split.arrays,
-            x,
-            due and self._steady_from_s <= late,
-            with_split,
-            splits,
-        )
+        opens = due and self._steady_from_s <= late
+        add(self._steady.design, self._steady.state, self._split.state, x, opens, with_split, splits)
 
     def estimate(
         self, t_ns: int, air: tuple[float, float, float], applicable: Mapping[str, str]
@@ -317,9 +302,8 @@ class Derivatives:
         of_groups = (self._blocked(0), self._blocked(1))
         for i, method in enumerate(self._methods):
             is_lost = method == "split+gust" and not self._has_tail
-            self._of_kinds[i] = NO_TAIL if is_lost else of_groups[method.startswith("split")]
-        fitted = (self._out, self._model, self._solved)
-        judge(fitted, self._rows, self._known, self._has_inertia, self._of_kinds, self._found, self._verdicts)
+            self._of_kinds[i] = NO_TAIL if is_lost else of_groups[GROUP_OF[self._rows[i]]]
+        judge(self._made, self._rows, self._known, self._has_inertia, self._of_kinds, self._found, self._verdicts)
         verdicts = self._verdicts.tobytes()
         if verdicts != self._judged or self.lacking != self._lacked:
             self._judged, self._lacked = verdicts, self.lacking
@@ -335,7 +319,7 @@ class Derivatives:
 
     def statistical(self) -> dict[str, list[float]]:
         """Each method's standard errors without what its model may leave out; before anything is fitted, 0."""
-        errors = self._out[self._rows][:, :, 1, :3].reshape(len(self._methods), 6)
+        errors = self._made.fitted.error[self._rows, :, :PARAMETERS].reshape(len(self._methods), 6)
         return dict(zip(self._methods, errors.tolist(), strict=True))
 
     def _in_words(self, verdict: int) -> tuple[Status, str]:
@@ -351,50 +335,38 @@ class Derivatives:
         steady, split = self._steady, self._split
         if moved(mean_speed, self._speed) or moved(density, self._density):
             self._speed, self._density = mean_speed, density
-            weights(self._lengths, mean_speed, self._frequencies, SEARS_K, SEARS, self._scale, self._tail)
-            memory, wrong, noise = self._doubt
-            lift_memory.weights(self._remembered, mean_speed, density, self._frequencies, memory)
-            regressor_error.weights(self._paths, mean_speed, self._frequencies, self._noisy, wrong, noise)
+            factors, doubt = self._factors, self._doubt
+            weights(self._lengths, mean_speed, self._frequencies, SEARS_K, SEARS, factors.scale, factors.tail)
+            unsteady_lift.weights(self._unsteady, mean_speed, density, self._frequencies, doubt.lift)
+            regressor_error.weights(self._paths, mean_speed, self._frequencies, self._noisy, doubt.regressors)
             if self._by_frequency:
-                upwash = self._lengths[2]
-                measured_factors(
-                    self._frequencies, *self._by_frequency, upwash, self._lead / mean_speed, self._measured
-                )
+                upwash, lead = self._lengths[2], self._lead / mean_speed
+                measured_factors(self._frequencies, *self._by_frequency, upwash, lead, factors.measured)
         for i, group in enumerate(self._groups):
             self._independent[i] = group.samples * self._dt * self._step_hz
             self._close[i] = group.samples * self._dt >= self._segment
-        fit_methods(
-            steady.spectrum,
-            split.spectrum,
-            self._derivative,
-            self._scale,
-            self._measured,
-            self._tail,
-            self._doubt,
-            regressor_error.wind_share(wind_sd, mean_speed, self._samples[1] * self._dt),
-            self._samples[1],
-            # What the vane's noise alone leaves in d on all lines.
-            len(self._frequencies) * self._samples[1] * self._noise["alpha_vane"] ** 2,
+        samples = self._samples[SPLIT_ALPHA]
+        extent = Extent(
             self._independent,
             self._close,
-            self._past,
-            self._out,
-            self._model,
-            self._solved,
+            samples,
+            ridge=len(self._frequencies) * samples * self._noise["alpha_vane"] ** 2,
+            wind=regressor_error.wind_share(wind_sd, mean_speed, samples * self._dt),
         )
+        fit_methods(steady.spectrum, split.spectrum, self._factors, self._doubt, extent, self._past, self._made)
         for i, group in enumerate(self._groups):
             if self._close[i]:
-                self._closed[i] += group.samples, energy(group.spectrum[1])
+                self._closed[i] += group.samples, energy(group.spectrum[ELEVATOR])
                 self._closed[i] *= self._keep
-                self._past[self._fitted[i]] *= self._keep
+                method_fits.fade(self._past, i, self._keep)
                 group.clear()
 
     def _blocked(self, i: int) -> int:
         """Why a group of signals, 0 steady or 1 split, gives no estimates yet; ESTIMATED if it does."""
         samples = self._samples[i]
         if samples == 0:
-            return NO_SPLIT if i == 1 and self._samples[0] * self._dt > SLACK_S else WARMING
+            return NO_SPLIT if i == SPLIT_ALPHA and self._samples[STEADY] * self._dt > SLACK_S else WARMING
         if samples * self._dt < self._minimum:
             return SHORT
-        moved = self._closed[i, 1] + energy(self._groups[i].spectrum[1])
+        moved = self._closed[i, 1] + energy(self._groups[i].spectrum[ELEVATOR])
         return STILL if moved < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2 else ESTIMATED

@@ -15,14 +15,13 @@ radians.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from station.model import regressor_error
-from station.model import unsteady_lift as lift_memory
 from station.model.coefficients import (
     force_coefficients,
     lift_and_drag,
@@ -31,34 +30,66 @@ from station.model.coefficients import (
     thrust_by_drag_polar,
 )
 from station.numerics.regression import invert
+from station.numerics.spectra import carry
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Flags = NDArray[np.bool_]
 
 SMALL_RECORD: Final = 1.15
-NEXT_ORDER: Final = 0.5
-GUST_STANDS_OUT: Final = 2.5
-"""Energy of d over the ridge, which the sensors' noise alone makes."""
-MAX_PARAMETERS: Final = 4
 MEAN_S: Final = 30.0
 """Over which thrust and density are averaged."""
-
-# Sums over closed segments: normal matrix, score products (each places x places), right side, next order of the gust's
-# lag (places), energy, lines; then those of lift_memory and regressor_error. Where `next order` begins with four
-# places, and theirs:
-_NEXT: Final = 36
-_MEMORY: Final = 42
-_WRONG: Final = _MEMORY + lift_memory.SUMS
+ENERGY, LINES = range(2)
+"""Places in Sums.extent."""
 
 
-def past_size(places: int) -> int:
-    """Length of `fit`'s `past` for up to so many parameters."""
-    return 2 * places * places + 2 * places + 2
+class Sums(NamedTuple):
+    """Over the closed segments of one equation; of more, on further axes in front."""
+
+    normal: Array
+    """Re(X^H X), its lower triangle, (places, places)."""
+    scores: Array
+    """Score products of neighbouring lines, (places, places)."""
+    right: Array
+    """Re(X^H z), (places,)."""
+    extent: Array
+    """Energy of z, and independent lines, (2,)."""
 
 
-PAST: Final = past_size(MAX_PARAMETERS) + lift_memory.SUMS + regressor_error.SUMS
+class Fitted(NamedTuple):
+    """What `fit` makes of one equation; of more, on further axes in front."""
+
+    value: Array
+    """(places,), as the next two: parameters."""
+    error: Array
+    """Their standard errors."""
+    inflation: Array
+    """Of their variances, by collinearity with the other regressors (VIF)."""
+    inverse: Array
+    """Of the normal matrix, (places, places)."""
+
+
+@register_jitable
+def no_sums(equations: tuple[int, ...], places: int) -> Sums:
+    """Before the first segment is closed, of so many equations, (..., equations), of up to `places` parameters."""
+    return Sums(
+        np.zeros((*equations, places, places)),
+        np.zeros((*equations, places, places)),
+        np.zeros((*equations, places)),
+        np.zeros((*equations, 2)),
+    )
+
+
+@register_jitable
+def nothing_fitted(equations: tuple[int, ...], places: int) -> Fitted:
+    """Zeros, to be filled."""
+    return Fitted(
+        np.zeros((*equations, places)),
+        np.zeros((*equations, places)),
+        np.zeros((*equations, places)),
+        np.zeros((*equations, places, places)),
+    )
+
 
 # One row of the history that a tick's coefficients are made from.
 _P, _Q, _R, _AX, _AY, _AZ, _V, _QBAR, _MASS, _THRUST, _DE, _ALPHA, _EXTRA = range(13)
@@ -126,23 +157,9 @@ def sides(constant: Array, history: Array, means: Array, dt: float, row: Array, 
 
 
 @njit(cache=True)
-def fit(
-    x: Complex, z: Complex, ridge: Array, independent: float, past: Array, close: bool, out: Array, inverse: Array
-) -> bool:
-    """Least squares of `z` (frequencies,) on `x` (parameters, frequencies), parameters <= places, and on the `past`.
-
-    `ridge`: added to the diagonal of Re(X^H X), (parameters,). `independent`: T df of `x`, how many independent lines
-    there are to a line of the grid. `past` (past_size(places),): sums over the segments closed before; `close` adds
-    this one. `out` (3, parameters + 1): parameters; standard errors; variance inflation by collinearity; in the last
-    column R2, residual energy and signal energy. `inverse` (places, places): of the normal matrix. False if there is no
-    solution.
-    """
+def _normal_equations(x: Complex, z: Complex, m: Array, rhs: Array) -> float:
+    """Lower triangle of Re(X^H X) -> `m`, Re(X^H z) -> `rhs`; returns the energy of `z`."""
     n, lines = x.shape
-    places = inverse.shape[0]
-    cloud_at, rhs_at = places * places, 2 * places * places
-    energy_at = rhs_at + 2 * places
-    m = np.zeros((n, n))
-    rhs = np.zeros(n)
     energy = 0.0
     for f in range(lines):
         for i in range(n):
@@ -151,33 +168,13 @@ def fit(
             for j in range(i + 1):
                 m[i, j] += a * x[j, f].real + b * x[j, f].imag
         energy += z[f].real ** 2 + z[f].imag ** 2
-    share = min(max(independent, 1e-3), 1.0)
-    count = past[energy_at + 1] + lines * share
-    energy += past[energy_at]
-    for i in range(n):
-        rhs[i] += past[rhs_at + i]
-        for j in range(i + 1):
-            m[i, j] += past[places * i + j]
-    if close:
-        past[energy_at + 1] = count
-        past[energy_at] = energy
-        for i in range(n):
-            past[rhs_at + i] = rhs[i]
-            for j in range(i + 1):
-                past[places * i + j] = m[i, j]
-    for i in range(n):
-        m[i, i] += ridge[i]
-        for j in range(i):
-            m[j, i] = m[i, j]
-    if not invert(m, n, inverse):
-        return False
-    theta = np.zeros(n)
-    for i in range(n):
-        out[2, i] = inverse[i, i] * m[i, i]
-        for j in range(n):
-            theta[i] += inverse[i, j] * rhs[j]
+    return energy
 
-    score = np.zeros((lines, n))
+
+@njit(cache=True)
+def _scores(x: Complex, z: Complex, theta: Array, inverse: Array, score: Array) -> None:
+    """Each line's share in the normal equations' right side that the parameters leave, -> `score` (lines, n)."""
+    n, lines = x.shape
     for f in range(lines):
         re, im = z[f].real, z[f].imag
         pull = 0.0
@@ -190,138 +187,86 @@ def fit(
         free = max(1.0 - pull, 0.2)
         for i in range(n):
             score[f, i] = (x[i, f].real * re + x[i, f].imag * im) / free
+
+
+@njit(cache=True)
+def _score_products(score: Array, share: float, cloud: Array) -> None:
+    """Sum of products over lines up to the grid's dependence apart (Newey and West) -> `cloud` (n, n)."""
+    lines, n = score.shape
     lags = min(max(math.ceil(1.5 / share), 2), 12)
-    cloud = np.zeros((n, n))
     for lag in range(lags + 1):
         weight = 1.0 if lag == 0 else 2.0 * (1.0 - lag / (lags + 1.0))
         for f in range(lines - lag):
             for i in range(n):
                 for j in range(n):
                     cloud[i, j] += weight * score[f, i] * score[f + lag, j]
-    left = energy
-    for i in range(n):
-        left -= 2.0 * theta[i] * rhs[i]
-        for j in range(n):
-            left += theta[i] * m[i, j] * theta[j]
-            cloud[i, j] += past[cloud_at + places * i + j]
-            if close:
-                past[cloud_at + places * i + j] = cloud[i, j]
-        left -= theta[i] * ridge[i] * theta[i]
-    left = max(left, 0.0)
-    variance = 0.5 * left / max(count - 0.5 * n, 1.0)
-    for i in range(n):
-        sandwich = 0.0
-        for a in range(n):
-            for b in range(n):
-                sandwich += inverse[i, a] * cloud[a, b] * inverse[b, i]
-        out[0, i] = theta[i]
-        out[1, i] = SMALL_RECORD * math.sqrt(max(variance * inverse[i, i], sandwich, 0.0))
-    out[0, n] = 1.0 - left / energy if energy > 0.0 else 0.0
-    out[1, n] = left
-    out[2, n] = energy
-    return math.isfinite(theta.sum())
 
 
 @njit(cache=True)
-def fit_methods(
-    steady: Complex,
-    split: Complex,
-    derivative: Array,
-    scale: Array,
-    measured: Complex,
-    tail: Array,
-    doubt: tuple[Complex, Complex, Array],
-    wind: float,
-    samples: float,
-    ridge: float,
-    independent: Array,
-    close: Flags,
-    past: Array,
-    out: Array,
-    model: Array,
-    solved: Flags,
-) -> None:
-    """Both equations of II, III, V, split and split+gust, in that order, and of IV where `out` has a sixth place.
+def _residual_energy(m: Array, rhs: Array, ridge: Array, theta: Array, energy: float) -> float:
+    """Of the `energy` of z what the parameters do not explain, from the normal equations."""
+    residual = energy
+    for i in range(theta.shape[0]):
+        residual -= 2.0 * theta[i] * rhs[i]
+        for j in range(theta.shape[0]):
+            residual += theta[i] * m[i, j] * theta[j]
+        residual -= theta[i] * ridge[i] * theta[i]
+    return max(residual, 0.0)
 
-    `steady` and `split`: spectra, channels q c/2V, elevator, CL, Cm, then alpha's own. `derivative`: factor of Cm for
-    its central difference; `scale`: of V's vane part; `tail`: tan(w l_t/4V); all (frequencies,). `measured`: factors of
-    the delayed vane and rate parts in IV, (2, frequencies). `doubt`: what lift_memory.weights and
-    regressor_error.weights made; `wind`: see regressor_error.off; `samples`: of split, on which `ridge`, of the gust
-    regressor, is too. `independent` and `close`, (2,): of either group, as in `fit`. Edits `past` (kinds, 2, PAST);
-    fills `out` (kinds, 2, 3, MAX_PARAMETERS + 1), as `fit` does, `model` (kinds, 2, 3) and `solved` (kinds, 2); kinds
-    is 5, or 6 with IV.
 
-    `model` is what the structure leaves, in each parameter. The gust meets wing and tail late, and d carries the first
-    order of that; split+gust may be wrong by the next, d (1 - e^{-s T/2})/(1 + e^{-s T/2}) with T = l_t/V and a
-    coefficient NEXT_ORDER times d's own (from Monte Carlo of both Twin Otters), by what the lift's memory does to it
-    where the gust stands out of the noise, and by what wrong regressors do to it. Any other method may be wrong by as
-    much as it lies off split+gust besides.
+@njit(cache=True)
+def _sandwich(inverse: Array, cloud: Array, i: int) -> float:
+    """Variance of a parameter by the inverse normal matrix and the score products `cloud` (n, n)."""
+    total = 0.0
+    for a in range(cloud.shape[0]):
+        for b in range(cloud.shape[0]):
+            total += inverse[i, a] * cloud[a, b] * inverse[b, i]
+    return total
+
+
+@njit(cache=True)
+def fit(x: Complex, z: Complex, ridge: Array, independent: float, sums: Sums, close: bool, fitted: Fitted) -> float:
+    """Least squares of `z` (frequencies,) on `x` (parameters, frequencies), parameters <= places, and on the `sums` of
+    the segments closed before, which `close` adds this one to.
+
+    `ridge`: added to the diagonal of Re(X^H X), (parameters,). `independent`: T df of `x`, how many independent lines
+    there are to a line of the grid. Fills `fitted`; returns R2, NaN if there is no solution.
     """
-    lines = steady.shape[1]
-    memory, wrong, noise = doubt
-    left = np.empty((2, 3))
-    z = np.empty(lines, dtype=np.complex128)
-    x = np.empty((4, lines), dtype=np.complex128)
-    ridges = np.zeros(4)
-    ridges[3] = ridge
-    inverse = np.zeros((4, 4))
-    for turn in range(out.shape[0]):
-        # split+gust first, which the others' `model` is taken from.
-        kind = 4 - turn if turn < 5 else 5
-        side = 1 if kind == 3 or kind == 4 else 0
-        group = split if side == 1 else steady
-        n = 4 if kind == 4 else 3
-        for f in range(lines):
-            if kind == 1:
-                x[0, f] = group[5, f] + group[6, f]
-            elif kind == 2:
-                x[0, f] = group[5, f] * scale[f] + group[6, f]
-            elif kind == 5:
-                x[0, f] = group[5, f] * measured[0, f] + group[6, f] * measured[1, f]
-            else:
-                x[0, f] = group[4, f]
-            if kind == 4:
-                x[3, f] = group[5, f]
-            x[1, f] = group[0, f]
-            x[2, f] = group[1, f]
-        for equation in range(2):
-            for f in range(lines):
-                z[f] = group[2, f] if equation == 0 else group[3, f] * derivative[f]
-            sums = past[kind, equation]
-            each = out[kind, equation, :, : n + 1]
-            done = fit(x[:n], z, ridges[:n], independent[side], sums, close[side], each, inverse)
-            solved[kind, equation] = done
-            for i in range(3):
-                if kind != 4:
-                    off = out[kind, equation, 0, i] - out[4, equation, 0, i] if solved[4, equation] else 0.0
-                    model[kind, equation, i] = math.hypot(off, model[4, equation, i])
-                else:
-                    model[kind, equation, i] = 0.0
-            if kind == 4 and done:
-                for i in range(4):
-                    next_order = sums[_NEXT + i]
-                    for f in range(lines):
-                        next_order += (x[i, f].conjugate() * x[3, f] * 1j * tail[f]).real
-                    if close[side]:
-                        sums[_NEXT + i] = next_order
-                    for j in range(3):
-                        model[4, equation, j] += inverse[j, i] * next_order
-                for j in range(3):
-                    model[4, equation, j] = NEXT_ORDER * abs(model[4, equation, j] * out[4, equation, 0, 3])
-        if kind == 4 and solved[4, 0] and solved[4, 1]:
-            sums = past[4, 0, _WRONG:]
-            regressor_error.off(wrong, noise, samples, wind, x, out[4, :, 0, :4], inverse, sums, close[side], left)
-            for equation in range(2):
-                for j in range(3):
-                    model[4, equation, j] = math.hypot(model[4, equation, j], left[equation, j])
-        if kind == 4 and solved[4, 0] and solved[4, 1] and memory[lift_memory.RELATIVE, 0].real > 0.0:
-            lift_memory.left_out(memory, x, out[4, :, 0, :3], inverse, past[4, :, _MEMORY:], close[side], left)
-            # The normal matrix without the ridge, from its inverse.
-            d = out[4, 0, 2, 3] / inverse[3, 3] - ridge
-            gust = max(1.0 - GUST_STANDS_OUT * ridge / d, 0.0) if d > 0.0 else 0.0
-            for equation in range(2):
-                for j in range(3):
-                    model[4, equation, j] = math.hypot(model[4, equation, j], gust * left[equation, j])
+    n, lines = x.shape
+    inverse = fitted.inverse
+    m, rhs, extent = np.zeros((n, n)), np.zeros(n), np.zeros(2)
+    share = min(max(independent, 1e-3), 1.0)
+    extent[ENERGY] = _normal_equations(x, z, m, rhs)
+    extent[LINES] = lines * share
+    carry(sums.extent, extent, close)
+    carry(sums.right, rhs, close)
+    for i in range(n):
+        carry(sums.normal[i], m[i, : i + 1], close)
+        m[i, i] += ridge[i]
+        for j in range(i):
+            m[j, i] = m[i, j]
+    if not invert(m, n, inverse):
+        return math.nan
+    theta = np.zeros(n)
+    for i in range(n):
+        fitted.inflation[i] = inverse[i, i] * m[i, i]
+        for j in range(n):
+            theta[i] += inverse[i, j] * rhs[j]
+
+    score, cloud = np.zeros((lines, n)), np.zeros((n, n))
+    _scores(x, z, theta, inverse, score)
+    _score_products(score, share, cloud)
+    for i in range(n):
+        carry(sums.scores[i], cloud[i], close)
+    residual = _residual_energy(m, rhs, ridge, theta, extent[ENERGY])
+    variance = 0.5 * residual / max(extent[LINES] - 0.5 * n, 1.0)
+    for i in range(n):
+        fitted.value[i] = theta[i]
+        square = max(variance * inverse[i, i], _sandwich(inverse, cloud, i), 0.0)
+        fitted.error[i] = SMALL_RECORD * math.sqrt(square)
+    if not math.isfinite(theta.sum()):
+        return math.nan
+    return 1.0 - residual / extent[ENERGY] if extent[ENERGY] > 0.0 else 0.0
 
 
 class Sides:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS, to_si
 from station.estimation.derivatives import COLLINEAR, EXCITED, MIN_PERIODS, MIN_R2, SLACK_S
-from station.estimation.equation_error import fit, past_size
+from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
@@ -139,22 +139,23 @@ def fit_equations(
     ridge: Array,
     independent: float,
     close: bool,
-    past: Array,
-    out: Array,
-    solved: NDArray[np.bool_],
+    past: Sums,
+    fitted: Fitted,
+    r2: Array,
 ) -> None:
     """All three equations from `spectrum` (CHANNELS, frequencies).
 
     `derivative` (frequencies,): factor of the moments for their central difference. `ridge`, `independent`, `close`:
-    see equation_error.fit. Edits `past` (3, past_size); fills `out` (3, 3, PARAMETERS + 1) and `solved` (3,).
+    see equation_error.fit. Edits `past`, fills `fitted` and `r2`, all (3, ...).
     """
     x = spectrum[:PARAMETERS]
     z = np.empty(spectrum.shape[1], dtype=np.complex128)
-    inverse = np.zeros((PARAMETERS, PARAMETERS))
-    for equation in range(3):
+    for e in range(3):
         for f in range(len(z)):
-            z[f] = spectrum[PARAMETERS + equation, f] * (1.0 if equation == 0 else derivative[f])
-        solved[equation] = fit(x, z, ridge, independent, past[equation], close, out[equation], inverse)
+            z[f] = spectrum[PARAMETERS + e, f] * (1.0 if e == 0 else derivative[f])
+        sums = Sums(past.normal[e], past.scores[e], past.right[e], past.extent[e])
+        at = Fitted(fitted.value[e], fitted.error[e], fitted.inflation[e], fitted.inverse[e])
+        r2[e] = fit(x, z, ridge, independent, sums, close, at)
 
 
 class Spectra:
@@ -164,13 +165,14 @@ class Spectra:
         """`keep`: what is left of a closed segment's sums when the next one closes."""
         self._transform = Transform(CHANNELS, frequencies, dt)
         self._dt, self._step_hz, self._warm_up_s, self._keep = dt, step_hz, warm_up_s, keep
-        self._past = np.zeros((3, past_size(PARAMETERS)))
+        self._past = no_sums((len(EQUATIONS),), PARAMETERS)
         self._closed = np.zeros(1 + PARAMETERS)
         """Of closed segments: samples, and energy of each regressor on all lines."""
         self._from_s = 0.0
-        self.out = np.zeros((3, 3, PARAMETERS + 1))
-        """By equation, as equation_error.fit gives it."""
-        self.solved = np.zeros(3, dtype=np.bool_)
+        self.fitted = nothing_fitted((len(EQUATIONS),), PARAMETERS)
+        """By equation."""
+        self.r2 = np.full(len(EQUATIONS), math.nan)
+        """NaN where there is no solution."""
 
     @property
     def samples(self) -> float:
@@ -185,9 +187,10 @@ class Spectra:
     def clear(self) -> None:
         """Begin anew; the high-pass stays warm."""
         self._transform.clear()
-        self._past[:] = 0.0
+        for sums in self._past:
+            sums[:] = 0.0
         self._closed[:] = 0.0
-        self.solved[:] = False
+        self.r2[:] = math.nan
 
     def add(self, sample: Array, since_start_s: float) -> None:
         """`sample` (CHANNELS,), all finite."""
@@ -203,12 +206,13 @@ class Spectra:
             return
         close = samples * self._dt >= 1.0 / self._step_hz
         share = samples * self._dt * self._step_hz
-        fit_equations(self._transform.spectrum, derivative, ridge, share, close, self._past, self.out, self.solved)
+        fit_equations(self._transform.spectrum, derivative, ridge, share, close, self._past, self.fitted, self.r2)
         if close:
             self._closed[1:] = self.energy()
             self._closed[0] += samples
             self._closed *= self._keep
-            self._past *= self._keep
+            for sums in self._past:
+                sums *= self._keep
             self._transform.clear()
 
 
@@ -311,7 +315,7 @@ class Lateral:
         steady, split = self._spectra
         blocked = [self._blocked(spectra) for spectra in (steady, split)]
         made = [self._solve(steady), self._solve(split)]
-        off = np.abs(steady.out[:, 0] - split.out[:, 0]) * split.solved[:, None]
+        off = np.abs(steady.fitted.value - split.fitted.value) * np.isfinite(split.r2)[:, None]
         return {
             "II": self._judge(steady, blocked[0], *made[0], off),
             "split": self._judge(split, blocked[1], *made[1], self._left(off, split.energy())),
@@ -319,7 +323,7 @@ class Lateral:
 
     @staticmethod
     def _left(off: Array, energy: Array) -> Array:
-        """What a side gust wrongly carried does to split, of which II lies `off` (3, PARAMETERS + 1): an error of the
+        """What a side gust wrongly carried does to split, of which II lies `off` (3, PARAMETERS): an error of the
         sideslip, of any phase, goes to sideslip, roll and yaw rate by the square root of their `energy`."""
         left = LEFT_OF_GUST * off
         motions = energy[: len(MOTIONS)]
@@ -356,22 +360,21 @@ class Lateral:
     def _judge(
         self, spectra: Spectra, blocked: tuple[Status, str], still: list[str], noise: Array, model: Array
     ) -> tuple[ParamEstimate, ...]:
-        """`noise` (PARAMETERS,): its share in each regressor. `model` (3, PARAMETERS + 1): standard deviations by the
+        """`noise` (PARAMETERS,): its share in each regressor. `model` (3, PARAMETERS): standard deviations by the
         model's error."""
         status, why = blocked
         if status is Status.ESTIMATED and len(still) == len(SURFACES):
             status, why = Status.UNESTIMATED, "no aileron or rudder input"
         found: list[ParamEstimate] = []
         for e, equation in enumerate(EQUATIONS):
-            fitted = spectra.out[e].tolist() if spectra.solved[e] else None
-            found += self._judge_equation(e, equation, fitted, model[e].tolist(), noise.tolist(), still, status, why)
+            found += self._judge_equation(e, equation, spectra, model[e].tolist(), noise.tolist(), still, status, why)
         return tuple(found)
 
     def _judge_equation(
         self,
         e: int,
         equation: str,
-        fitted: list[list[float]] | None,
+        spectra: Spectra,
         model: list[float],
         noise: list[float],
         still: list[str],
@@ -379,14 +382,15 @@ class Lateral:
         why: str,
     ) -> list[ParamEstimate]:
         names = LATERAL[PARAMETERS * e : PARAMETERS * (e + 1)]
+        r2 = float(spectra.r2[e])
         if equation != "CY" and not self._inertia:
-            status, why, fitted = Status.INVALID, "the aircraft profile gives no ixx, iyy and izz", None
-        elif status is Status.ESTIMATED and fitted is None:
+            status, why, r2 = Status.INVALID, "the aircraft profile gives no ixx, iyy and izz", math.nan
+        elif status is Status.ESTIMATED and math.isnan(r2):
             status, why = Status.INVALID, "the regressors cannot be told apart"
-        if fitted is None:
+        if math.isnan(r2):
             return [ParamEstimate(n, math.nan, math.nan, status, why) for n in names]
-        values, errors, inflation = fitted
-        r2 = values[PARAMETERS]
+        of = spectra.fitted
+        values, errors, inflation = of.value[e].tolist(), of.error[e].tolist(), of.inflation[e].tolist()
         if status is Status.ESTIMATED and r2 < MIN_R2:
             status, why = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
         found = []

@@ -26,13 +26,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from station.numerics.second_order import vane_lag
+from station.numerics.spectra import carry
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -46,45 +48,76 @@ the vane's scale and delay make of it, and its lead of q c/2V and g, each by its
 errors of alpha and d for one of a gust that is seen too late."""
 CAUSES: Final = 6
 """Mean wind, u, the vane's scale, delay and lead, and gusts seen too late."""
-SUMS: Final = 8 * CAUSES
-"""Over closed segments: each of four regressors times alpha's and d's errors, by each cause."""
+SUMS: Final = (2 * CAUSES, 4)
+"""Over closed segments: errors of alpha and d by each cause, times each of four regressors."""
+WIND_CAUSES: Final = 2
+"""The first of them, whose size is that of a mean wind."""
 MINUTE: Final = 60.0
 """s: mean winds of times so far apart err independently."""
 
 
-def lengths(aircraft: Aircraft) -> tuple[float, float, float, float]:
-    """Half the chord, how far ahead the vane meets gusts and the tail's arm, m, and the vane's lag, s, which `weights`
-    depend on."""
+class Lengths(NamedTuple):
+    """What `weights` depend on of an aircraft."""
+
+    half_chord: float
+    ahead: float
+    """How far ahead of the CG the vane meets gusts, m."""
+    tail_arm: float
+    vane_lag: float
+    """s"""
+
+
+class Deviations(NamedTuple):
+    """Standard deviations that `weights` depend on, SI."""
+
+    vane: float
+    """Noise behind the body's upwash."""
+    q: float
+    elevator: float
+    scale: float
+    """Of the vane's calibration, as the next two; a share."""
+    delay: float
+    """s"""
+    lead: float
+    """Over the CG, s."""
+
+
+class Weights(NamedTuple):
+    """What `weights` fills."""
+
+    errors: Complex
+    """(ROWS, frequencies)"""
+    noise: Array
+    """Energy of a sample's noise in the regressors, on all lines, (4, 4)."""
+
+
+def lengths(aircraft: Aircraft) -> Lengths:
+    """As the profile has them."""
     boom = aircraft.boom
     ahead, lag = (boom.gust_x, vane_lag(boom.vane_frequency, boom.vane_damping)) if boom else (0.0, 0.0)
-    return aircraft.geometry.chord / 2, ahead, aircraft.unsteady.tail_arm, lag
+    return Lengths(aircraft.geometry.chord / 2, ahead, aircraft.unsteady.tail_arm, lag)
 
 
-def deviations(aircraft: Aircraft, noise: Mapping[str, float]) -> tuple[float, float, float, float, float, float]:
-    """Standard deviations that `weights` depend on: noise of the vane behind the body's upwash, of q and of elevator,
-    SI; of the vane's scale, delay and lead over the CG, s."""
+def deviations(aircraft: Aircraft, noise: Mapping[str, float]) -> Deviations:
+    """Of the sensors' `noise`, and of what the profile knows of the vane."""
     body = aircraft.boom.upwash_body if aircraft.boom else 0.0
     known = aircraft.uncertainty
     vane = (known.vane_scale, known.vane_delay, known.vane_x) if aircraft.boom else (0.0, 0.0, 0.0)
-    return noise["alpha_vane"] / (1.0 + body), noise["q"], noise["elevator"], *vane
+    return Deviations(noise["alpha_vane"] / (1.0 + body), noise["q"], noise["elevator"], *vane)
+
+
+@register_jitable
+def no_weights(lines: int) -> Weights:
+    """To be filled."""
+    return Weights(np.zeros((ROWS, lines), dtype=np.complex128), np.zeros((4, 4)))
 
 
 @njit(cache=True, error_model="numpy")
-def weights(
-    about: tuple[float, float, float, float],
-    speed: float,
-    frequencies: Array,
-    sd: tuple[float, float, float, float, float, float],
-    wrong: Complex,
-    noise: Array,
-) -> None:
-    """`wrong` (ROWS, frequencies) and the energy `noise` (4, 4) of a sample's noise in the regressors, on all lines, at
-    a mean airspeed (m/s) and frequencies (Hz).
-
-    `about`: see `lengths`; `sd`: see `deviations`.
-    """
-    half, ahead, arm, lag = about
-    lead, late = max(ahead, 0.0), max(lag - ahead / speed, 0.0)
+def weights(about: Lengths, speed: float, frequencies: Array, sd: Deviations, made: Weights) -> None:
+    """At a mean airspeed (m/s) and frequencies (Hz) -> `made`."""
+    half, arm = about.half_chord, about.tail_arm
+    lead, late = max(about.ahead, 0.0), max(about.vane_lag - about.ahead / speed, 0.0)
+    wrong, noise = made
     noise[:] = 0.0
     for i in range(frequencies.shape[0]):
         s = 2j * math.pi * frequencies[i]
@@ -96,38 +129,21 @@ def weights(
         wrong[GUST_A, i] = s * lead / speed
         wrong[GUST_D, i] = wrong[GUST_A, i] * (1.0 - to_tail) - s * arm / speed * to_tail
         wrong[SEEN, i], wrong[SEEN_Q, i], wrong[SINCE, i] = early, -early * lead / half, 1.0 - to_tail
-        wrong[SCALE, i], wrong[LATE, i] = sd[3], -sd[4] * s
-        wrong[LEAD_Q, i], wrong[LEAD_G, i] = sd[5] * early * speed / half, -sd[5] * s
+        wrong[SCALE, i], wrong[LATE, i] = sd.scale, -sd.delay * s
+        wrong[LEAD_Q, i], wrong[LEAD_G, i] = sd.lead * early * speed / half, -sd.lead * s
         wrong[MISSED, i] = 1.0 - np.exp(s * late)
         step = 1.0 - to_tail.real
-        noise[0, 0] += sd[0] ** 2
-        noise[0, 3] += sd[0] ** 2 * step
-        noise[3, 3] += 2.0 * sd[0] ** 2 * step
-        noise[1, 1] += (sd[1] * half / speed) ** 2
-        noise[2, 2] += sd[2] ** 2
+        noise[0, 0] += sd.vane**2
+        noise[0, 3] += sd.vane**2 * step
+        noise[3, 3] += 2.0 * sd.vane**2 * step
+        noise[1, 1] += (sd.q * half / speed) ** 2
+        noise[2, 2] += sd.elevator**2
     noise[3, 0] = noise[0, 3]
 
 
 @njit(cache=True, error_model="numpy")
-def off(
-    wrong: Complex,
-    noise: Array,
-    samples: float,
-    wind: float,
-    x: Complex,
-    theta: Array,
-    inverse: Array,
-    past: Array,
-    close: bool,
-    out: Array,
-) -> None:
-    """Standard deviations `out` (2, 3) by which the estimates of both equations, `theta` (2, 4), are off.
-
-    `samples`: of all segments; `wind`: standard deviation of the mean wind, share of the speed. `inverse` (4, 4): of
-    the normal matrix of `x` (4, frequencies): alpha, q c/2V, elevator, d. `past` (SUMS,): sums over closed segments;
-    `close` adds this one.
-    """
-    sums = np.zeros((2 * CAUSES, 4))
+def _products(wrong: Complex, x: Complex, sums: Array) -> None:
+    """Errors of alpha and d by each cause times each regressor of `x` (4, frequencies) -> `sums` (SUMS)."""
     for f in range(x.shape[1]):
         gust = wrong[GUST, f] * x[3, f]
         motion = x[0, f] - gust
@@ -151,27 +167,40 @@ def off(
         for k, error in enumerate(errors):
             for i in range(4):
                 sums[k, i] += x[i, f].real * error.real + x[i, f].imag * error.imag
+
+
+@njit(cache=True, error_model="numpy")
+def standard_deviations(
+    made: Weights, samples: float, wind: float, x: Complex, theta: Array, inverse: Array, past: Array, close: bool
+) -> Array:
+    """Of the estimates of both equations, `theta` (2, 4), by wrong regressors, (2, 3).
+
+    `samples`: of all segments; `wind`: standard deviation of the mean wind, share of the speed. `inverse` (4, 4): of
+    the normal matrix of `x` (4, frequencies): alpha, q c/2V, elevator, d. `past` (SUMS): sums over closed segments,
+    which `close` adds this one to.
+    """
+    sums, out = np.zeros(SUMS), np.empty((2, 3))
+    _products(made.errors, x, sums)
     for k in range(2 * CAUSES):
-        for i in range(4):
-            sums[k, i] += past[4 * k + i]
-            if close:
-                past[4 * k + i] = sums[k, i]
+        carry(past[k], sums[k], close)
     for e in range(2):
         for j in range(3):
             noisy = 0.0
             for i in range(4):
                 for k in range(4):
-                    noisy += inverse[j, i] * noise[i, k] * theta[e, k]
+                    noisy += inverse[j, i] * made.noise[i, k] * theta[e, k]
             square = (samples * noisy) ** 2
             for cause in range(CAUSES):
                 by = 0.0
                 for i in range(4):
                     by += inverse[j, i] * (theta[e, 0] * sums[2 * cause, i] + theta[e, 3] * sums[2 * cause + 1, i])
-                square += (by * wind) ** 2 if cause < 2 else by * by
+                square += (by * wind) ** 2 if cause < WIND_CAUSES else by * by
             out[e, j] = math.sqrt(square)
+    return out
 
 
 @njit(cache=True, error_model="numpy")
 def wind_share(sd: float, speed: float, seconds: float) -> float:
-    """Of `off`: from the standard error of a mean wind over a minute, m/s, for a record of so many seconds."""
+    """Standard deviation of the mean wind of a record of so many seconds, as a share of the speed, from its standard
+    error over a minute, m/s."""
     return sd / speed / math.sqrt(max(seconds / MINUTE, 1.0))

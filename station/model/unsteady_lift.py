@@ -15,13 +15,16 @@ difference of the two. SI, rad.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from station.numerics.indicial import Response, frequency_response, response
 from station.numerics.regression import invert
+from station.numerics.spectra import carry
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -31,86 +34,108 @@ WX, WD, TX, TD, TQ, ARM, MASS, INERTIA, RELATIVE = range(9)
 ROWS: Final = 9
 """Of `weights`: what the wing's part of v has of alpha and d for a unit of CL_alpha, and the tail's of alpha, d and
 q c/2V in CL; l_t/c; inertia in heave and pitch, s 2m/(rho S V) and s 4 Iyy/(rho S c^2 V), and 4m/(rho S c)."""
-_MET, _CALM, _NORMAL = 0, 4, 7
-SUMS: Final = 13
-"""Over closed segments, each equation's products of v with four regressors and with three in calm air, and, in the
-first row only, the normal matrix of these."""
-_CHORD, _LENGTH, _EDGE, _TAIL, _SHARE, _WASH, _LATE, _HEAVY, _PITCHING, _NW, _NK, _WA, _WB, _KA, _KB, KNOWN = (
-    *range(11), 11, 15, 19, 23, 27
-)  # fmt: skip
 
 
-def known(aircraft: Aircraft) -> Array:
-    """What `weights` depend on, (KNOWN,); zeros for an aircraft without tail, inertia or memory of its lift."""
+class Known(NamedTuple):
+    """What `weights` depend on of an aircraft."""
+
+    chord: float
+    reference_chord: float
+    """That indicial responses are by."""
+    gust_edge: float
+    """m ahead of the CG, where the wing meets a gust."""
+    tail_arm: float
+    tail_share: float
+    downwash: float
+    downwash_delay: float
+    heave: float
+    """4m/(S c), kg/m3; 0: there is nothing to reckon with."""
+    pitching: float
+    """4 Iyy/(S c^2), kg/m2."""
+    motion: Response
+    gust: Response
+
+
+class Sums(NamedTuple):
+    """Over closed segments."""
+
+    met: Array
+    """Each equation's products of v with four regressors, (2, 4)."""
+    calm: Array
+    """And with three in calm air, (2, 3)."""
+    normal: Array
+    """The normal matrix of these, its lower triangle, (3, 3)."""
+
+
+@register_jitable
+def no_sums() -> Sums:
+    """Before the first segment is closed."""
+    return Sums(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros((3, 3)))
+
+
+def known(aircraft: Aircraft) -> Known:
+    """As the profile has it; nothing of an aircraft without tail, inertia or unsteady lift."""
     u, g = aircraft.unsteady, aircraft.geometry
-    made = np.zeros(KNOWN)
+    motion, gust = response(u.lift_motion), response(u.lift_gust)
     if not (u.memory and u.tail_arm > 0.0 and aircraft.inertia.iyy):
-        return made
-    made[_CHORD], made[_LENGTH], made[_EDGE] = g.chord, u.reference_chord or g.chord, aircraft.gust_edge
-    made[_TAIL], made[_SHARE] = u.tail_arm, u.tail_lift_slope
-    made[_WASH], made[_LATE] = u.downwash, u.downwash_delay
+        return Known(*(0.0,) * 9, motion, gust)
     swept = g.wing_area * g.chord
-    made[_HEAVY], made[_PITCHING] = 4 * aircraft.inertia.mass / swept, 4 * aircraft.inertia.iyy / (swept * g.chord)
-    for response, terms, a, b in ((u.lift_motion, _NW, _WA, _WB), (u.lift_gust, _NK, _KA, _KB)):
-        if response is not None:
-            count = min(len(response.a), 4)
-            made[terms] = count
-            made[a : a + count], made[b : b + count] = response.a[:count], response.b[:count]
-    return made
+    return Known(
+        chord=g.chord,
+        reference_chord=u.reference_chord or g.chord,
+        gust_edge=aircraft.gust_edge,
+        tail_arm=u.tail_arm,
+        tail_share=u.tail_lift_slope,
+        downwash=u.downwash,
+        downwash_delay=u.downwash_delay,
+        heave=4 * aircraft.inertia.mass / swept,
+        pitching=4 * aircraft.inertia.iyy / (swept * g.chord),
+        motion=motion,
+        gust=gust,
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def _remembered(k: Array, a: int, b: int, terms: int, s: complex) -> complex:
-    """Frequency response of an indicial response; `s`: per chord travelled."""
-    h = 1.0 + 0.0j
-    for j in range(terms):
-        h -= k[a + j] * s / (s + k[b + j])
-    return h
-
-
-@njit(cache=True, error_model="numpy")
-def weights(k: Array, speed: float, density: float, frequencies: Array, memory: Complex) -> None:
-    """`memory` (ROWS, frequencies) at a mean airspeed (m/s), density of the air (kg/m3) and each frequency (Hz).
-
-    `k`: see `known`.
-    """
-    if not k[_HEAVY] > 0.0:
+def weights(k: Known, speed: float, density: float, frequencies: Array, memory: Complex) -> None:
+    """`memory` (ROWS, frequencies) at a mean airspeed (m/s), density of the air (kg/m3) and each frequency (Hz)."""
+    if not k.heave > 0.0:
         return
     for i in range(frequencies.shape[0]):
         s = 2j * math.pi * frequencies[i] / speed
-        to_tail = np.exp(-s * k[_TAIL])
+        to_tail = np.exp(-s * k.tail_arm)
         # g = d/(1 - e^{-s T}), and alpha without it is the motion's.
         since = 1.0 - to_tail
-        w = _remembered(k, _WA, _WB, int(k[_NW]), s * k[_LENGTH])
-        met = _remembered(k, _KA, _KB, int(k[_NK]), s * k[_LENGTH]) * np.exp(s * k[_EDGE])
-        washed = 1.0 - k[_WASH] + k[_WASH] * to_tail * np.exp(-s * speed * k[_LATE])
+        w = frequency_response(k.motion, s * k.reference_chord)
+        met = frequency_response(k.gust, s * k.reference_chord) * np.exp(s * k.gust_edge)
+        washed = 1.0 - k.downwash + k.downwash * to_tail * np.exp(-s * speed * k.downwash_delay)
         motion, gust = 1.0 - washed * w, to_tail - washed * met
-        arm = k[_TAIL] / k[_CHORD]
+        arm = k.tail_arm / k.chord
         memory[WX, i], memory[WD, i] = w - 1.0, (met - w) / since
-        memory[TX, i], memory[TD, i] = k[_SHARE] * motion, k[_SHARE] * (gust - motion) / since
-        memory[TQ, i], memory[ARM, i] = -2.0 * k[_SHARE] * k[_WASH] * arm, arm
-        memory[MASS, i] = 0.5 * s * k[_HEAVY] * k[_CHORD] / density
-        memory[INERTIA, i] = s * k[_PITCHING] / density
-        memory[RELATIVE, i] = k[_HEAVY] / density
+        memory[TX, i], memory[TD, i] = k.tail_share * motion, k.tail_share * (gust - motion) / since
+        memory[TQ, i], memory[ARM, i] = -2.0 * k.tail_share * k.downwash * arm, arm
+        memory[MASS, i] = 0.5 * s * k.heave * k.chord / density
+        memory[INERTIA, i] = s * k.pitching / density
+        memory[RELATIVE, i] = k.heave / density
 
 
 @njit(cache=True, error_model="numpy")
-def left_out(memory: Complex, x: Complex, theta: Array, inverse: Array, past: Array, close: bool, out: Array) -> None:
-    """By how much the estimates `theta` (2, 3) lie off those of the same elevator in calm air: `out` (2, 3).
+def _short_period(memory: Complex, f: int, theta: Array, de: complex, alone: Complex) -> None:
+    """Alpha, q c/2V and elevator in calm air at line f, made by the elevator `de`, -> `alone` (3,)."""
+    lift, moment = memory[MASS, f] + theta[0, 0], memory[INERTIA, f] - theta[1, 1]
+    rate = theta[0, 1] - memory[RELATIVE, f]
+    determinant = lift * moment + rate * theta[1, 0]
+    alone[0] = -(theta[0, 2] * moment + rate * theta[1, 2]) / determinant * de
+    alone[1] = (lift * theta[1, 2] - theta[1, 0] * theta[0, 2]) / determinant * de
+    alone[2] = de
 
-    There alpha and q are the short period's. `inverse` (4, 4): of the normal matrix of `x` (4, frequencies): alpha,
-    q c/2V, elevator, d. `past` (2, SUMS): sums over closed segments; `close` adds this one.
-    """
-    met, calm, normal = np.zeros((2, 4)), np.zeros((2, 3)), np.zeros((3, 3))
+
+@njit(cache=True, error_model="numpy")
+def _products(memory: Complex, x: Complex, theta: Array, sums: Sums) -> None:
+    """Of v with the regressors `x` (4, frequencies) and with those of calm air, -> `sums`."""
+    met, calm, normal = sums
     alone = np.empty(3, dtype=np.complex128)
     for f in range(x.shape[1]):
-        de = x[2, f]
-        lift, moment = memory[MASS, f] + theta[0, 0], memory[INERTIA, f] - theta[1, 1]
-        rate = theta[0, 1] - memory[RELATIVE, f]
-        determinant = lift * moment + rate * theta[1, 0]
-        alone[0] = -(theta[0, 2] * moment + rate * theta[1, 2]) / determinant * de
-        alone[1] = (lift * theta[1, 2] - theta[1, 0] * theta[0, 2]) / determinant * de
-        alone[2] = de
+        _short_period(memory, f, theta, x[2, f], alone)
         tail = memory[TX, f] * x[0, f] + memory[TD, f] * x[3, f] + memory[TQ, f] * x[1, f]
         calm_tail = memory[TX, f] * alone[0] + memory[TQ, f] * alone[1]
         wing = memory[WX, f] * x[0, f] + memory[WD, f] * x[3, f]
@@ -125,29 +150,30 @@ def left_out(memory: Complex, x: Complex, theta: Array, inverse: Array, past: Ar
         for i in range(3):
             for j in range(i + 1):
                 normal[i, j] += alone[i].real * alone[j].real + alone[i].imag * alone[j].imag
-    at = _NORMAL
+
+
+@njit(cache=True, error_model="numpy")
+def drift(memory: Complex, x: Complex, theta: Array, inverse: Array, past: Sums, close: bool) -> Array:
+    """By how much the estimates `theta` (2, 3 or more) differ from those of the same elevator in calm air, (2, 3).
+
+    There alpha and q are the short period's. `inverse` (4, 4): of the normal matrix of `x` (4, frequencies): alpha,
+    q c/2V, elevator, d. `close` adds this segment to the `past`.
+    """
+    now, out = no_sums(), np.zeros((2, 3))
+    _products(memory, x, theta, now)
+    met, calm, normal = now
     for i in range(3):
-        for j in range(i + 1):
-            normal[i, j] += past[0, at]
+        carry(past.normal[i], normal[i, : i + 1], close)
+        for j in range(i):
             normal[j, i] = normal[i, j]
-            if close:
-                past[0, at] = normal[i, j]
-            at += 1
     of_calm = np.empty((3, 3))
     is_known = invert(normal, 3, of_calm)
     for e in range(2):
-        for i in range(4):
-            met[e, i] += past[e, _MET + i]
-            if close:
-                past[e, _MET + i] = met[e, i]
-        for i in range(3):
-            calm[e, i] += past[e, _CALM + i]
-            if close:
-                past[e, _CALM + i] = calm[e, i]
-        for j in range(3):
-            out[e, j] = 0.0
-            if is_known:
-                for i in range(4):
-                    out[e, j] += inverse[j, i] * met[e, i]
-                for i in range(3):
-                    out[e, j] -= of_calm[j, i] * calm[e, i]
+        carry(past.met[e], met[e], close)
+        carry(past.calm[e], calm[e], close)
+        for j in range(3 if is_known else 0):
+            for i in range(4):
+                out[e, j] += inverse[j, i] * met[e, i]
+            for i in range(3):
+                out[e, j] -= of_calm[j, i] * calm[e, i]
+    return out

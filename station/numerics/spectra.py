@@ -9,10 +9,11 @@ missing sample is left out of all of them and costs nothing but itself.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt_zi
 
@@ -23,32 +24,78 @@ HIGH_PASS_HZ: Final = 0.02
 HIGH_PASS_ORDER: Final = 4
 
 
-@njit(cache=True)
-def step(
-    sos: Array,
-    rest: Array,
-    z: Array,
-    x: Array,
-    spectrum: Complex,
-    phase: Complex,
-    turn: Complex,
-    count: Array,
-    is_open: bool,
-) -> None:
-    """One sample of each channel, `x` (channels,), all finite.
+FILTERED, TRANSFORMED = range(2)
+"""Places in State.samples."""
 
-    Edits the filters `z` (channels, sections, 2), `spectrum` (channels, frequencies), `phase` (frequencies,) and
-    `count` (samples filtered, samples transformed). `rest`: filter state of a constant 1, (sections, 2).
-    """
-    first = count[0] == 0.0
-    count[0] += 1.0
+
+class Design(NamedTuple):
+    """What the transform of any channel goes by."""
+
+    sections: Array
+    """Second-order sections of the high-pass, (sections, 6)."""
+    rest: Array
+    """Their state at rest under a constant 1, (sections, 2)."""
+    turn: Complex
+    """What each line's phase is multiplied by from one sample to the next, (frequencies,)."""
+
+
+class State(NamedTuple):
+    """The transform of some channels, changed in place."""
+
+    filters: Array
+    """Of the high-pass, (channels, sections, 2)."""
+    spectrum: Complex
+    """(channels, frequencies)"""
+    phase: Complex
+    """Of the next sample, (frequencies,)."""
+    samples: Array
+    """Filtered, and of these transformed, (2,)."""
+
+
+@register_jitable
+def begin(design: Design, channels: int) -> State:
+    """Before the first sample."""
+    sections, lines = design.sections.shape[0], design.turn.shape[0]
+    return State(
+        np.zeros((channels, sections, 2)),
+        np.zeros((channels, lines), dtype=np.complex128),
+        np.ones(lines, dtype=np.complex128),
+        np.zeros(2),
+    )
+
+
+@register_jitable
+def clear(state: State) -> None:
+    """Empty the transform; the high-pass stays warm."""
+    state.spectrum[:] = 0.0
+    state.phase[:] = 1.0
+    state.samples[TRANSFORMED] = 0.0
+
+
+@njit(cache=True)
+def carry(past: Array, now: Array, close: bool) -> None:
+    """Add to the sums `now` (n,) of a segment of a flight those of the segments `past` (n or more,), which take it in
+    where it is to `close`. A long flight is cut into segments: over one ever longer transform repeated inputs cancel
+    at most lines of the grid."""
+    for i in range(now.shape[0]):
+        now[i] += past[i]
+        if close:
+            past[i] = now[i]
+
+
+@njit(cache=True)
+def step(design: Design, state: State, x: Array, is_open: bool) -> None:
+    """One sample of the first channels, `x` (channels,), all finite; transformed if `is_open`, else only filtered."""
+    sos, z, spectrum, phase = design.sections, state.filters, state.spectrum, state.phase
+    first = state.samples[FILTERED] == 0.0
+    state.samples[FILTERED] += 1.0
     if is_open:
-        count[1] += 1.0
+        state.samples[TRANSFORMED] += 1.0
     for c in range(x.shape[0]):
         if first:
             for k in range(sos.shape[0]):
-                z[c, k, 0] = rest[k, 0] * x[c]
-                z[c, k, 1] = rest[k, 1] * x[c]
+                z[c, k, 0] = design.rest[k, 0] * x[c]
+                z[c, k, 1] = design.rest[k, 1] * x[c]
         value = x[c]
         for k in range(sos.shape[0]):
             y = sos[k, 0] * value + z[c, k, 0]
@@ -60,7 +107,7 @@ def step(
                 spectrum[c, i] += value * phase[i]
     if is_open:
         for i in range(phase.shape[0]):
-            phase[i] *= turn[i]
+            phase[i] *= design.turn[i]
 
 
 def grid(low: float, high: float, step_hz: float) -> Array:
@@ -74,51 +121,34 @@ def central_difference_factor(frequencies_hz: Array, dt: float) -> Array:
     return np.asarray(x / np.sin(x))
 
 
-def high_pass(dt: float) -> tuple[Array, Array]:
-    """The filter's second-order sections, (sections, 6), and their state at rest under a constant 1, (sections, 2)."""
-    sos = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
-    return sos, np.asarray(sosfilt_zi(sos))
+def design(frequencies_hz: Array, dt: float) -> Design:
+    """High-pass and lines for samples `dt` (s) apart."""
+    sections = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
+    return Design(sections, np.asarray(sosfilt_zi(sections)), np.exp(-2j * np.pi * frequencies_hz * dt))
 
 
 class Transform:
     """The state of `step` for some channels: `spectrum` (channels, frequencies) and `samples` in it."""
 
     def __init__(self, channels: int, frequencies_hz: Array, dt: float) -> None:
-        self.sos, self.rest = high_pass(dt)
-        self._z = np.zeros((channels, len(self.sos), 2))
-        self.turn = np.exp(-2j * np.pi * frequencies_hz * dt)
-        self._phase = np.ones(len(frequencies_hz), dtype=np.complex128)
-        self._count = np.zeros(2)
-        self.spectrum = np.zeros((channels, len(frequencies_hz)), dtype=np.complex128)
-        self.arrays = (self._z, self.spectrum, self._phase, self._count)
-        """What `step` edits."""
+        self.design = design(frequencies_hz, dt)
+        self.state = begin(self.design, channels)
+        self.spectrum = self.state.spectrum
 
     @property
     def filtered(self) -> float:
         """Samples that the high-pass has seen."""
-        return float(self._count[0])
+        return float(self.state.samples[FILTERED])
 
     @property
     def samples(self) -> float:
         """Samples in the transform."""
-        return float(self._count[1])
+        return float(self.state.samples[TRANSFORMED])
 
     def clear(self) -> None:
         """Empty the transform; the high-pass stays warm."""
-        self.spectrum[:] = 0.0
-        self._phase[:] = 1.0
-        self._count[1] = 0.0
+        clear(self.state)
 
     def step(self, x: Array, is_open: bool) -> None:
         """One sample of each channel, (channels,); transformed if `is_open`, else only filtered."""
-        step(
-            self.sos,
-            self.rest,
-            self._z,
-            x,
-            self.spectrum,
-            self._phase,
-            self.turn,
-            self._count,
-            is_open,
-        )
+        step(self.design, self.state, x, is_open)

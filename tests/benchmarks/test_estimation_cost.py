@@ -28,26 +28,23 @@ LINES = 49
 
 
 @njit
-def one_equation(sos, rest, z, x, spectrum, phase, turn, count, past, out, inverse) -> bool:
+def one_equation(design, state, x, sums, fitted) -> float:
     """Ticks of one equation: transform of three regressors and the output, then least squares with honest errors."""
-    done = True
+    r2 = 0.0
     for k in range(x.shape[0]):
-        spectra.step(sos, rest, z, x[k], spectrum, phase, turn, count, True)
-        done = equation_error.fit(spectrum[:3], spectrum[3], np.zeros(3), 1.0, past, False, out, inverse)
-    return done
+        spectra.step(design, state, x[k], True)
+        r2 = equation_error.fit(state.spectrum[:3], state.spectrum[3], np.zeros(3), 1.0, sums, False, fitted)
+    return r2
 
 
 def test_tick_of_one_equation_with_3_regressors_and_49_lines(benchmark: Any) -> None:
-    sos, rest = spectra.high_pass(0.02)
     x = np.random.default_rng(3).normal(size=(TICKS, 4))
-    turn = np.exp(-2j * np.pi * spectra.grid(0.08, 2.0, 0.04) * 0.02)
-    assert len(turn) == LINES
-    z, out = np.zeros((4, len(sos), 2)), np.zeros((3, 4))
-    spectrum = np.zeros((4, LINES), dtype=complex)
-    state = (z, x, spectrum, np.ones(LINES, dtype=complex), turn, np.zeros(2), np.zeros(equation_error.PAST), out)
+    transform = spectra.Transform(4, spectra.grid(0.08, 2.0, 0.04), 0.02)
+    assert transform.spectrum.shape[1] == LINES
+    sums, fitted = equation_error.no_sums((), 4), equation_error.nothing_fitted((), 4)
 
     def run() -> None:
-        assert one_equation(sos, rest, *state, np.zeros((4, 4)))
+        assert np.isfinite(one_equation(transform.design, transform.state, x, sums, fitted))
 
     run()
     benchmark(run)

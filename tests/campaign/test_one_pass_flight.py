@@ -21,7 +21,7 @@ from station.campaign.case import (
 )
 from station.campaign.spec import METHODS, Campaign, Case, Plan
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS
-from station.estimation.derivatives import KINDS
+from station.estimation.method_fits import KINDS
 from station.estimation.methods import Estimator
 from station.profile import Card
 from station.rows import Frame, MethodEstimate

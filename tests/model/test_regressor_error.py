@@ -67,9 +67,10 @@ def test_a_wrong_wind_or_vane_moves_the_estimates_as_least_squares_on_wrong_regr
     """Two segments, the first closed. The share is so small that its square does not count."""
     e = 1e-8
     rng = np.random.default_rng(5)
-    rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
-    wrong.weights((HALF, LEAD, ARM, 0.0), SPEED, FREQUENCIES, (0.0, 0.0, 0.0, sd, sd, sd), rows, noise)
-    past, out = np.zeros(wrong.SUMS), np.zeros((2, 3))
+    made = wrong.no_weights(len(S))
+    about = wrong.Lengths(HALF, LEAD, ARM, 0.0)
+    wrong.weights(about, SPEED, FREQUENCIES, wrong.Deviations(0.0, 0.0, 0.0, sd, sd, sd), made)
+    past = np.zeros(wrong.SUMS)
     normal = np.zeros((4, 4))
     all_used: list[list[np.ndarray]] = [[] for _ in kinds]
     all_true: list[list[np.ndarray]] = [[] for _ in kinds]
@@ -78,7 +79,7 @@ def test_a_wrong_wind_or_vane_moves_the_estimates_as_least_squares_on_wrong_regr
         pitch = qhat * SPEED / HALF / S
         x = np.array([a + g, qhat, de, g * (1 - np.exp(-S * TO_TAIL))])
         normal += (x.conj() @ x.T).real
-        wrong.off(rows, noise, 1.0, 1.0 - sd, x, THETA, np.linalg.inv(normal), past, close, out)
+        out = wrong.standard_deviations(made, 1.0, 1.0 - sd, x, THETA, np.linalg.inv(normal), past, close)
         for k, kind in enumerate(kinds):
             true, used = kind(a, g, pitch, e)
             all_true[k].append(np.array([true[0], qhat, de, true[1]]))
@@ -95,9 +96,10 @@ def test_gusts_seen_too_late_move_the_estimates_as_least_squares_on_late_gusts_d
     """A vane 2 m behind the CG with a lag of 12 ms; two segments, the first closed."""
     behind, lag = 2.0, 0.012
     rng = np.random.default_rng(7)
-    rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
-    wrong.weights((HALF, -behind, ARM, lag), SPEED, FREQUENCIES, (0.0,) * 6, rows, noise)
-    past, out = np.zeros(wrong.SUMS), np.zeros((2, 3))
+    made = wrong.no_weights(len(S))
+    about = wrong.Lengths(HALF, -behind, ARM, lag)
+    wrong.weights(about, SPEED, FREQUENCIES, wrong.Deviations(*(0.0,) * 6), made)
+    past = np.zeros(wrong.SUMS)
     normal = np.zeros((4, 4))
     seen, met = [], []
     for close in (True, False):
@@ -106,7 +108,7 @@ def test_gusts_seen_too_late_move_the_estimates_as_least_squares_on_late_gusts_d
         seen.append(np.array([a + g * late, qhat, de, g * late * step]))
         met.append(np.array([a + g, qhat, de, g * step]))
         normal += (seen[-1].conj() @ seen[-1].T).real
-        wrong.off(rows, noise, 1.0, 0.0, seen[-1], THETA, np.linalg.inv(normal), past, close, out)
+        out = wrong.standard_deviations(made, 1.0, 0.0, seen[-1], THETA, np.linalg.inv(normal), past, close)
     for equation in range(2):
         found = fitted(np.hstack(seen), THETA[equation] @ np.hstack(met)) - THETA[equation]
         assert out[equation] == pytest.approx(np.abs(found[:3]), rel=1e-9)
@@ -116,9 +118,9 @@ def test_noise_of_the_sensors_takes_off_what_it_takes_off_on_average() -> None:
     dt, n, late = 0.02, 1500, 7
     rng = np.random.default_rng(6)
     vane, pitch_rate, elevator = 0.02, 0.03, 0.02
-    rows, noise = np.zeros((wrong.ROWS, len(S)), dtype=complex), np.zeros((4, 4))
-    about = (HALF, LEAD, late * dt * SPEED, 0.0)
-    wrong.weights(about, SPEED, FREQUENCIES, (vane, pitch_rate, elevator, 0.0, 0.0, 0.0), rows, noise)
+    made = wrong.no_weights(len(S))
+    about = wrong.Lengths(HALF, LEAD, late * dt * SPEED, 0.0)
+    wrong.weights(about, SPEED, FREQUENCIES, wrong.Deviations(vane, pitch_rate, elevator, 0.0, 0.0, 0.0), made)
     turn = np.exp(-np.outer(np.arange(n) * dt, S))
     clean = 6 * (rng.normal(size=(4, len(S))) + 1j * rng.normal(size=(4, len(S)))) * np.array([[1], [0.1], [1], [1]])
     z = THETA[1] @ clean
@@ -128,9 +130,9 @@ def test_noise_of_the_sensors_takes_off_what_it_takes_off_on_average() -> None:
         own = (v[late:], HALF / SPEED * pitch_rate * rng.normal(size=n), elevator * rng.normal(size=n))
         x = clean + np.array([*own, v[late:] - v[:-late]]) @ turn
         draws.append(fitted(x, z) - THETA[1])
-    normal = (clean.conj() @ clean.T).real + n * noise
-    past, out = np.zeros(wrong.SUMS), np.zeros((2, 3))
-    wrong.off(rows, noise, n, 0.0, clean, THETA, np.linalg.inv(normal), past, False, out)
+    normal = (clean.conj() @ clean.T).real + n * made.noise
+    past = np.zeros(wrong.SUMS)
+    out = wrong.standard_deviations(made, n, 0.0, clean, THETA, np.linalg.inv(normal), past, False)
     off, sd = np.mean(draws, axis=0)[:3], np.std(draws, axis=0)[:3] / np.sqrt(len(draws))
     # Three standard errors of the mean; the next order is a tenth of the first.
     assert np.all(np.abs(np.abs(off) - out[1]) < 3 * sd + 0.1 * out[1])
