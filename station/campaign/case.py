@@ -16,14 +16,15 @@ from station.campaign import physical_pass as physical
 from station.campaign.one_pass import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
 from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
 from station.conventions import SIGNAL_INDEX, TICK_HZ
-from station.estimation.alpha import parameters
+from station.estimation import tick
 from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
 from station.estimation.methods import NOISE
 from station.estimation.physical_method import SEGMENT
-from station.model import physical_signals, regressor_error, unsteady_lift
+from station.model import regressor_error, unsteady_lift
 from station.model.physical_columns import constants, why_not
 from station.numerics import spectra
+from station.numerics.named_state import blank
 from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
 from station.simulation import airframe as ac
 from station.simulation.boom import NO_BOOM, second_order, vane_constants
@@ -141,23 +142,21 @@ def prepare(plan: Plan, case: Case) -> Setup:
         signal_to_noise=scenario.signal_to_noise or 0.0,
     )
     known = known_aircraft(scenario, flown)
-    return Setup(air, sensors, _estimation(campaign, known), _physical(campaign, known), points)
+    own = _physical(campaign, known)
+    return Setup(air, sensors, _estimation(campaign, known, own is not None), own, points)
 
 
-def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
+def _estimation(campaign: Campaign, known: Aircraft, has_physical: bool) -> Estimation:
     methods = campaign.methods
     # The split angle of attack also turns the forces of the other methods to wind axes.
     has_split = campaign.axes == "wind" or any(m == "physical" or m.startswith("split") for m in methods)
     frequencies = spectra.grid(campaign.low, campaign.high, campaign.step)
     imu = (0.0, 0.0, 0.0)
-    boom = known.boom
     return Estimation(
         has_split=has_split,
         has_benchmarks=any(m in BENCHMARKS for m in methods),
         channels=7 if has_split or {"III", "V"} & set(methods) else 5,
-        alpha=parameters(known, _TICK_S),
-        boom=(boom.zero, boom.steady_calibration, boom.vane_x) if boom else (0.0, 1.0, 0.0),
-        imu=np.array(imu),
+        filters=tick.constants(known, imu, _TICK_S, campaign.high, has_physical),
         sides=Sides(known, imu, _TICK_S, campaign.axes == "body").constant,
         transform=spectra.design(frequencies, _TICK_S),
         frequencies=frequencies,
@@ -178,11 +177,8 @@ def _estimation(campaign: Campaign, known: Aircraft) -> Estimation:
 def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
     if "physical" not in campaign.methods or why_not(known):
         return None
-    boom = known.boom or NO_BOOM
     body = known.boom.upwash_body if known.boom else 0.0
     return physical.Constants(
-        signals=physical_signals.parameters(known),
-        vane=physical_signals.vane_inverse(boom.vane_frequency, boom.vane_damping, _TICK_S, campaign.high),
         regressors=constants(known),
         noise=(NOISE["alpha_vane"] / (1.0 + body)) ** 2,
         segment=round(SEGMENT / campaign.step / _TICK_S) if campaign.segments else math.inf,
@@ -208,7 +204,8 @@ def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[
             here.fly(wider, chunk)
         results = nothing(len(chunk))
         for run in range(len(chunk)):
-            estimate(setup.estimation, setup.physical, here.shown[run], here.true_alpha[run], results, run)
+            state, shown, true_alpha = blank(tick.State), here.shown[run], here.true_alpha[run]
+            estimate(setup.estimation, setup.physical, state, shown, true_alpha, results, run)
         results.estimate[~results.solved] = math.nan
         results.error[~results.solved] = math.nan
         yield chunk, results
@@ -292,7 +289,7 @@ def compile_part(plan: Plan, part: int) -> None:
     setup = prepare(plan, max(plan.cases, key=lambda c: c.scenario.turbulence))
     e, none = setup.estimation, Room.of(setup, 1)
     if part == 0:
-        estimate(e, setup.physical, none.shown[0, :0], none.true_alpha[0, :0], nothing(1), 0)
+        estimate(e, setup.physical, blank(tick.State), none.shown[0, :0], none.true_alpha[0, :0], nothing(1), 0)
     elif part == 1:
         compile_fits(e)
     else:

@@ -17,16 +17,15 @@ from numpy.typing import NDArray
 
 from station.campaign import physical_pass as physical
 from station.conventions import SIGNAL_INDEX, TICK_HZ, TICK_NS
-from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
 from station.estimation import equation_error as ee
-from station.estimation import inertial, method_fits, tick
+from station.estimation import method_fits, tick
 from station.estimation.derivatives import SLACK_S, moved, weights
 from station.estimation.method_fits import KINDS, SPLIT_CHANNELS, STEADY_CHANNELS, Extent, Factors
 from station.estimation.methods import SETTLE_TICKS
-from station.model import physical_signals as gusts
 from station.model import regressor_error, unsteady_lift
 from station.numerics import spectra
+from station.numerics.named_state import Element
 from station.simulation import airframe as ac
 from station.simulation.boom import SecondOrder, VaneConstants
 from station.simulation.distortion import distort
@@ -90,12 +89,8 @@ class Estimation(NamedTuple):
     has_benchmarks: bool
     channels: int
     """Of the unsplit methods' transform."""
-    alpha: Array
-    """alpha.parameters."""
-    boom: tuple[float, float, float]
-    """Zero, steady calibration, length: see tick.prepare."""
-    imu: Array
-    """Its place from the CG, m."""
+    filters: Element
+    """tick.Constants."""
     sides: Array
     """equation_error.Sides.constant."""
     transform: spectra.Design
@@ -195,20 +190,24 @@ def _fit_benchmarks(
 
 @njit(cache=True, error_model="numpy")
 def estimate(
-    e: Estimation, own: physical.Constants | None, shown: Array, true_alpha: Array, results: Results, run: int
+    e: Estimation,
+    own: physical.Constants | None,
+    state: Element,
+    shown: Array,
+    true_alpha: Array,
+    results: Results,
+    run: int,
 ) -> None:
     """Every method's estimates at the end of a record, as the Estimator comes to them tick by tick.
 
-    `own`: for the method physical, where it is wanted; shown (ticks, signals), true_alpha (ticks,). Fills `results` of
-    this `run`.
+    `own`: for the method physical, where it is wanted; `state`: tick.State at the start; shown (ticks, signals),
+    true_alpha (ticks,). Fills `results` of this `run`.
     """
     n, lines = shown.shape[0], e.frequencies.shape[0]
-    inertial_state, inertial_ring = np.zeros(inertial.STATE), np.zeros((inertial.RING, 7))
-    inertial_out = np.full(inertial.OUT, math.nan)
-    vane_state, vane_ring, vane_out = np.zeros(cg.STATE), np.zeros((cg.RING, 4)), np.full(cg.OUT, math.nan)
-    u, motion, air, ages = np.empty(len(_INPUTS)), np.empty(6), np.empty(3), np.zeros(3)
-    row, history, means = np.zeros(ee.ROW), np.full((3, ee.ROW), math.nan), np.zeros(4)
-    made = np.full(4 + ee.EXTRAS, math.nan)
+    u, age = np.empty(len(_INPUTS)), np.zeros(len(_INPUTS))
+    made, means = np.full(4 + ee.EXTRAS, math.nan), np.zeros(4)
+    sides = (e.sides, np.full((3, ee.ROW), math.nan), means, made)
+    s: tick.State = state[0]
     groups = (
         spectra.begin(e.transform, STEADY_CHANNELS),
         spectra.begin(e.transform, SPLIT_CHANNELS),
@@ -221,43 +220,21 @@ def estimate(
     found = method_fits.nothing_found(_KINDS)
     factors = Factors(e.derivative, np.ones(lines), np.ones((2, lines), dtype=np.complex128), np.zeros(lines))
     doubt = method_fits.no_doubt(lines)
-    wind_state = np.zeros(gusts.STATE)
-    zero, calibration, arm = e.boom
     speed, density = math.nan, math.nan
     steady_from, split_from, split_run = 0.0, 0.0, 0
     if own is not None:
         kept = physical.begin(own, e.transform)
-        wind_state = kept.state
 
     for k in range(n):
         t = (k * TICK_NS) * 1e-9
         for i in range(len(_INPUTS)):
             u[i] = shown[k, _INPUTS[i]]
-        tick.prepare(u, zero, calibration, arm, motion, air)
-        alpha_i = math.nan
-        if e.has_split:
-            a, v = cond.ATTITUDE, cond.VELOCITY
-            inertial_state[inertial.HOLD] = 0.0
-            if own is not None and kept.transform.samples[spectra.TRANSFORMED] > 0.0:
-                inertial_state[inertial.HOLD] = 1.0
-            inertial.step(
-                inertial_state, inertial_ring, t, _DT, motion, u[a:v], ages, u[v:], ages, air, e.imu, inertial_out
-            )
-            if inertial_out[8] > 0.0:
-                alpha_i = inertial_out[0]
-        flow, q = u[cond.VANE], motion[1]
-        cg.step(e.alpha, vane_state, vane_ring, _DT, flow, motion[0], q, air[0], alpha_i, vane_out)
-        if own is not None:
-            gust, ground, theta = vane_out[cg.BOOM_GUST], inertial_out[2], inertial_out[7]
-            physical.follow(own, kept, vane_out[cg.READY] > 0.0, gust, alpha_i, air[0], ground, theta)
-        elif vane_out[cg.READY] > 0.0:
-            gusts.watch_wind(wind_state, _DT, air[0], inertial_out[2])
-            wind_state[gusts.COUNT] += 1.0
-        else:
-            wind_state[gusts.COUNT] = 0.0
-        is_split = tick.assemble(u, motion, u[cond.QBAR], u[cond.MASS], vane_out, row)
-        has_sample = ee.sides(e.sides, history, means, _DT, row, made)
-        if has_sample and k + 1 > SETTLE_TICKS:
+        if not e.has_split:
+            for i in range(cond.ATTITUDE, len(_INPUTS)):
+                u[i] = math.nan
+        s.inertial.is_held = own is not None and kept.transform.samples[spectra.TRANSFORMED] > 0.0
+        done = tick.advance(e.filters, state, sides, t, u, age)
+        if done & tick.MADE and k + 1 > SETTLE_TICKS:
             due = t >= e.warm_up
             late = t - e.warm_up + SLACK_S
             if steady.samples[spectra.FILTERED] == 0.0:
@@ -276,12 +253,10 @@ def estimate(
                 spectra.step(e.transform, split, split_x, opens)
             if own is not None and split_run > SETTLE_TICKS:
                 card, left = (e.warm_up, e.step), n - 1 - k
-                physical.add(
-                    own, kept, e.transform, e.frequencies, e.derivative, card, made, t, inertial_out[2], means[2], left
-                )
-        split_run = split_run + 1 if is_split else 0
+                physical.add(own, kept, e.transform, e.frequencies, e.derivative, card, s, made, t, means[2], left)
+        split_run = split_run + 1 if done & tick.SPLIT else 0
 
-        mean = vane_out[cg.SPEED_MEAN]
+        mean = s.vane.seen.speed_mean
         if steady.samples[spectra.TRANSFORMED] + closed[0] == 0.0 or not mean > 0.0:
             continue
         if moved(mean, speed) or moved(means[2], density):
@@ -297,7 +272,7 @@ def estimate(
         regressor_error.weights(e.paths, speed, e.frequencies, e.noisy, doubt.regressors)
         samples = split.samples[spectra.TRANSFORMED] + closed[1]
         ridge = lines * samples * e.vane_noise**2
-        wind = regressor_error.wind_share(gusts.wind_sd(wind_state, _DT), mean, samples * _DT)
+        wind = regressor_error.wind_share(s.wind_sd, mean, samples * _DT)
         extent = Extent(independent, close, samples, ridge, wind)
         method_fits.fit_methods(steady.spectrum, split.spectrum, factors, doubt, extent, past, found)
         if e.has_benchmarks:

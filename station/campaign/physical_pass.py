@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import TICK_HZ
+from station.estimation import tick
 from station.estimation.physical_method import SLACK_S, UPDATE_TICKS
 from station.model import physical_columns as pc
 from station.model import physical_fit
@@ -24,9 +24,6 @@ _DT = 1.0 / TICK_HZ
 class Constants(NamedTuple):
     """What the method takes of an aircraft and a card."""
 
-    signals: Array
-    vane: Array
-    """physical_signals.vane_inverse."""
     regressors: Array
     """physical_columns.constants."""
     noise: float
@@ -38,9 +35,6 @@ class Constants(NamedTuple):
 class Memory(NamedTuple):
     """What the method carries from tick to tick, changed in place."""
 
-    state: Array
-    ring: Array
-    out: Array
     transform: spectra.State
     sums: Array
     """Time of the first sample, s; sum of the inertial speed, m/s; whether the last update was solved; standard error
@@ -59,9 +53,6 @@ class Memory(NamedTuple):
 def begin(c: Constants, design: spectra.Design) -> Memory:
     """At the start of a flight."""
     return Memory(
-        np.zeros(ps.STATE),
-        np.zeros((ps.RING, ps.COLUMNS)),
-        np.full((2, ps.SIGNALS), math.nan),
         spectra.begin(design, pc.CHANNELS),
         np.zeros(4),
         c.regressors.copy(),
@@ -76,19 +67,6 @@ def begin(c: Constants, design: spectra.Design) -> Memory:
 
 
 @njit(cache=True, error_model="numpy")
-def follow(
-    c: Constants, m: Memory, is_split: bool, gust: float, alpha_i: float, speed: float, ground: float, theta: float
-) -> None:
-    """The signals of one tick: gust at the boom, inertial angle of attack and pitch, rad, airspeed and inertial speed,
-    m/s."""
-    if is_split:
-        ps.step(c.signals, c.vane, m.state, m.ring, _DT, gust, alpha_i, speed, ground, theta, m.out)
-    else:
-        m.state[ps.COUNT] = 0.0
-        m.out[:] = math.nan
-
-
-@njit(cache=True, error_model="numpy")
 def add(
     c: Constants,
     m: Memory,
@@ -96,19 +74,19 @@ def add(
     frequencies: Array,
     derivative: Array,
     card: tuple[float, float],
+    s: tick.State,
     made: Array,
     t: float,
-    ground: float,
     density: float,
     left: int,
 ) -> None:
     """One sample and, where an update is due that the end of the flight (`left` ticks on) or a segment needs, the
     estimate.
 
-    `card`: warm-up, s, and step, Hz; `made`: what equation_error.sides gave;
-    `ground`: inertial speed, m/s; `density`: of the air, kg/m3.
+    `card`: warm-up, s, and step, Hz; `s`: the live filters now; `made`: what equation_error.sides gave; `density`: of
+    the air, kg/m3.
     """
-    m.row[: ps.SIGNALS] = m.out[0]
+    m.row[: ps.SIGNALS] = s.signals.signals[0]
     m.row[ps.SIGNALS :] = made[:4]
     if m.transform.samples[spectra.FILTERED] == 0.0:
         m.sums[0] = t
@@ -118,8 +96,8 @@ def add(
     if samples == 0.0:
         return
     if samples == 1.0:
-        m.sums[3] = ps.wind_sd(m.state, _DT)
-    m.sums[1] += ground
+        m.sums[3] = s.wind_sd
+    m.sums[1] += s.inertial.flow.speed
     close = samples >= c.segment
     if not close and (samples % UPDATE_TICKS != 0.0 or left >= UPDATE_TICKS):
         return

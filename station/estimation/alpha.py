@@ -1,11 +1,11 @@
-"""From the vane to the angle of attack at the CG: zero, steady upwash, rate term, and the split correction.
+"""From the vane to the angle of attack at the CG: bias, steady upwash, rate term, and the split correction.
 
 The vane reads, for a small incidence,
 
-    alpha_v = H_v [(1 + k_f)(alpha_i - q x/V + g(t + x/V)) + k_w (F_m alpha_i + F_g g at the leading edge)] + zero
+    alpha_v = H_v [(1 + k_f)(alpha_i - q x/V + g(t + x/V)) + k_w (F_m alpha_i + F_g g at the leading edge)] + bias
 
-with alpha_i the inertial angle of attack, g the gust's, k_f the body's upwash (no memory), k_w the wing's (memory F_m
-for motion, F_g for gusts) and H_v the vane's own dynamics. The split correction (S2) predicts the part
+with alpha_i the inertial angle of attack, g the gust's, k_f the body's upwash (quasi-steady), k_w the wing's (indicial
+response F_m to motion, F_g to gusts) and H_v the vane's own dynamics. The split correction (S2) predicts the part
 due to motion, takes what is left as the gust at the boom, and delays only that until it reaches the CG. Causal, no
 latency: a vane behind the CG, or near it and slow, shows a gust when it has passed.
 
@@ -16,195 +16,252 @@ and the scale 1/(1 + k_u(f)) in the transform): Martos 2013. SI, radians.
 from __future__ import annotations
 
 import math
-from typing import Final
+from dataclasses import dataclass
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from station.numerics.delay import delayed
-from station.numerics.indicial import respond
-from station.numerics.second_order import second_order, vane_lag
+from station.numerics.indicial import Response, respond, response
+from station.numerics.named_state import Vector
+from station.numerics.second_order import follow, second_order, vane_lag
 from station.profile import Aircraft, Indicial
+from station.profile.aircraft import MOST_TERMS
 
 Array = NDArray[np.float64]
 
 RING: Final = 2048
 """Delay lines, ticks: longer than the 30 s of the mean speed."""
 MEAN_S: Final = 30.0
+SMOOTH_S: Final = 0.2
+"""Over which the airspeed loses its sensor's noise, for the rate term and the gust."""
 READY_S: Final = 1.0
-"""Wing memory and delay lines are full."""
+"""Unsteady upwash has settled and delay lines are full."""
 
-# params
-_ZERO, _KF, _KW, _X, _Y, _LE, _VANE_LAG, _TAIL, _CHORD, _VANE, _NM, _NG = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 17, 18
-_MA, _MB, _GA, _GB, _GX, PARAMS = 19, 23, 27, 31, 35, 36
-# state
-_COUNT, _VF, _VSUM, _XIN, _LEIN, _PIN, _VS, _MS, _GS, _SPLIT, _SEEN = 0, 1, 2, 3, 4, 5, 6, 8, 12, 16, 17
-STATE: Final = 20
-# out
-STEADY, SCALED_LATE, RATE_LATE, FAST, SPLIT, GUST, GUST_STEP, BOOM_GUST, RATE, SPEED_MEAN, READY, RESIDUAL = range(12)
-BEHIND: Final = 12
-"""By how long gusts are seen too late to be told at the CG when they are there, s."""
-OUT: Final = 13
+
+class Constants(NamedTuple):
+    """What `step` goes by. Lengths in m, times in s."""
+
+    dt: float
+    bias: float
+    """Of the vane, rad."""
+    upwash_body: float
+    upwash_wing: float
+    x: float
+    y: float
+    """The vane's place from the CG."""
+    gust_x: float
+    """From the vane to the CG, as gusts travel."""
+    edge: float
+    """From the vane to the wing's leading edge."""
+    tail: float
+    """From the CG to the tail."""
+    chord: float
+    vane_lag: float
+    vane: Annotated[Array, 8]
+    """Its dynamics: second_order."""
+    motion: Response
+    gust: Response
+    """Of the wing's upwash at the vane."""
+
+
+@dataclass(slots=True)
+class Seen:
+    """What `step` gives, rad where nothing else is said; without a split NaN from `fast` on."""
+
+    steady: float
+    """With the steady calibration and the rate term."""
+    scaled_late: float
+    rate_late: float
+    """Vane part and rate term of `steady`, x/V ago."""
+    rate: float
+    """Rate term."""
+    speed_mean: float
+    """m/s"""
+    fast: float
+    """Inertial angle of attack and the gust at the boom."""
+    split: float
+    """Inertial angle of attack and the gust at the CG."""
+    gust: float
+    """At the CG."""
+    gust_step: float
+    """From the tail to the CG."""
+    boom_gust: float
+    residual: float
+    """What the motion leaves of the vane."""
+    behind: float
+    """By how long gusts reach the vane after the CG, s."""
+    is_ready: bool
+
+
+class State:
+    """What `step` edits."""
+
+    count: int
+    """Ticks since the start."""
+    split_count: int
+    """Ticks since there is an inertial angle of attack."""
+    speed: float
+    """Smoothed, m/s."""
+    speed_sum: float
+    """Over MEAN_S."""
+    incidence: float
+    edge_gust: float
+    """Inertial angle of attack and gust at the leading edge at the last tick."""
+    motion_lags: Annotated[Array, MOST_TERMS]
+    gust_lags: Annotated[Array, MOST_TERMS]
+    flown: float
+    flown_before: float
+    curvature: float
+    """What the motion makes at the vane: the last two ticks, and its second difference."""
+    vane: Vector
+    """Of the vane's dynamics: follow."""
+    scaled_ring: Annotated[Array, RING]
+    rate_ring: Annotated[Array, RING]
+    wind_ring: Annotated[Array, RING]
+    speed_ring: Annotated[Array, RING]
+    """Vane part and rate term of `steady`, vertical gust at the boom, m/s, and airspeed, m/s."""
+    seen: Seen
 
 
 @njit(cache=True)
-def step(
-    par: Array,
-    s: Array,
-    ring: Array,
-    dt: float,
-    vane: float,
-    p: float,
-    q: float,
-    speed: float,
-    alpha_i: float,
-    out: Array,
-) -> None:
-    """One tick: raw vane, rates, true airspeed, inertial angle of attack (NaN: no split) -> `out` (OUT,).
+def step(c: Constants, s: State, vane: float, p: float, q: float, speed: float, alpha_i: float) -> None:
+    """One tick: raw vane, rates, true airspeed, inertial angle of attack (NaN: no split); edits `s`, gives `s.seen`."""
+    at = s.count % RING
+    _average_speed(c, s, at, speed)
+    ca = 1.0 / (1.0 + c.upwash_body + c.upwash_wing)
+    rate = (c.x * q - c.y * p) / s.speed
+    flow = vane - c.bias
+    if s.count == 0:
+        for i in range(RING):
+            s.scaled_ring[i] = ca * flow
+            s.rate_ring[i] = rate
+    s.scaled_ring[at] = ca * flow
+    s.rate_ring[at] = rate
+    seen = s.seen
+    tau = c.gust_x / seen.speed_mean / c.dt
+    seen.steady = ca * flow + rate
+    seen.rate = rate
+    seen.scaled_late = delayed(s.scaled_ring, at, tau)
+    seen.rate_late = delayed(s.rate_ring, at, tau)
+    if math.isfinite(alpha_i):
+        _split(c, s, at, flow, rate, alpha_i)
+    else:
+        s.split_count = 0
+        s.wind_ring[at] = 0.0
+        _no_split(seen)
+    s.count += 1
 
-    Edits `s` (STATE,) and `ring` (RING, 4): scaled vane, rate term, gust at the boom times V, and V.
-    """
-    n = ring.shape[0]
-    count = int(s[_COUNT])
-    at = count % n
-    ca = 1.0 / (1.0 + par[_KF] + par[_KW])
-    if count == 0:
-        s[_VF] = speed
-        s[_VSUM] = 0.0
-    # Airspeed without its sensor's noise for the rate term and the gust, 0.2 s; and its running mean.
-    s[_VF] += (1.0 - math.exp(-dt / 0.2)) * (speed - s[_VF])
-    v = s[_VF]
-    window = min(math.floor(MEAN_S / dt + 0.5), n - 1)
-    s[_VSUM] += speed
-    if count >= window:
-        s[_VSUM] -= ring[(at - window) % n, 3]
-    mean = s[_VSUM] / min(count + 1, window)
-    ring[at, 3] = speed
 
-    rate = (par[_X] * q - par[_Y] * p) / v
-    flow = vane - par[_ZERO]
-    steady = ca * flow + rate
-    if count == 0:
-        for i in range(n):
-            ring[i, 0] = ca * flow
-            ring[i, 1] = rate
-    ring[at, 0] = ca * flow
-    ring[at, 1] = rate
-    tau = par[_GX] / mean / dt
-    out[STEADY] = steady
-    out[RATE] = rate
-    out[SPEED_MEAN] = mean
-    out[SCALED_LATE] = delayed(ring, at, 0, tau)
-    out[RATE_LATE] = delayed(ring, at, 1, tau)
+@njit(cache=True)
+def _average_speed(c: Constants, s: State, at: int, speed: float) -> None:
+    """The airspeed without its sensor's noise, and its running mean."""
+    if s.count == 0:
+        s.speed = speed
+        s.speed_sum = 0.0
+    s.speed += (1.0 - math.exp(-c.dt / SMOOTH_S)) * (speed - s.speed)
+    window = min(math.floor(MEAN_S / c.dt + 0.5), RING - 1)
+    s.speed_sum += speed
+    if s.count >= window:
+        s.speed_sum -= s.speed_ring[(at - window) % RING]
+    s.seen.speed_mean = s.speed_sum / min(s.count + 1, window)
+    s.speed_ring[at] = speed
 
-    if not math.isfinite(alpha_i):
-        s[_COUNT] = count + 1
-        s[_SPLIT] = 0.0
-        out[FAST] = math.nan
-        out[SPLIT] = math.nan
-        out[GUST] = math.nan
-        out[GUST_STEP] = math.nan
-        out[BOOM_GUST] = math.nan
-        out[RESIDUAL] = math.nan
-        out[BEHIND] = math.nan
-        out[READY] = 0.0
-        ring[at, 2] = 0.0
-        return
 
-    n_m, n_g = int(par[_NM]), int(par[_NG])
-    if s[_SPLIT] == 0.0:
-        # Start as if the present state had lasted, with no gust.
-        s[_XIN] = alpha_i
-        for j in range(n_m):
-            s[_MS + j] = alpha_i
-        for j in range(n_g):
-            s[_GS + j] = 0.0
-        s[_LEIN] = 0.0
-        start = (1.0 + par[_KF]) * (alpha_i - rate) + par[_KW] * alpha_i
-        s[_PIN] = s[_SEEN] = s[_SEEN + 1] = start
-        s[_SEEN + 2] = 0.0
-        s[_VS] = start
-        s[_VS + 1] = 0.0
-        for i in range(n):
-            ring[i, 2] = 0.0
-    chords = v * dt / par[_CHORD]
-    wing = respond(s, _MS, par[_MA : _MA + 4], par[_MB : _MB + 4], n_m, s[_XIN], alpha_i, chords)
-    s[_XIN] = alpha_i
-    flown = (1.0 + par[_KF]) * (alpha_i - rate) + par[_KW] * wing
-    # Straight lines between ticks lose (omega dt)^2/12 of a sine: its bend, as it goes on, is given back.
-    bend = flown - 2.0 * s[_SEEN] + s[_SEEN + 1]
-    seen = flown - (2.0 * bend - s[_SEEN + 2]) / 12.0
-    s[_SEEN], s[_SEEN + 1], s[_SEEN + 2] = flown, s[_SEEN], bend
-    m = par[_VANE : _VANE + 8]
-    angle = m[0] * s[_VS] + m[1] * s[_VS + 1] + m[4] * s[_PIN] + m[6] * seen
-    swing = m[2] * s[_VS] + m[3] * s[_VS + 1] + m[5] * s[_PIN] + m[7] * seen
-    s[_VS], s[_VS + 1], s[_PIN] = angle, swing, seen
-    left = flow - angle
-    leading_edge = delayed(ring, at - 1, 2, max(par[_LE] / v / dt - 1.0, 0.0)) / v
-    memory = respond(s, _GS, par[_GA : _GA + 4], par[_GB : _GB + 4], n_g, s[_LEIN], leading_edge, chords)
-    s[_LEIN] = leading_edge
-    boom = (left - par[_KW] * memory) / (1.0 + par[_KF])
+@njit(cache=True)
+def _split(c: Constants, s: State, at: int, flow: float, rate: float, alpha_i: float) -> None:
+    """The vane without its bias, `flow`, split in what the motion makes and the gust, which arrives at the CG later."""
+    v, dt = s.speed, c.dt
+    if s.split_count == 0:
+        _begin_split(c, s, rate, alpha_i)
+    chords = v * dt / c.chord
+    wing = respond(c.motion, s.motion_lags, s.incidence, alpha_i, chords)
+    s.incidence = alpha_i
+    flown = (1.0 + c.upwash_body) * (alpha_i - rate) + c.upwash_wing * wing
+    residual = flow - _shown(c, s, flown)
+    leading_edge = delayed(s.wind_ring, at - 1, max(c.edge / v / dt - 1.0, 0.0)) / v
+    unsteady = respond(c.gust, s.gust_lags, s.edge_gust, leading_edge, chords)
+    s.edge_gust = leading_edge
+    boom = (residual - c.upwash_wing * unsteady) / (1.0 + c.upwash_body)
     # The wind is carried, not the angle: what arrives at the CG meets the speed of that moment.
-    ring[at, 2] = boom * v
-    late = max(par[_GX] / v - par[_VANE_LAG], 0.0) / dt
-    gust = delayed(ring, at, 2, late) / v
-    out[FAST] = alpha_i + boom
-    out[SPLIT] = alpha_i + gust
-    out[GUST] = gust
-    out[BEHIND] = max(par[_VANE_LAG] - par[_GX] / v, 0.0)
-    out[GUST_STEP] = gust - delayed(ring, at, 2, late + par[_TAIL] / v / dt) / v
-    out[BOOM_GUST] = boom
-    out[RESIDUAL] = left
-    s[_SPLIT] += 1.0
-    out[READY] = 1.0 if s[_SPLIT] * dt >= READY_S else 0.0
-    s[_COUNT] = count + 1
+    s.wind_ring[at] = boom * v
+    late = max(c.gust_x / v - c.vane_lag, 0.0) / dt
+    gust = delayed(s.wind_ring, at, late) / v
+    s.split_count += 1
+    seen = s.seen
+    seen.fast = alpha_i + boom
+    seen.split = alpha_i + gust
+    seen.gust = gust
+    seen.behind = max(c.vane_lag - c.gust_x / v, 0.0)
+    seen.gust_step = gust - delayed(s.wind_ring, at, late + c.tail / v / dt) / v
+    seen.boom_gust = boom
+    seen.residual = residual
+    seen.is_ready = s.split_count * dt >= READY_S
 
 
-def parameters(aircraft: Aircraft, dt: float) -> Array:
-    """The constants of `step` for an aircraft, (PARAMS,). Without a boom: a vane at the CG that tells the truth."""
-    par = np.zeros(PARAMS)
-    par[_CHORD] = aircraft.unsteady.reference_chord or aircraft.geometry.chord
-    par[_TAIL] = aircraft.unsteady.tail_arm
-    boom = aircraft.boom
+@njit(cache=True)
+def _begin_split(c: Constants, s: State, rate: float, alpha_i: float) -> None:
+    """As if the present state had lasted, with no gust."""
+    s.incidence = alpha_i
+    s.edge_gust = 0.0
+    for j in range(MOST_TERMS):
+        s.motion_lags[j] = alpha_i
+        s.gust_lags[j] = 0.0
+    start = (1.0 + c.upwash_body) * (alpha_i - rate) + c.upwash_wing * alpha_i
+    s.vane[0], s.vane[1], s.vane[2] = start, 0.0, start
+    s.flown = s.flown_before = start
+    s.curvature = 0.0
+    for i in range(RING):
+        s.wind_ring[i] = 0.0
+
+
+@njit(cache=True)
+def _shown(c: Constants, s: State, flown: float) -> float:
+    """What the vane's dynamics show of an angle."""
+    # Straight lines between ticks lose (omega dt)^2/12 of a sine: its curvature, as it goes on, is given back.
+    curvature = flown - 2.0 * s.flown + s.flown_before
+    new = flown - (2.0 * curvature - s.curvature) / 12.0
+    s.flown, s.flown_before, s.curvature = flown, s.flown, curvature
+    return follow(c.vane, s.vane, new)
+
+
+@njit(cache=True)
+def _no_split(seen: Seen) -> None:
+    seen.fast = seen.split = seen.gust = seen.gust_step = math.nan
+    seen.boom_gust = seen.residual = seen.behind = math.nan
+    seen.is_ready = False
+
+
+@njit(cache=True)
+def restart(s: State) -> None:
+    """Begin anew from the next sample."""
+    s.count = s.split_count = 0
+    seen = s.seen
+    seen.steady = seen.scaled_late = seen.rate_late = seen.rate = seen.speed_mean = math.nan
+    _no_split(seen)
+
+
+def constants(aircraft: Aircraft, dt: float) -> Constants:
+    """What `step` goes by for an aircraft. Without a boom: a vane at the CG that tells the truth."""
+    unsteady, boom = aircraft.unsteady, aircraft.boom
     frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (1000.0, 0.7)
-    if boom is not None:
-        par[[_ZERO, _KF, _KW, _X, _Y]] = boom.zero, boom.upwash_body, boom.upwash_wing, boom.vane_x, boom.vane_y
-        par[_GX] = boom.gust_x
-        par[_LE] = max(boom.gust_x - aircraft.gust_edge, 0.0)
-    par[_VANE_LAG] = vane_lag(frequency, damping)
-    par[_VANE : _VANE + 8] = second_order(frequency, damping, dt)
-    # The upwash follows the wing's vorticity: an aircraft whose lift has no memory still has this one.
-    for response, amplitude, rate, terms in (
-        (aircraft.unsteady.upwash_motion, _MA, _MB, _NM),
-        (aircraft.unsteady.upwash_gust, _GA, _GB, _NG),
-    ):
-        fit = Indicial(a=(0.0,), b=(1.0,)) if response is None else response
-        count = min(len(fit.a), 4)
-        par[terms] = count
-        par[amplitude : amplitude + count] = fit.a[:count]
-        par[rate : rate + count] = fit.b[:count]
-    return par
-
-
-class Vane:
-    """The state of `step`, and what it last gave (`out`, indexed by STEADY ... RESIDUAL)."""
-
-    def __init__(self, aircraft: Aircraft, dt: float) -> None:
-        self.parameters = parameters(aircraft, dt)
-        self._dt = dt
-        self._state = np.zeros(STATE)
-        self._ring = np.zeros((RING, 4))
-        self.out = np.full(OUT, math.nan)
-        self.arrays = (self.parameters, self._state, self._ring, self.out)
-        """As tick.advance takes them."""
-
-    def restart(self) -> None:
-        """Begin anew from the next sample."""
-        self._state[:] = 0.0
-        self._ring[:] = 0.0
-        self.out[:] = math.nan
-
-    def step(self, vane: float, p: float, q: float, speed: float, alpha_i: float) -> None:
-        """One tick; `alpha_i` NaN where there is no inertial angle of attack."""
-        step(self.parameters, self._state, self._ring, self._dt, vane, p, q, speed, alpha_i, self.out)
+    # The upwash follows the wing's vorticity: it is unsteady where the aircraft's lift is not.
+    steady = Indicial(a=(0.0,), b=(1.0,))
+    return Constants(
+        dt=dt,
+        bias=boom.zero if boom else 0.0,
+        upwash_body=boom.upwash_body if boom else 0.0,
+        upwash_wing=boom.upwash_wing if boom else 0.0,
+        x=boom.vane_x if boom else 0.0,
+        y=boom.vane_y if boom else 0.0,
+        gust_x=boom.gust_x if boom else 0.0,
+        edge=max(boom.gust_x - aircraft.gust_edge, 0.0) if boom else 0.0,
+        tail=unsteady.tail_arm,
+        chord=unsteady.reference_chord or aircraft.geometry.chord,
+        vane_lag=vane_lag(frequency, damping),
+        vane=second_order(frequency, damping, dt),
+        motion=response(unsteady.upwash_motion or steady),
+        gust=response(unsteady.upwash_gust or steady),
+    )

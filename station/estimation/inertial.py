@@ -12,37 +12,144 @@ Sources: Klein and Morelli 2006, equations 3.29-3.32 (kinematics) and 10.6 (leve
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
+from station.model.coefficients import specific_force_at_cg
 from station.model.physical_signals import WIND_S
 from station.numerics.angles import wrap
+from station.numerics.named_state import Vector
 
 Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
 
+PSI: Final = 2
+"""Place of the heading in an attitude."""
 RING: Final = 256
 """Past states kept, ticks: 5 s."""
 COAST_S: Final = 2.0
 """A velocity stream silent for longer is replaced by the air data."""
 READY_S: Final = 2.0
 """After a start the velocity and attitude have settled to the noise of their streams."""
+ATTITUDE_S: Final = 0.5
+"""Time constant with which the attitude is drawn to its stream."""
+VELOCITY_HZ: Final = 0.05
+AIR_HZ: Final = 0.02
+"""Below these the velocity is drawn to its stream and, without one, to the air velocity."""
+DAMPING: Final = 1.4
+"""Twice the damping ratio with which velocity and accelerometer bias are drawn together."""
+NEW_S: Final = 1e-3
+"""A measurement that is not newer than the last one by this is the same."""
+LONGEST_STEP_S: Final = 1.0
+LONGEST_SPAN_S: Final = 2.0
+"""Of an attitude's and a velocity's stream: a longer wait for a measurement gives it no more weight."""
+STEEPEST: Final = 0.1
+"""Cosine of pitch, at least: Euler angle rates have no meaning at the vertical."""
+LEAST_SPEED: Final = 1e-6
 
-# State, one float64 each: where a group of three (NED or roll, pitch, yaw) begins.
-_COUNT, _VEL, _ATT, _VEL_FIX, _ATT_FIX, _BIAS, _VEL_AT, _ATT_AT = 0, 1, 4, 7, 10, 13, 16, 19
-_ACC, _ATT_RATE, _WIND, _WIND_COUNT, _RATE, _MEASURED, _HELD = 22, 25, 28, 31, 32, 35, 38
-HOLD: Final = 41
-"""Where the state says, not 0, that the mean wind which motion is relative to does not follow the average."""
-_ACC_BEFORE, _ATT_RATE_BEFORE, STATE = 42, 45, 48
-OUT: Final = 9
-"""alpha_i, beta_i, inertial speed relative to the mean horizontal wind, wind NED (3), phi, theta, ready (1 or 0)."""
+
+class Motion(NamedTuple):
+    """Body rates, rad/s, and specific force at the IMU, m/s2; all finite."""
+
+    p: float
+    q: float
+    r: float
+    ax: float
+    ay: float
+    az: float
+
+
+class Air(NamedTuple):
+    """True airspeed, m/s, angle of attack and sideslip at the CG, rad, as the vanes have them."""
+
+    speed: float
+    alpha: float
+    beta: float
+
+
+class Streams(NamedTuple):
+    """Measured phi theta psi (3,), rad, and velocity NED (3,), m/s, with their ages, s; NaN where missing."""
+
+    attitude: Array
+    attitude_age: Array
+    velocity: Array
+    velocity_age: Array
+
+
+class Constants(NamedTuple):
+    """What `step` goes by."""
+
+    dt: float
+    imu: Vector
+    """From the CG, m."""
+
+
+@dataclass(slots=True)
+class Flow:
+    """What `step` gives."""
+
+    alpha: float
+    beta: float
+    """Inertial flow angles at the CG, rad."""
+    speed: float
+    """Relative to the mean horizontal wind, m/s."""
+    wind_north: float
+    wind_east: float
+    wind_down: float
+    """Mean wind, m/s."""
+    phi: float
+    theta: float
+    is_ready: bool
+
+
+class State:
+    """What `step` edits. Vectors are NED, or phi theta psi."""
+
+    count: int
+    """Ticks since the start."""
+    velocity: Vector
+    attitude: Vector
+    """Integrals of acceleration and Euler angle rates, m/s and rad."""
+    velocity_fix: Vector
+    attitude_fix: Vector
+    """What the streams add to them."""
+    attitude_now: Vector
+    """Their sum, rad."""
+    bias: Vector
+    """Of the acceleration, m/s2."""
+    velocity_at: Vector
+    attitude_at: Vector
+    """Time of each component's newest measurement, s."""
+    measured_at: Vector
+    """Time at which each component of the velocity was last there, s."""
+    acceleration: Vector
+    acceleration_before: Vector
+    attitude_rate: Vector
+    attitude_rate_before: Vector
+    """Of the last two ticks, m/s2 and rad/s."""
+    body_rate: Vector
+    """p q r of the last tick, rad/s."""
+    wind: Vector
+    """Mean, m/s."""
+    wind_count: int
+    is_held: bool
+    """Motion stays relative to the mean wind as it is now, while that is averaged on."""
+    held_wind: Vector
+    """Which motion is relative to, m/s."""
+    past_t: Annotated[Array, RING]
+    past_velocity: Annotated[Array, (RING, 3)]
+    past_attitude: Annotated[Array, (RING, 3)]
+    """The integrals at past ticks."""
+    flow: Flow
 
 
 @njit(cache=True)
-def _rotate(att: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _rotate(att: Array, x: float, y: float, z: float) -> Triple:
     """Body vector into NED for roll, pitch, yaw."""
     cph, sph = math.cos(att[0]), math.sin(att[0])
     cth, sth = math.cos(att[1]), math.sin(att[1])
@@ -54,7 +161,7 @@ def _rotate(att: Array, x: float, y: float, z: float) -> tuple[float, float, flo
 
 
 @njit(cache=True)
-def _unrotate(att: Array, n: float, e: float, d: float) -> tuple[float, float, float]:
+def _unrotate(att: Array, n: float, e: float, d: float) -> Triple:
     """NED vector into body axes."""
     cph, sph = math.cos(att[0]), math.sin(att[0])
     cth, sth = math.cos(att[1]), math.sin(att[1])
@@ -71,223 +178,187 @@ def _mean(now: float, before: float, before_that: float, ticks: int) -> float:
 
     A straight line is too low at a peak, by (omega dt)^2/12: 0.5 % at 2 Hz.
     """
-    bend = now - 2.0 * before + before_that if ticks > 1 else 0.0
-    return 0.5 * (before + now) - bend / 12.0
+    curvature = now - 2.0 * before + before_that if ticks > 1 else 0.0
+    return 0.5 * (before + now) - curvature / 12.0
 
 
 @njit(cache=True)
-def _then(ring: Array, count: int, t: float, column: int, now: float) -> float:
-    """An integral's value at time `t`, linear between ticks; NaN from before the ring, `now` after its end."""
-    newest = (count - 1) % ring.shape[0]
-    if t >= ring[newest, 0]:
+def _then(s: State, past: Array, i: int, t: float, now: float) -> float:
+    """Component `i` of an integral at time `t`, linear between ticks; NaN from before the ring, `now` after its end."""
+    newest = (s.count - 1) % RING
+    if t >= s.past_t[newest]:
         return now
-    for back in range(1, min(count, ring.shape[0])):
-        i = (count - 1 - back) % ring.shape[0]
-        if ring[i, 0] <= t:
-            j = (i + 1) % ring.shape[0]
-            share = (t - ring[i, 0]) / (ring[j, 0] - ring[i, 0])
-            return float(ring[i, column] + share * (ring[j, column] - ring[i, column]))
+    for back in range(1, min(s.count, RING)):
+        a = (s.count - 1 - back) % RING
+        if s.past_t[a] <= t:
+            b = (a + 1) % RING
+            share = (t - s.past_t[a]) / (s.past_t[b] - s.past_t[a])
+            return float(past[a, i] + share * (past[b, i] - past[a, i]))
     return math.nan
 
 
 @njit(cache=True)
-def step(
-    s: Array,
-    ring: Array,
-    t: float,
-    dt: float,
-    motion: Array,
-    attitude: Array,
-    attitude_age: Array,
-    velocity: Array,
-    velocity_age: Array,
-    air: Array,
-    arm: Array,
-    out: Array,
-) -> None:
-    """One tick.
-
-    `motion`: p q r ax ay az at the IMU, (6,), all finite. `attitude`: phi theta psi (3,), `velocity`: NED (3,), NaN
-    where missing, with their ages in s. `air`: true airspeed, angle of attack and sideslip at the CG from the vanes.
-    `arm`: IMU from the CG (3,). Edits `s` (STATE,), `ring` (RING, 7) and `out` (OUT,).
-    """
-    p, q, r = motion[0], motion[1], motion[2]
-    count = int(s[_COUNT])
-    speed, alpha, beta = air[0], air[1], air[2]
-    ux = speed * math.cos(alpha) * math.cos(beta)
-    uy = speed * math.sin(beta)
-    uz = speed * math.sin(alpha) * math.cos(beta)
-    track = math.nan
-    if math.isfinite(velocity[0]) and math.isfinite(velocity[1]):
-        track = math.atan2(velocity[1], velocity[0])
-    att = np.empty(3)
-
-    if count == 0:
-        if not math.isfinite(attitude[1]):
-            out[:] = math.nan
-            out[8] = 0.0
-            return
-        for i in range(3):
-            s[_ATT_FIX + i] = 0.0
-            s[_VEL_FIX + i] = 0.0
-            s[_MEASURED + i] = -math.inf
-            s[_ATT + i] = attitude[i] if math.isfinite(attitude[i]) else 0.0
-            s[_ATT_AT + i] = t
-            s[_VEL_AT + i] = t
-            s[_RATE + i] = motion[i]
-        if not math.isfinite(attitude[2]) and math.isfinite(track):
-            s[_ATT + 2] = track
-        for i in range(3):
-            att[i] = s[_ATT + i]
-        vn, ve, vd = _rotate(att, ux, uy, uz)
-        s[_VEL] = velocity[0] if math.isfinite(velocity[0]) else vn
-        s[_VEL + 1] = velocity[1] if math.isfinite(velocity[1]) else ve
-        s[_VEL + 2] = velocity[2] if math.isfinite(velocity[2]) else vd
+def _begin(s: State, t: float, motion: Motion, through_air: Triple, streams: Streams, track: float) -> None:
+    """Start at the measurements; what is missing of the velocity is `through_air`, body axes, in still air."""
+    attitude, velocity = streams.attitude, streams.velocity
     for i in range(3):
-        att[i] = s[_ATT + i] + s[_ATT_FIX + i]
-
-    # Attitude: Euler angle rates.
-    secant = 1.0 / max(math.cos(att[1]), 0.1)
-    turn = q * math.sin(att[0]) + r * math.cos(att[0])
-    rates = (p + math.sin(att[1]) * secant * turn, q * math.cos(att[0]) - r * math.sin(att[0]), turn * secant)
-    if count == 0:
-        for i in range(3):
-            s[_ATT_RATE + i] = rates[i]
+        s.attitude_fix[i] = 0.0
+        s.velocity_fix[i] = 0.0
+        s.measured_at[i] = -math.inf
+        s.attitude[i] = attitude[i] if math.isfinite(attitude[i]) else 0.0
+        s.attitude_at[i] = t
+        s.velocity_at[i] = t
+    s.body_rate[0], s.body_rate[1], s.body_rate[2] = motion.p, motion.q, motion.r
+    if not math.isfinite(attitude[PSI]) and math.isfinite(track):
+        s.attitude[PSI] = track
+    x, y, z = through_air
+    still = _rotate(s.attitude, x, y, z)
     for i in range(3):
-        if count > 0:
-            s[_ATT + i] += dt * _mean(rates[i], s[_ATT_RATE + i], s[_ATT_RATE_BEFORE + i], count)
-        s[_ATT_RATE_BEFORE + i], s[_ATT_RATE + i] = s[_ATT_RATE + i], rates[i]
-        att[i] = s[_ATT + i] + s[_ATT_FIX + i]
-
-    # Specific force at the CG: a_cg = a - wdot x r - w x (w x r).
-    pdot, qdot, rdot = (p - s[_RATE]) / dt, (q - s[_RATE + 1]) / dt, (r - s[_RATE + 2]) / dt
-    s[_RATE], s[_RATE + 1], s[_RATE + 2] = p, q, r
-    x, y, z = arm[0], arm[1], arm[2]
-    wr = p * x + q * y + r * z
-    ww = p * p + q * q + r * r
-    fx = motion[3] - (qdot * z - rdot * y) - (p * wr - ww * x)
-    fy = motion[4] - (rdot * x - pdot * z) - (q * wr - ww * y)
-    fz = motion[5] - (pdot * y - qdot * x) - (r * wr - ww * z)
-    an, ae, ad = _rotate(att, fx, fy, fz)
-    acc = (an, ae, ad + G0)
-    for i in range(3):
-        if count > 0:
-            s[_VEL + i] += dt * (_mean(acc[i], s[_ACC + i], s[_ACC_BEFORE + i], count) - s[_BIAS + i])
-        s[_ACC_BEFORE + i], s[_ACC + i] = s[_ACC + i], acc[i]
-
-    row = count % ring.shape[0]
-    ring[row, 0] = t
-    for i in range(3):
-        ring[row, 1 + i] = s[_VEL + i]
-        ring[row, 4 + i] = s[_ATT + i]
-    count += 1
-    s[_COUNT] = count
-
-    # Draw the attitude to its stream, 0.5 s, as of the time the measurement was true.
-    for i in range(3):
-        measured, at = attitude[i], t - attitude_age[i]
-        if i == 2 and not math.isfinite(measured):
-            measured, at = track, t - velocity_age[0]
-        if math.isfinite(measured) and at > s[_ATT_AT + i] + 1e-3:
-            then = _then(ring, count, at, 4 + i, s[_ATT + i])
-            if math.isfinite(then):
-                gain = 1.0 - math.exp(-min(at - s[_ATT_AT + i], 1.0) / 0.5)
-                s[_ATT_FIX + i] += gain * wrap(measured - then - s[_ATT_FIX + i])
-            s[_ATT_AT + i] = at
-        att[i] = s[_ATT + i] + s[_ATT_FIX + i]
-
-    # Draw the velocity to its stream below 0.05 Hz, with an accelerometer bias; where there is no stream, to the air
-    # velocity below 0.02 Hz (still air is assumed, and the wind then reads 0).
-    vn, ve, vd = _rotate(att, ux, uy, uz)
-    through_air = (vn, ve, vd)
-    for i in range(3):
-        measured, at, corner = velocity[i], t - velocity_age[i], 2.0 * math.pi * 0.05
-        if math.isfinite(measured):
-            s[_MEASURED + i] = t
-        elif t - s[_MEASURED + i] < COAST_S:
-            continue
-        else:
-            measured, at, corner = through_air[i] + s[_WIND + i], t, 2.0 * math.pi * 0.02
-        if math.isfinite(measured) and at > s[_VEL_AT + i] + 1e-3:
-            then = _then(ring, count, at, 1 + i, s[_VEL + i])
-            if math.isfinite(then):
-                span = min(at - s[_VEL_AT + i], 2.0)
-                error = measured - then - s[_VEL_FIX + i]
-                s[_VEL_FIX + i] += (1.0 - math.exp(-1.4 * corner * span)) * error
-                s[_BIAS + i] -= corner * corner * span * error
-            s[_VEL_AT + i] = at
-
-    # Mean wind: ground velocity less air velocity, averaged from the start, then over a minute.
-    if math.isfinite(through_air[2]):
-        s[_WIND_COUNT] += 1.0
-        gain = max(dt / WIND_S, 1.0 / s[_WIND_COUNT])
-        for i in range(3):
-            if t - s[_MEASURED + i] >= COAST_S:
-                continue
-            s[_WIND + i] += gain * (s[_VEL + i] + s[_VEL_FIX + i] - through_air[i] - s[_WIND + i])
-
-    # The mean vertical wind stays in: it is nil but for the gusts, and a changing share of them taken out here would be
-    # called motion and not carried from boom to tail.
-    if s[HOLD] == 0.0:
-        s[_HELD], s[_HELD + 1] = s[_WIND], s[_WIND + 1]
-    u, v, w = _unrotate(
-        att,
-        s[_VEL] + s[_VEL_FIX] - s[_HELD],
-        s[_VEL + 1] + s[_VEL_FIX + 1] - s[_HELD + 1],
-        s[_VEL + 2] + s[_VEL_FIX + 2],
-    )
-    total = math.sqrt(u * u + v * v + w * w)
-    out[0] = math.atan2(w, u)
-    out[1] = math.asin(v / total) if total > 1e-6 else 0.0
-    out[2] = total
-    out[3], out[4], out[5] = s[_WIND], s[_WIND + 1], s[_WIND + 2]
-    out[6], out[7] = att[0], att[1]
-    out[8] = 1.0 if count * dt >= READY_S else 0.0
+        s.velocity[i] = velocity[i] if math.isfinite(velocity[i]) else still[i]
 
 
 @njit(cache=True)
-def restart(s: Array, out: Array) -> None:
+def _turn(c: Constants, s: State, motion: Motion) -> None:
+    """Integrate the Euler angle rates over the last tick."""
+    for i in range(3):
+        s.attitude_now[i] = s.attitude[i] + s.attitude_fix[i]
+    att = s.attitude_now
+    secant = 1.0 / max(math.cos(att[1]), STEEPEST)
+    turn = motion.q * math.sin(att[0]) + motion.r * math.cos(att[0])
+    rates = (
+        motion.p + math.sin(att[1]) * secant * turn,
+        motion.q * math.cos(att[0]) - motion.r * math.sin(att[0]),
+        turn * secant,
+    )
+    for i in range(3):
+        if s.count == 0:
+            s.attitude_rate[i] = rates[i]
+        else:
+            s.attitude[i] += c.dt * _mean(rates[i], s.attitude_rate[i], s.attitude_rate_before[i], s.count)
+        s.attitude_rate_before[i], s.attitude_rate[i] = s.attitude_rate[i], rates[i]
+        att[i] = s.attitude[i] + s.attitude_fix[i]
+
+
+@njit(cache=True)
+def _accelerate(c: Constants, s: State, m: Motion) -> None:
+    """Integrate over the last tick the acceleration of the CG."""
+    p, q, r = m.p, m.q, m.r
+    pdot, qdot, rdot = (p - s.body_rate[0]) / c.dt, (q - s.body_rate[1]) / c.dt, (r - s.body_rate[2]) / c.dt
+    s.body_rate[0], s.body_rate[1], s.body_rate[2] = p, q, r
+    arm = c.imu[0], c.imu[1], c.imu[2]
+    fx, fy, fz = specific_force_at_cg((m.ax, m.ay, m.az), (p, q, r), (pdot, qdot, rdot), arm)
+    an, ae, ad = _rotate(s.attitude_now, fx, fy, fz)
+    acc = (an, ae, ad + G0)
+    for i in range(3):
+        if s.count > 0:
+            mean = _mean(acc[i], s.acceleration[i], s.acceleration_before[i], s.count)
+            s.velocity[i] += c.dt * (mean - s.bias[i])
+        s.acceleration_before[i], s.acceleration[i] = s.acceleration[i], acc[i]
+
+
+@njit(cache=True)
+def _draw_attitude(s: State, t: float, streams: Streams, track: float) -> None:
+    """Draw the attitude to its stream, as of the time the measurement was true; heading to the track without one."""
+    for i in range(3):
+        measured, at = streams.attitude[i], t - streams.attitude_age[i]
+        if i == PSI and not math.isfinite(measured):
+            measured, at = track, t - streams.velocity_age[0]
+        if math.isfinite(measured) and at > s.attitude_at[i] + NEW_S:
+            then = _then(s, s.past_attitude, i, at, s.attitude[i])
+            if math.isfinite(then):
+                gain = 1.0 - math.exp(-min(at - s.attitude_at[i], LONGEST_STEP_S) / ATTITUDE_S)
+                s.attitude_fix[i] += gain * wrap(measured - then - s.attitude_fix[i])
+            s.attitude_at[i] = at
+        s.attitude_now[i] = s.attitude[i] + s.attitude_fix[i]
+
+
+@njit(cache=True)
+def _draw_velocity(s: State, t: float, streams: Streams, through_air: Triple) -> None:
+    """Draw the velocity to its stream below VELOCITY_HZ, with an accelerometer bias; where there is no stream, to the
+    air velocity (NED) below AIR_HZ: still air is assumed, and the wind then reads 0."""
+    for i in range(3):
+        measured, at, corner = streams.velocity[i], t - streams.velocity_age[i], 2.0 * math.pi * VELOCITY_HZ
+        if math.isfinite(measured):
+            s.measured_at[i] = t
+        elif t - s.measured_at[i] < COAST_S:
+            continue
+        else:
+            measured, at, corner = through_air[i] + s.wind[i], t, 2.0 * math.pi * AIR_HZ
+        if math.isfinite(measured) and at > s.velocity_at[i] + NEW_S:
+            then = _then(s, s.past_velocity, i, at, s.velocity[i])
+            if math.isfinite(then):
+                span = min(at - s.velocity_at[i], LONGEST_SPAN_S)
+                error = measured - then - s.velocity_fix[i]
+                s.velocity_fix[i] += (1.0 - math.exp(-DAMPING * corner * span)) * error
+                s.bias[i] -= corner * corner * span * error
+            s.velocity_at[i] = at
+
+
+@njit(cache=True)
+def _average_wind(c: Constants, s: State, t: float, through_air: Triple) -> None:
+    """Mean wind: ground velocity less air velocity (NED), averaged from the start, then over a minute.
+
+    The mean vertical wind stays in the motion: it is nil but for the gusts, and a changing share of them taken out here
+    would be called motion and not carried from boom to tail.
+    """
+    if math.isfinite(through_air[2]):
+        s.wind_count += 1
+        gain = max(c.dt / WIND_S, 1.0 / s.wind_count)
+        for i in range(3):
+            if t - s.measured_at[i] >= COAST_S:
+                continue
+            s.wind[i] += gain * (s.velocity[i] + s.velocity_fix[i] - through_air[i] - s.wind[i])
+    if not s.is_held:
+        s.held_wind[0], s.held_wind[1] = s.wind[0], s.wind[1]
+
+
+@njit(cache=True)
+def step(c: Constants, s: State, t: float, motion: Motion, air: Air, streams: Streams) -> None:
+    """One tick at `t`, s; edits `s` and gives `s.flow`."""
+    ux = air.speed * math.cos(air.alpha) * math.cos(air.beta)
+    uy = air.speed * math.sin(air.beta)
+    uz = air.speed * math.sin(air.alpha) * math.cos(air.beta)
+    track = math.nan
+    if math.isfinite(streams.velocity[0]) and math.isfinite(streams.velocity[1]):
+        track = math.atan2(streams.velocity[1], streams.velocity[0])
+    if s.count == 0:
+        if not math.isfinite(streams.attitude[1]):
+            restart(s)
+            return
+        _begin(s, t, motion, (ux, uy, uz), streams, track)
+    _turn(c, s, motion)
+    _accelerate(c, s, motion)
+    row = s.count % RING
+    s.past_t[row] = t
+    for i in range(3):
+        s.past_velocity[row, i] = s.velocity[i]
+        s.past_attitude[row, i] = s.attitude[i]
+    s.count += 1
+    _draw_attitude(s, t, streams, track)
+    through_air = _rotate(s.attitude_now, ux, uy, uz)
+    _draw_velocity(s, t, streams, through_air)
+    _average_wind(c, s, t, through_air)
+    u, v, w = _unrotate(
+        s.attitude_now,
+        s.velocity[0] + s.velocity_fix[0] - s.held_wind[0],
+        s.velocity[1] + s.velocity_fix[1] - s.held_wind[1],
+        s.velocity[2] + s.velocity_fix[2],
+    )
+    total = math.sqrt(u * u + v * v + w * w)
+    flow = s.flow
+    flow.alpha = math.atan2(w, u)
+    flow.beta = math.asin(v / total) if total > LEAST_SPEED else 0.0
+    flow.speed = total
+    flow.wind_north, flow.wind_east, flow.wind_down = s.wind[0], s.wind[1], s.wind[2]
+    flow.phi, flow.theta = s.attitude_now[0], s.attitude_now[1]
+    flow.is_ready = s.count * c.dt >= READY_S
+
+
+@njit(cache=True)
+def restart(s: State) -> None:
     """Begin anew from the next measurements; the mean wind is kept."""
-    s[_COUNT] = 0.0
-    out[:] = math.nan
-    out[8] = 0.0
-
-
-class Inertial:
-    """The state of `step`, and what it last gave (`out`, see OUT)."""
-
-    def __init__(self, arm: tuple[float, float, float], dt: float) -> None:
-        self._arm = np.array(arm, dtype=np.float64)
-        self._dt = dt
-        self._state = np.zeros(STATE)
-        self._ring = np.zeros((RING, 7))
-        self.out = np.full(OUT, math.nan)
-        self.out[8] = 0.0
-        self.arrays = (self._state, self._ring, self._arm, self.out)
-        """As tick.advance takes them."""
-
-    def restart(self) -> None:
-        """Begin anew from the next measurements; the mean wind is kept."""
-        restart(self._state, self.out)
-
-    def hold(self, is_held: bool) -> None:
-        """Whether motion stays relative to the mean wind as it is now, while that is averaged on."""
-        self._state[HOLD] = float(is_held)
-
-    def step(self, t: float, motion: Array, streams: tuple[Any, Any, Any, Any], air: Array) -> None:
-        """One tick at `t` s. `streams`: attitude and its ages, velocity and its ages, (3,) each."""
-        attitude, attitude_age, velocity, velocity_age = streams
-        step(
-            self._state,
-            self._ring,
-            t,
-            self._dt,
-            motion,
-            attitude,
-            attitude_age,
-            velocity,
-            velocity_age,
-            air,
-            self._arm,
-            self.out,
-        )
+    s.count = 0
+    flow = s.flow
+    flow.alpha = flow.beta = flow.speed = flow.phi = flow.theta = math.nan
+    flow.wind_north = flow.wind_east = flow.wind_down = math.nan
+    flow.is_ready = False

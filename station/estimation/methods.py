@@ -9,20 +9,20 @@ from typing import Final, Literal
 import numpy as np
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
-from station.estimation import alpha as cg
 from station.estimation import conditioning as cond
 from station.estimation import lateral_derivatives as lateral
 from station.estimation import tick
-from station.estimation.alpha import Vane
+from station.estimation.alpha import Seen
 from station.estimation.conditioning import Array, Conditioner
 from station.estimation.derivatives import Derivatives
 from station.estimation.equation_error import Sides
-from station.estimation.inertial import Inertial
+from station.estimation.inertial import Flow
 from station.estimation.lateral_derivatives import Lateral
 from station.estimation.method_table import LIVE, LIVE_LATERAL, MEASURED, METHODS
 from station.estimation.physical_method import Physical
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.model.physical_signals import LENGTH_M, Signals
+from station.model.physical_signals import LENGTH_M
+from station.numerics.named_state import blank
 from station.numerics.turbulence import BOUND, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
@@ -51,6 +51,8 @@ GUST_LEFT: Final = 0.4
 """What the split leaves in the angle of attack, as a share of the gusts' incidence at 2-7 Hz (simulated flights)."""
 LATE_S: Final = 0.025
 """A vane that shows gusts later than this after the CG has met them is told of."""
+FRESH_TICKS: Final = 3
+"""A sample is of the tick before, from q of three: all of them must have been measured at their own time."""
 SETTLE_TICKS: Final = 25
 """After a start the delay lines are full."""
 
@@ -94,8 +96,10 @@ class Estimator:
         names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
         self._conditioner = Conditioner(given)
         place = aircraft.imu_at(imu_position)
-        self._inertial = Inertial(place, dt)
-        self._vane = Vane(aircraft, dt)
+        self._constants = tick.constants(aircraft, place, dt, card.high, "physical" in methods)
+        self.filters = blank(tick.State)
+        """What the filters know."""
+        tick.restart(self.filters)
         self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
         self._sides = Sides(aircraft, place, dt, axes == "body")
         simple = tuple(name for name in methods if name != "physical")
@@ -108,19 +112,20 @@ class Estimator:
             if card.asks_lateral and set(LIVE_LATERAL) & set(methods)
             else None
         )
-        self._signals = Signals(aircraft, dt, card.high)
         boom = aircraft.boom
         self._zero = boom.zero if boom else 0.0
         self._scale = boom.steady_calibration if boom else 1.0
         self._upwash = 1.0 + boom.upwash_body if boom else 1.0
         self._arm = boom.vane_x if boom else 0.0
-        self._boom = (self._zero, self._scale, self._arm)
         self._body = (aircraft.air_density if aircraft.air_density is not None else math.nan, aircraft.inertia.mass)
         self._before = np.zeros(len(cond.INPUTS))
-        self._unexplained = np.zeros(2)
-        self._seen: list[float] = self._vane.out.tolist()
-        """The newest of alpha.OUT, and of inertial.OUT."""
-        self._wind: list[float] = self._inertial.out.tolist()
+        self._of_vane, self._of_motion = self.filters["vane"]["seen"], self.filters["inertial"]["flow"]
+        self._wind_sd, self._unexplained = self.filters["wind_sd"], self.filters["unexplained"]
+        self._is_held = self.filters["inertial"]["is_held"]
+        self._signals = self.filters["signals"]["signals"][0, 0]
+        """Of the tick before."""
+        self._seen = Seen(*self._of_vane.item())
+        self._flow = Flow(*self._of_motion.item())
         self._start_ns: int | None = None
         self._last_ns = 0
         self._running = False
@@ -192,7 +197,7 @@ class Estimator:
         lacking = self._derivatives.lacking = self._conditioner.lacking(code, self._body[0])
         alpha = self._alpha(frame.t_ns, u, usable, why)
         applicable = self._not_applicable()
-        air = (self._mean_speed(), self._sides.density, self._signals.wind_sd())
+        air = (self._mean_speed(), self._sides.density, self._wind_sd.item())
         estimates = self._derivatives.estimate(frame.t_ns, air, applicable)
         if self._physical:
             self._physical.lacking = lacking or ("" if self._conditioner.has_attitude else "no attitude")
@@ -209,7 +214,7 @@ class Estimator:
             density, mass = self._body
             mass = float(u[cond.MASS]) if u[cond.MASS] > 0.0 else mass
             pressure = cond.dynamic_pressure(u, density)
-            beta = self._wind[1] if self._wind[8] > 0.0 else math.nan
+            beta = self._flow.beta if self._flow.is_ready else math.nan
             side.add(frame, float(u[cond.AIRSPEED]), pressure, mass, beta, since_start)
         more = side.estimate()
         return tuple(
@@ -222,10 +227,8 @@ class Estimator:
         if self._start_ns is None:
             self._start_ns = t_ns
         if not self._running or not 0 < ticks <= GAP_TICKS + 1:
-            self._inertial.restart()
-            self._vane.restart()
+            tick.restart(self.filters)
             self._sides.restart()
-            self._signals.restart()
             self._running = True
             self._ticks = self._fresh_run = self._split_run = 0
         else:
@@ -241,40 +244,27 @@ class Estimator:
         start_ns = self._start_ns if self._start_ns is not None else t_ns
         t = (t_ns - start_ns) * 1e-9
         if self._physical:
-            self._inertial.hold(self._physical.is_open)
-        done = tick.advance(
-            t,
-            self._dt,
-            u,
-            self._conditioner.age,
-            self._boom,
-            self._body,
-            self._inertial.arrays,
-            self._vane.arrays,
-            self._signals.arrays,
-            self._sides.arrays,
-            self._unexplained,
-        )
-        seen = self._seen = self._vane.out.tolist()
-        self._wind = self._inertial.out.tolist()
+            self._is_held[0] = self._physical.is_open
+        done = tick.advance(self._constants, self.filters, self._sides.arrays, t, u, self._conditioner.age)
+        seen = self._seen = Seen(*self._of_vane.item())
+        self._flow = Flow(*self._of_motion.item())
         speed = float(u[cond.AIRSPEED])
-        if math.isfinite(seen[cg.BOOM_GUST]):
-            self._turbulence.step(seen[cg.BOOM_GUST], speed, True)
+        if math.isfinite(seen.boom_gust):
+            self._turbulence.step(seen.boom_gust, speed, True)
         elif self._ticks > WAIT_TICKS:
-            self._turbulence.step(seen[cg.STEADY], speed, False)
-        # The sample made is of the tick before, from q of three: all of them must have been measured at their own time.
+            self._turbulence.step(seen.steady, speed, False)
         self._fresh_run = self._fresh_run + 1 if is_fresh else 0
         self._ticks += 1
-        if done & tick.MADE and self._fresh_run >= 3 and self._ticks > SETTLE_TICKS:
+        if done & tick.MADE and self._fresh_run >= FRESH_TICKS and self._ticks > SETTLE_TICKS:
             self._derivatives.add(self._sides.out, t, self._split_run > 0)
             if self._physical and self._split_run > SETTLE_TICKS:
-                wind_sd = self._signals.wind_sd()
+                wind_sd = self._wind_sd.item()
                 density = self._sides.density
-                self._physical.add(self._signals.out[0], self._sides.out[:4], t, self._wind[2], density, wind_sd)
+                self._physical.add(self._signals, self._sides.out[:4], t, self._flow.speed, density, wind_sd)
         self._split_run = self._split_run + 1 if done & tick.SPLIT else 0
 
     def _mean_speed(self) -> float:
-        return self._seen[cg.SPEED_MEAN] if self._running else 0.0
+        return self._seen.speed_mean if self._running else 0.0
 
     def _not_applicable(self) -> dict[str, str]:
         """For each live method that should not be applied now, why."""
@@ -283,11 +273,11 @@ class Estimator:
         if level in ("calm", "unknown") and not self._force:
             why = "calm air: the delay would do harm" if level == "calm" else "turbulence not known yet"
             reasons = {name: why for name in self._methods if METHODS[name].turbulence_only}
-        if not self._seen[cg.READY] > 0.0:
+        if not self._seen.is_ready:
             why = self._conditioner.degraded(False)
             reasons |= {name: why for name in self._methods if METHODS[name].is_split}
-        elif level == "calm" and self._unexplained[1] > self._calm_limit():
-            rms = math.degrees(math.sqrt(self._unexplained[1]))
+        elif level == "calm" and self._unexplained.item() > self._calm_limit():
+            rms = math.degrees(math.sqrt(self._unexplained.item()))
             left = f"in calm air the motion leaves {rms:.2f} deg of the vane unexplained: check delay and calibration"
             why = self._conditioner.degraded(True) or left
             reasons |= {name: why for name in self._methods if METHODS[name].is_split}
@@ -316,7 +306,7 @@ class Estimator:
         return "gusts reach the vane too late for the angle of attack at the CG"
 
     def _alpha(self, t_ns: int, u: Array, usable: bool, why: str) -> AlphaEstimate:
-        out, wind = self._seen, self._wind
+        seen, flow = self._seen, self._flow
         level, name = self._turbulence.level, self._turbulence.name
         if not usable:
             nan = math.nan
@@ -324,22 +314,22 @@ class Estimator:
         vane, speed = float(u[cond.VANE]), float(u[cond.AIRSPEED])
         zero = -self._zero
         upwash = (self._scale - 1.0) * (vane - self._zero)
-        rate = out[cg.RATE]
+        rate = seen.rate
         steady = vane + zero + upwash + rate
         noise = self._noise
         by_rate = self._arm * noise["q"] / speed
         band = (level if level == level else 0.0) / speed
-        if out[cg.READY] > 0.0:
-            fast, gust = out[cg.FAST], out[cg.GUST]
-            alpha, lag, arrival = out[cg.SPLIT], fast - steady, out[cg.SPLIT] - fast
-            inertial = wind[0]
+        if seen.is_ready:
+            fast, gust = seen.fast, seen.gust
+            alpha, lag, arrival = seen.split, fast - steady, seen.split - fast
+            inertial = flow.alpha
             # Streams smoothed over half a second; 5 % of the gust, and what its way from boom to CG leaves of the band.
             parts = [
                 noise["alpha_vane"] / self._upwash,
                 0.2 * noise["theta"],
                 0.2 * noise["v_down"] / speed,
                 math.hypot(0.05 * gust, GUST_LEFT * band),
-                self._unseen(out[cg.BEHIND], speed),
+                self._unseen(seen.behind, speed),
             ]
         else:
             alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
@@ -361,11 +351,11 @@ class Estimator:
             gust_vertical=gust * speed,
             turbulence_level=level,
             turbulence=name,
-            wind_north=wind[3],
-            wind_east=wind[4],
-            wind_down=wind[5],
+            wind_north=flow.wind_north,
+            wind_east=flow.wind_east,
+            wind_down=flow.wind_down,
             valid=not why,
-            why=why or self._conditioner.degraded(out[cg.READY] > 0.0) or self._late(out[cg.BEHIND]),
+            why=why or self._conditioner.degraded(seen.is_ready) or self._late(seen.behind),
         )
 
 

@@ -1,10 +1,11 @@
-"""What one tick hands from kernel to kernel: conditioned inputs to the inertial and vane filters, and both to a row of
-equation error; and a whole tick of them, compiled as one. SI, radians."""
+"""One tick of all live filters, compiled as one: conditioned inputs to inertial flow angles, the split of the vane, the
+signals of wing and tail, and a sample of equation error. Estimator and campaign take the same ticks. SI, radians.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +16,8 @@ from station.estimation import conditioning as cond
 from station.estimation import equation_error as ee
 from station.estimation import inertial as flow
 from station.model import physical_signals as gusts
+from station.numerics.named_state import Element, packed
+from station.profile import Aircraft
 
 UNEXPLAINED_S: Final = 5.0
 """Over which it is averaged what the motion leaves of the vane."""
@@ -24,99 +27,148 @@ MADE, SPLIT = 1, 2
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)
-def prepare(u: Array, zero: float, scale: float, arm: float, motion: Array, air: Array) -> None:
-    """From inputs `u` (cond.INPUTS) the `motion` p q r ax ay az (6,), a rate or ay that is missing counted as 0, and
-    `air` (3,): true airspeed, angle of attack and sideslip at the CG as the calibrated vanes have them.
+class Constants(NamedTuple):
+    """What `advance` goes by."""
 
-    `zero`, `scale`, `arm`: the boom's zero (rad), steady calibration and length (m).
-    """
-    p, r, ay, beta = u[cond.P], u[cond.R], u[cond.AY], u[cond.BETA]
-    motion[0] = 0.0 if math.isnan(p) else p
-    motion[1] = u[cond.Q]
-    motion[2] = 0.0 if math.isnan(r) else r
-    motion[3] = u[cond.AX]
-    motion[4] = 0.0 if math.isnan(ay) else ay
-    motion[5] = u[cond.AZ]
+    dt: float
+    """s"""
+    bias: float
+    """Of the vane, rad."""
+    calibration: float
+    """Steady, of the vane: angle of attack per angle shown."""
+    arm: float
+    """From the CG to the vane, m."""
+    density: float
+    """Of the air by the profile, kg/m3; NaN: not known."""
+    mass: float
+    """Of the profile, kg."""
+    has_signals: bool
+    """Whether the signals of wing and tail are wanted."""
+    inertial: flow.Constants
+    vane: cg.Constants
+    signals: gusts.Constants
+
+
+class State:
+    """What `advance` edits, and what it gives: inertial.flow, vane.seen, signals.signals and the scalars here."""
+
+    inertial: flow.State
+    vane: cg.State
+    signals: gusts.State
+    unexplained_mean: float
+    unexplained: float
+    """Of what the motion leaves of the vane: mean, rad, and mean square, rad2."""
+    wind_sd: float
+    """Standard error of the mean wind along the path, m/s."""
+
+
+@njit(cache=True)
+def prepare(c: Constants, u: Array) -> tuple[flow.Motion, flow.Air]:
+    """From inputs `u` (cond.INPUTS) the motion, a rate or ay that is missing counted as 0, and the air at the CG."""
+    p, q, r, ay, beta = u[cond.P], u[cond.Q], u[cond.R], u[cond.AY], u[cond.BETA]
+    p = 0.0 if math.isnan(p) else p
+    r = 0.0 if math.isnan(r) else r
+    ay = 0.0 if math.isnan(ay) else ay
     speed = u[cond.AIRSPEED]
-    air[0] = speed
-    air[1] = scale * (u[cond.VANE] - zero) + arm * motion[1] / speed
-    air[2] = 0.0 if math.isnan(beta) else beta - arm * motion[2] / speed
+    alpha = c.calibration * (u[cond.VANE] - c.bias) + c.arm * q / speed
+    beta = 0.0 if math.isnan(beta) else beta - c.arm * r / speed
+    return flow.Motion(p, q, r, u[cond.AX], ay, u[cond.AZ]), flow.Air(speed, alpha, beta)
 
 
 @njit(cache=True)
-def assemble(u: Array, motion: Array, pressure: float, mass: float, out: Array, row: Array) -> bool:
-    """A `row` (equation_error.ROW,) from a tick's inputs, motion and what alpha.step gave (`out`).
+def is_finite(m: flow.Motion) -> bool:
+    """Whether nothing of it is missing."""
+    rates = math.isfinite(m.p) and math.isfinite(m.q) and math.isfinite(m.r)
+    return rates and math.isfinite(m.ax) and math.isfinite(m.ay) and math.isfinite(m.az)
 
-    `pressure`: dynamic, Pa; `mass`: kg. Returns whether there is a split angle of attack.
+
+@njit(cache=True)
+def assemble(u: Array, motion: flow.Motion, pressure: float, mass: float, seen: cg.Seen, row: Array) -> None:
+    """A `row` (equation_error.ROW,) from a tick's inputs, motion and what the vane's filter gave.
+
+    `pressure`: dynamic, Pa; `mass`: kg.
     """
-    is_split = bool(out[cg.READY] > 0.0)
-    for i in range(6):
-        row[i] = motion[i]
+    row[0], row[1], row[2], row[3], row[4], row[5] = motion
     row[6] = u[cond.AIRSPEED]
     row[7] = pressure
     row[8] = mass
     row[9] = u[cond.THRUST]
     row[10] = u[cond.ELEVATOR]
-    row[11] = out[cg.SPLIT] if is_split else out[cg.STEADY]
-    row[12] = out[cg.STEADY]
-    row[13] = out[cg.SCALED_LATE]
-    row[14] = out[cg.RATE_LATE]
-    row[15] = out[cg.SPLIT] if is_split else 0.0
-    row[16] = out[cg.GUST_STEP] if is_split else 0.0
-    return is_split
+    row[11] = seen.split if seen.is_ready else seen.steady
+    row[12] = seen.steady
+    row[13] = seen.scaled_late
+    row[14] = seen.rate_late
+    row[15] = seen.split if seen.is_ready else 0.0
+    row[16] = seen.gust_step if seen.is_ready else 0.0
 
 
 @njit(cache=True)
 def advance(
-    t: float,
-    dt: float,
-    u: Array,
-    age: Array,
-    boom: tuple[float, float, float],
-    body: tuple[float, float],
-    inertial: tuple[Array, Array, Array, Array],
-    vane: tuple[Array, Array, Array, Array],
-    signals: tuple[Array, Array, Array, Array, Array],
-    sides: tuple[Array, Array, Array, Array],
-    unexplained: Array,
+    constants: Element, state: Element, sides: tuple[Array, Array, Array, Array], t: float, u: Array, age: Array
 ) -> int:
-    """One tick of all filters from inputs `u` with their `age`, (inputs,); returns MADE and SPLIT.
+    """One tick of all filters at `t`, s, from inputs `u` with their `age`, (inputs,); returns MADE and SPLIT.
 
-    `boom`: zero, steady calibration, length; `body`: air density (NaN: not known) and mass of the profile. Then the
-    `arrays` of Inertial, Vane, Signals and Sides, which are edited, and `unexplained` (2,): mean and mean square of
-    what the motion leaves of the vane, rad.
+    `constants` and `state`, one element each, are of Constants and State; `sides` as equation_error.Sides has them.
     """
-    motion, air, row = np.empty(6), np.empty(3), np.empty(ee.ROW)
-    zero, scale, arm = boom
-    prepare(u, zero, scale, arm, motion, air)
-    state, ring, imu, seen = inertial
-    usable = True
-    for i in range(6):
-        usable = usable and math.isfinite(motion[i])
-    if usable:
+    c: Constants = constants[0]
+    s: State = state[0]
+    row = np.empty(ee.ROW)
+    motion, air = prepare(c, u)
+    if is_finite(motion):
         a, v = cond.ATTITUDE, cond.VELOCITY
-        flow.step(state, ring, t, dt, motion, u[a:v], age[a:v], u[v:], age[v:], air, imu, seen)
+        flow.step(c.inertial, s.inertial, t, motion, air, flow.Streams(u[a:v], age[a:v], u[v:], age[v:]))
     else:
-        flow.restart(state, seen)
-    alpha_i = seen[0] if seen[8] > 0.0 else math.nan
-    par, state, ring, out = vane
-    cg.step(par, state, ring, dt, u[cond.VANE], motion[0], motion[1], air[0], alpha_i, out)
-    is_split = out[cg.READY] > 0.0
-    par, table, state, ring, gust = signals
-    if is_split:
-        fade = dt / UNEXPLAINED_S
-        off = scale * out[cg.RESIDUAL] - unexplained[0]
-        unexplained[0] += fade * off
-        unexplained[1] += fade * (off * off - unexplained[1])
-        gusts.step(par, table, state, ring, dt, out[cg.BOOM_GUST], alpha_i, air[0], seen[2], seen[7], gust)
+        flow.restart(s.inertial)
+    inertial, seen = s.inertial.flow, s.vane.seen
+    alpha_i = inertial.alpha if inertial.is_ready else math.nan
+    cg.step(c.vane, s.vane, u[cond.VANE], motion.p, motion.q, air.speed, alpha_i)
+    if not seen.is_ready:
+        gusts.restart(s.signals)
     else:
-        gusts.restart(state, gust)
-    density, mass = body
-    mass = u[cond.MASS] if u[cond.MASS] > 0.0 else mass
-    assemble(u, motion, cond.dynamic_pressure(u, density), mass, out, row)
+        fade = c.dt / UNEXPLAINED_S
+        error = c.calibration * seen.residual - s.unexplained_mean
+        s.unexplained_mean += fade * error
+        s.unexplained += fade * (error * error - s.unexplained)
+        if c.has_signals:
+            gusts.step(c.signals, s.signals, seen.boom_gust, alpha_i, air.speed, inertial.speed, inertial.theta)
+        else:
+            gusts.watch_wind(c.signals, s.signals, air.speed, inertial.speed)
+            s.signals.count += 1
+    s.wind_sd = gusts.wind_sd(c.signals, s.signals)
+    mass = u[cond.MASS] if u[cond.MASS] > 0.0 else c.mass
+    assemble(u, motion, cond.dynamic_pressure(u, c.density), mass, seen, row)
     constant, history, means, made = sides
-    good = ee.sides(constant, history, means, dt, row, made)
+    good = ee.sides(constant, history, means, c.dt, row, made)
     for i in range(made.shape[0]):
         good = good and math.isfinite(made[i])
-    return (MADE if good else 0) + (SPLIT if is_split else 0)
+    return (MADE if good else 0) + (SPLIT if seen.is_ready else 0)
+
+
+@njit(cache=True)
+def restart(state: Element) -> None:
+    """Begin anew from the next measurements; the mean wind is kept."""
+    s: State = state[0]
+    flow.restart(s.inertial)
+    cg.restart(s.vane)
+    gusts.restart(s.signals)
+
+
+def constants(
+    aircraft: Aircraft, imu: tuple[float, float, float], dt: float, high_hz: float = 2.0, has_signals: bool = True
+) -> Element:
+    """Constants for an aircraft, packed. `imu`: from the CG, m; `high_hz`: up to where the signals are analysed."""
+    boom = aircraft.boom
+    return packed(
+        Constants(
+            dt=dt,
+            bias=boom.zero if boom else 0.0,
+            calibration=boom.steady_calibration if boom else 1.0,
+            arm=boom.vane_x if boom else 0.0,
+            density=aircraft.air_density if aircraft.air_density is not None else math.nan,
+            mass=aircraft.inertia.mass,
+            has_signals=has_signals,
+            inertial=flow.Constants(dt, np.array(imu, dtype=np.float64)),
+            vane=cg.constants(aircraft, dt),
+            signals=gusts.constants(aircraft, dt, high_hz),
+        )
+    )

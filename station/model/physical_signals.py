@@ -9,14 +9,14 @@ From the gust at the boom (alpha.py; still seen through the vane) and the inerti
 
 The wind is carried, not the angle: the vane turned that vertical gust into an angle over the airspeed at the boom,
 whose headwind the airspeed at the CG shows when it arrives; and what arrives meets the speed of that moment. Delays
-follow the inertial speed (gusts do not carry themselves past the aircraft), memories the airspeed. The vane's own lag
-is undone with the time that the gust takes from the boom, by a finite impulse response. SI, radians.
+follow the inertial speed (gusts do not carry themselves past the aircraft), unsteady lift the airspeed. The vane's own
+lag is undone with the time that the gust takes from the boom, by a finite impulse response. SI, radians.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
 from station.numerics.delay import delayed
-from station.numerics.indicial import respond
+from station.numerics.indicial import Response, respond, response
 from station.profile import Aircraft
+from station.profile.aircraft import MOST_TERMS
 
 Array = NDArray[np.float64]
 
@@ -39,11 +40,14 @@ TAPS: Final = 16
 _MIDDLE: Final = 7
 _ROWS: Final = 16
 """Rows of the table of impulse responses to a tick of delay."""
+TABLE: Final = ((_MIDDLE + 1) * _ROWS + 1, TAPS)
 
 RING: Final = 256
 SMOOTH_S: Final = 0.2
 WIND_S: Final = 60.0
 """Over which the mean wind is averaged."""
+LEAST_FREE: Final = 0.2
+"""Share of the gusts' mean square that their mean leaves, at least."""
 SPAN_SLOW: Final = 2.0
 SPAN_MIDDLE: Final = 4.0
 SPAN_FAST: Final = 9.0
@@ -53,17 +57,73 @@ corner from the slow one on to 0.3 % of the gust's lift at 2 Hz; of two, it miss
 LENGTH_M: Final = 533.4
 """Of the turbulence (MIL-F-8785C above 2000 ft): how long gusts last that the mean wind is averaged over."""
 
-# ring
-_SEEN, _U, _RWX, _RKG, _RX, _RKL, _RKM, _RKN, _VI, _RTHETA, _RWIND, COLUMNS = range(12)
-# params
-_BOOM, _LE, _TAIL, _CHORD, _SPAN, _NW, _NK, _WASH = range(8)
-_WA, _WB, _KA, _KB, PARAMS = 8, 12, 16, 20, 24
-# state
-COUNT, _VF, _UG, _UU, _XIN, _GIN, _SLOW, _MIDDLE_LAG, _FAST, _WIN, _KIN, _WS, _KS, _WWS, _WKS, _RISE = (
-    *range(12),
-    *(15, 19, 23, 27),
-)
-STATE: Final = 30
+
+class Constants(NamedTuple):
+    """What `step` goes by. Lengths in m, times in s."""
+
+    dt: float
+    boom: float
+    """From the vane to the CG, as gusts travel."""
+    edge: float
+    """From the wing's leading edge to the CG."""
+    tail: float
+    """From the CG to the tail."""
+    wash: float
+    """Of the downwash beyond the time to the tail."""
+    chord: float
+    span: float
+    motion: Response
+    gust: Response
+    """Of the wing's lift."""
+    inverse: Annotated[Array, TABLE]
+    """vane_inverse"""
+
+
+class State:
+    """What `step` edits."""
+
+    count: int
+    """Ticks since the start."""
+    speed: float
+    headwind: float
+    """Smoothed, m/s."""
+    headwind_square: float
+    """Its mean, m2/s2."""
+    incidence: float
+    edge_gust: float
+    """Inertial angle of attack and gust at the leading edge at the last tick, rad."""
+    motion_lags: Annotated[Array, MOST_TERMS]
+    gust_lags: Annotated[Array, MOST_TERMS]
+    span_slow: float
+    span_middle: float
+    span_fast: float
+    """The wing's incidence from gusts after the span's lags, rad."""
+    sinking: float
+    edge_wind: float
+    """What a mean wind wrong by 1 m/s adds to the inertial angle of attack and takes from the gust, last tick, s/m."""
+    sinking_lags: Annotated[Array, MOST_TERMS]
+    edge_wind_lags: Annotated[Array, MOST_TERMS]
+    wing_change: float
+    tail_change: float
+    wash_change: float
+    """Of a tick, in incidence: see _slope."""
+    seen_ring: Annotated[Array, RING]
+    """Gust at the boom as the vane shows it, rad."""
+    headwind_ring: Annotated[Array, RING]
+    ground_ring: Annotated[Array, RING]
+    """Airspeed less inertial speed, and inertial speed, m/s."""
+    alpha_ring: Annotated[Array, RING]
+    theta_ring: Annotated[Array, RING]
+    wing_ring: Annotated[Array, RING]
+    met_ring: Annotated[Array, RING]
+    slow_ring: Annotated[Array, RING]
+    middle_ring: Annotated[Array, RING]
+    fast_ring: Annotated[Array, RING]
+    """Wing incidence from motion, from gusts, and from gusts after each of the span's lags, rad."""
+    wind_ring: Annotated[Array, RING]
+    """WIND_WING."""
+    signals: Annotated[Array, (2, SIGNALS)]
+    """What `step` gives: the signals of the tick before and of this one."""
 
 
 def vane_inverse(frequency_hz: float, damping: float, dt: float, high_hz: float = 2.0) -> Array:
@@ -93,28 +153,26 @@ def vane_inverse(frequency_hz: float, damping: float, dt: float, high_hz: float 
 
 
 @njit(cache=True, error_model="numpy")
-def _through(table: Array, ring: Array, at: int, column: int, ticks: float) -> float:
-    """`column` of the ring `ticks` ago with the vane's lag undone."""
-    n = ring.shape[0]
-    ticks = min(max(ticks, 0.0), n - TAPS - 1.0)
+def _through(table: Array, ring: Array, at: int, ticks: float) -> float:
+    """The value `ticks` ago with the vane's lag undone."""
+    ticks = min(max(ticks, 0.0), RING - TAPS - 1.0)
     first = max(math.floor(ticks) - _MIDDLE, 0)
     place = (ticks - first) * _ROWS
     row = min(math.floor(place), table.shape[0] - 2)
     part = place - row
     total = 0.0
     for j in range(TAPS):
-        total += ((1.0 - part) * table[row, j] + part * table[row + 1, j]) * ring[(at - first - j) % n, column]
+        total += ((1.0 - part) * table[row, j] + part * table[row + 1, j]) * ring[(at - first - j) % RING]
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _met(table: Array, ring: Array, at: int, ticks: float, headwind: float) -> float:
+def _met(c: Constants, s: State, at: int, ticks: float, headwind: float) -> float:
     """Gust incidence now where the air is that the vane saw `ticks` ago, and whose headwind gust is `headwind`, m/s."""
-    n = ring.shape[0]
-    seen = _through(table, ring, at, _SEEN, ticks)
-    then = delayed(ring, at, _VI, ticks) + headwind
-    now = ring[at % n, _VI] + headwind
-    return float((seen * then + (delayed(ring, at, _RX, ticks) - ring[at % n, _RX]) * headwind) / now)
+    seen = _through(c.inverse, s.seen_ring, at, ticks)
+    then = delayed(s.ground_ring, at, ticks) + headwind
+    now = s.ground_ring[at] + headwind
+    return float((seen * then + (delayed(s.alpha_ring, at, ticks) - s.alpha_ring[at]) * headwind) / now)
 
 
 @njit(cache=True, error_model="numpy")
@@ -126,202 +184,158 @@ def _lag(state: float, before: float, now: float, x: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _rise(s: Array, which: int, since: float) -> float:
-    """Slope per tick now, from the change `since` the tick before and the change before that, which `s` keeps."""
-    before = s[_RISE + which]
-    s[_RISE + which] = since
-    return float(1.5 * since - 0.5 * before)
+def _slope(change: float, before: float) -> float:
+    """Slope per tick now, from the change since the tick before and the change before that."""
+    return 1.5 * change - 0.5 * before
 
 
 @njit(cache=True, error_model="numpy")
-def watch_wind(s: Array, dt: float, speed: float, inertial_speed: float) -> None:
-    """One tick of the means that `wind_sd` goes by; the caller counts it in `s[COUNT]`."""
-    if s[COUNT] == 0.0:
-        s[_VF] = speed
-        s[_UG] = 0.0
-        s[_UU] = 0.0
-    gain = 1.0 - math.exp(-dt / SMOOTH_S)
-    s[_VF] += gain * (speed - s[_VF])
-    s[_UG] += gain * (speed - inertial_speed - s[_UG])
-    s[_UU] += max(dt / WIND_S, 1.0 / (s[COUNT] + 1.0)) * (s[_UG] ** 2 - s[_UU])
+def watch_wind(c: Constants, s: State, speed: float, inertial_speed: float) -> None:
+    """One tick of the means that `wind_sd` goes by; the caller counts it."""
+    if s.count == 0:
+        s.speed = speed
+        s.headwind = 0.0
+        s.headwind_square = 0.0
+    gain = 1.0 - math.exp(-c.dt / SMOOTH_S)
+    s.speed += gain * (speed - s.speed)
+    s.headwind += gain * (speed - inertial_speed - s.headwind)
+    s.headwind_square += max(c.dt / WIND_S, 1.0 / (s.count + 1.0)) * (s.headwind**2 - s.headwind_square)
 
 
 @njit(cache=True, error_model="numpy")
 def step(
-    par: Array,
-    table: Array,
-    s: Array,
-    ring: Array,
-    dt: float,
-    boom_gust: float,
-    alpha_i: float,
-    speed: float,
-    inertial_speed: float,
-    theta: float,
-    out: Array,
+    c: Constants, s: State, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float, theta: float
 ) -> None:
-    """One tick -> `out` (2, SIGNALS): the signals of the tick before and of this one.
+    """One tick; edits `s` and gives `s.signals`.
 
-    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed; `theta`: pitch. Edits
-    `s` (STATE,) and `ring` (RING, COLUMNS).
+    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed; `theta`: pitch.
     """
-    n = ring.shape[0]
-    count = int(s[COUNT])
-    at = count % n
-    n_w, n_k = int(par[_NW]), int(par[_NK])
+    at = s.count % RING
     slowness = 1.0 / max(inertial_speed, 1.0)
     sinking = (alpha_i - theta) * slowness
-    if count == 0:
-        # As if the present state had lasted, with no gust.
-        s[_XIN] = alpha_i
-        s[_WIN], s[_KIN] = sinking, -sinking
-        for j in range(3):
-            s[_RISE + j] = 0.0
-        for j in range(n_w):
-            s[_WS + j] = alpha_i
-            s[_WWS + j] = sinking
-        for j in range(n_k):
-            s[_KS + j] = 0.0
-            s[_WKS + j] = -sinking
-        s[_GIN] = s[_SLOW] = s[_MIDDLE_LAG] = s[_FAST] = 0.0
-        for i in range(n):
-            for c in range(COLUMNS):
-                ring[i, c] = alpha_i if c in (_RWX, _RX) else 0.0
-            ring[i, _VI] = inertial_speed
-            ring[i, _RTHETA] = theta
+    if s.count == 0:
+        _begin(s, alpha_i, sinking, inertial_speed, theta)
+    before, now = s.signals[0], s.signals[1]
     for i in range(SIGNALS):
-        out[0, i] = out[1, i]
-    watch_wind(s, dt, speed, inertial_speed)
-    v = s[_VF]
-    carried = max(inertial_speed, 1.0) * dt
+        before[i] = now[i]
+    watch_wind(c, s, speed, inertial_speed)
+    v = s.speed
+    carried = max(inertial_speed, 1.0) * c.dt
     headwind = speed - inertial_speed
-    ring[at, _SEEN] = boom_gust
-    ring[at, _U] = headwind
-    ring[at, _RX] = alpha_i
-    ring[at, _VI] = inertial_speed
-    ring[at, _RTHETA] = theta
+    s.seen_ring[at] = boom_gust
+    s.headwind_ring[at] = headwind
+    s.alpha_ring[at] = alpha_i
+    s.ground_ring[at] = inertial_speed
+    s.theta_ring[at] = theta
 
-    cg, edge = par[_BOOM] / carried, max(par[_BOOM] - par[_LE], 0.0) / carried
-    late = par[_TAIL] / carried
-    at_cg = _met(table, ring, at, cg, headwind)
-    at_edge = _met(table, ring, at, edge, headwind)
-    at_tail = _met(table, ring, at, cg + late, delayed(ring, at, _U, late))
-
-    chords = v * dt / par[_CHORD]
-    wing = respond(s, _WS, par[_WA : _WA + 4], par[_WB : _WB + 4], n_w, s[_XIN], alpha_i, chords)
-    met = respond(s, _KS, par[_KA : _KA + 4], par[_KB : _KB + 4], n_k, s[_GIN], at_edge, chords)
-    spans = v * dt / par[_SPAN]
-    before = ring[(at - 1) % n, _RKG]
-    s[_SLOW] = _lag(s[_SLOW], before, met, SPAN_SLOW * spans)
-    s[_MIDDLE_LAG] = _lag(s[_MIDDLE_LAG], before, met, SPAN_MIDDLE * spans)
-    s[_FAST] = _lag(s[_FAST], before, met, SPAN_FAST * spans)
-    s[_XIN], s[_GIN] = alpha_i, at_edge
-    ring[at, _RWX], ring[at, _RKG] = wing, met
-    ring[at, _RKL], ring[at, _RKM], ring[at, _RKN] = s[_SLOW], s[_MIDDLE_LAG], s[_FAST]
-
-    out[1, X], out[1, WX], out[1, KG], out[1, GC], out[1, GT] = alpha_i, wing, met, at_cg, at_tail
-    by_wind = late
-    late += par[_WASH] / dt
-    out[1, DW] = delayed(ring, at, _RWX, late)
-    out[1, DK] = delayed(ring, at, _RKG, late)
-    out[1, DX] = delayed(ring, at, _RX, late)
-    out[1, KL], out[1, KM], out[1, KN] = s[_SLOW], s[_MIDDLE_LAG], s[_FAST]
-    out[1, DKL] = delayed(ring, at, _RKL, late)
-    out[1, DKM] = delayed(ring, at, _RKM, late)
-    out[1, DKN] = delayed(ring, at, _RKN, late)
+    cg, edge, tail = c.boom / carried, max(c.boom - c.edge, 0.0) / carried, c.tail / carried
+    wash = tail + c.wash / c.dt
+    now[X] = alpha_i
+    now[GC] = _met(c, s, at, cg, headwind)
+    at_edge = _met(c, s, at, edge, headwind)
+    now[GT] = _met(c, s, at, cg + tail, delayed(s.headwind_ring, at, tail))
+    chords = v * c.dt / c.chord
+    _lift(c, s, at, at_edge, alpha_i, chords)
+    now[DW] = delayed(s.wing_ring, at, wash)
+    now[DK] = delayed(s.met_ring, at, wash)
+    now[DX] = delayed(s.alpha_ring, at, wash)
+    now[DKL] = delayed(s.slow_ring, at, wash)
+    now[DKM] = delayed(s.middle_ring, at, wash)
+    now[DKN] = delayed(s.fast_ring, at, wash)
 
     # A mean wind wrong by u: inertial incidence off by (x - theta) u/V_i, which the gust makes up for where the vane
     # saw it, and every delay by -u/V_i of itself.
-    edge_wind = (delayed(ring, at, _RTHETA, edge) - alpha_i) * slowness
-    wing_wind = respond(s, _WWS, par[_WA : _WA + 4], par[_WB : _WB + 4], n_w, s[_WIN], sinking, chords)
-    wing_wind += respond(s, _WKS, par[_KA : _KA + 4], par[_KB : _KB + 4], n_k, s[_KIN], edge_wind, chords)
-    s[_WIN], s[_KIN] = sinking, edge_wind
-    tail_wind = (delayed(ring, at, _RTHETA, cg + by_wind) - theta) * slowness
-    if count > 0:
-        wing_wind -= slowness * edge * _rise(s, 0, out[1, KG] - out[0, KG])
-        tail_wind -= slowness * (cg + by_wind) * _rise(s, 1, out[1, GT] - out[0, GT])
-    ring[at, _RWIND] = wing_wind
-    wash_wind = delayed(ring, at, _RWIND, late)
-    if count > 0:
-        wash_wind -= slowness * by_wind * _rise(s, 2, out[1, DW] + out[1, DK] - out[0, DW] - out[0, DK])
-    out[1, WIND_WING], out[1, WIND_TAIL], out[1, WIND_WASH] = wing_wind, tail_wind, wash_wind
-    s[COUNT] = count + 1
-
-
-def parameters(aircraft: Aircraft) -> Array:
-    """The constants of `step`, (PARAMS,); for an aircraft with boom and unsteady constants."""
-    par = np.zeros(PARAMS)
-    unsteady = aircraft.unsteady
-    par[_BOOM] = aircraft.boom.gust_x if aircraft.boom else 0.0
-    par[_LE] = aircraft.gust_edge
-    par[_TAIL], par[_WASH] = unsteady.tail_arm, unsteady.downwash_delay
-    par[_CHORD] = unsteady.reference_chord or aircraft.geometry.chord
-    par[_SPAN] = aircraft.geometry.span
-    for response, amplitude, rate, terms in (
-        (unsteady.lift_motion, _WA, _WB, _NW),
-        (unsteady.lift_gust, _KA, _KB, _NK),
-    ):
-        if response is not None:
-            count = min(len(response.a), 4)
-            par[terms] = count
-            par[amplitude : amplitude + count] = response.a[:count]
-            par[rate : rate + count] = response.b[:count]
-    return par
+    edge_wind = (delayed(s.theta_ring, at, edge) - alpha_i) * slowness
+    wing_wind = respond(c.motion, s.sinking_lags, s.sinking, sinking, chords)
+    wing_wind += respond(c.gust, s.edge_wind_lags, s.edge_wind, edge_wind, chords)
+    s.sinking, s.edge_wind = sinking, edge_wind
+    tail_wind = (delayed(s.theta_ring, at, cg + tail) - theta) * slowness
+    if s.count > 0:
+        change = now[KG] - before[KG]
+        wing_wind -= slowness * edge * _slope(change, s.wing_change)
+        s.wing_change = change
+        change = now[GT] - before[GT]
+        tail_wind -= slowness * (cg + tail) * _slope(change, s.tail_change)
+        s.tail_change = change
+    s.wind_ring[at] = wing_wind
+    wash_wind = delayed(s.wind_ring, at, wash)
+    if s.count > 0:
+        change = now[DW] + now[DK] - before[DW] - before[DK]
+        wash_wind -= slowness * tail * _slope(change, s.wash_change)
+        s.wash_change = change
+    now[WIND_WING], now[WIND_TAIL], now[WIND_WASH] = wing_wind, tail_wind, wash_wind
+    s.count += 1
 
 
 @njit(cache=True, error_model="numpy")
-def wind_sd(s: Array, dt: float) -> float:
+def _begin(s: State, alpha_i: float, sinking: float, inertial_speed: float, theta: float) -> None:
+    """As if the present state had lasted, with no gust."""
+    s.incidence = alpha_i
+    s.sinking, s.edge_wind = sinking, -sinking
+    s.wing_change = s.tail_change = s.wash_change = 0.0
+    s.edge_gust = s.span_slow = s.span_middle = s.span_fast = 0.0
+    for j in range(MOST_TERMS):
+        s.motion_lags[j] = alpha_i
+        s.sinking_lags[j] = sinking
+        s.gust_lags[j] = 0.0
+        s.edge_wind_lags[j] = -sinking
+    for i in range(RING):
+        s.seen_ring[i] = s.headwind_ring[i] = s.met_ring[i] = s.wind_ring[i] = 0.0
+        s.slow_ring[i] = s.middle_ring[i] = s.fast_ring[i] = 0.0
+        s.alpha_ring[i] = s.wing_ring[i] = alpha_i
+        s.ground_ring[i] = inertial_speed
+        s.theta_ring[i] = theta
+
+
+@njit(cache=True, error_model="numpy")
+def _lift(c: Constants, s: State, at: int, at_edge: float, alpha_i: float, chords: float) -> None:
+    """The wing's incidence from motion and from gusts, and the latter after the span's lags."""
+    now = s.signals[1]
+    wing = respond(c.motion, s.motion_lags, s.incidence, alpha_i, chords)
+    met = respond(c.gust, s.gust_lags, s.edge_gust, at_edge, chords)
+    spans = s.speed * c.dt / c.span
+    before = s.met_ring[(at - 1) % RING]
+    s.span_slow = _lag(s.span_slow, before, met, SPAN_SLOW * spans)
+    s.span_middle = _lag(s.span_middle, before, met, SPAN_MIDDLE * spans)
+    s.span_fast = _lag(s.span_fast, before, met, SPAN_FAST * spans)
+    s.incidence, s.edge_gust = alpha_i, at_edge
+    s.wing_ring[at], s.met_ring[at] = wing, met
+    s.slow_ring[at], s.middle_ring[at], s.fast_ring[at] = s.span_slow, s.span_middle, s.span_fast
+    now[WX], now[KG] = wing, met
+    now[KL], now[KM], now[KN] = s.span_slow, s.span_middle, s.span_fast
+
+
+@njit(cache=True, error_model="numpy")
+def wind_sd(c: Constants, s: State) -> float:
     """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
-    lasting = LENGTH_M / max(s[_VF], 1.0)
-    seconds = min(s[COUNT] * dt, 2.0 * WIND_S)
+    lasting = LENGTH_M / max(s.speed, 1.0)
+    seconds = min(s.count * c.dt, 2.0 * WIND_S)
     share = 2.0 / (seconds / lasting + 2.0)
     # The gusts' mean square is about that mean, which takes its share of it.
-    return math.sqrt(max(s[_UU], 0.0) * share / max(1.0 - share, 0.2))
+    return math.sqrt(max(s.headwind_square, 0.0) * share / max(1.0 - share, LEAST_FREE))
 
 
 @njit(cache=True)
-def restart(s: Array, out: Array) -> None:
+def restart(s: State) -> None:
     """Begin anew from the next sample."""
-    s[COUNT] = 0.0
-    out[:] = math.nan
+    s.count = 0
+    s.signals[:] = math.nan
 
 
-class Signals:
-    """The state of `step`; `out[0]`: the tick before, `out[1]`: the newest."""
-
-    def __init__(self, aircraft: Aircraft, dt: float, high_hz: float = 2.0) -> None:
-        """`high_hz`: up to where the signals are analysed."""
-        self._parameters = parameters(aircraft)
-        boom = aircraft.boom
-        frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (0.4 / dt, 0.7)
-        self._table = vane_inverse(frequency, damping, dt, high_hz)
-        self._dt = dt
-        self._state = np.zeros(STATE)
-        self._ring = np.zeros((RING, COLUMNS))
-        self.out = np.full((2, SIGNALS), math.nan)
-        self.arrays = (self._parameters, self._table, self._state, self._ring, self.out)
-        """As tick.advance takes them."""
-
-    def restart(self) -> None:
-        """Begin anew from the next sample."""
-        restart(self._state, self.out)
-
-    def wind_sd(self) -> float:
-        """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
-        return float(wind_sd(self._state, self._dt))
-
-    def step(self, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float, theta: float) -> None:
-        """One tick; see the kernel."""
-        step(
-            self._parameters,
-            self._table,
-            self._state,
-            self._ring,
-            self._dt,
-            boom_gust,
-            alpha_i,
-            speed,
-            inertial_speed,
-            theta,
-            self.out,
-        )
+def constants(aircraft: Aircraft, dt: float, high_hz: float = 2.0) -> Constants:
+    """What `step` goes by, for an aircraft with boom and unsteady constants. `high_hz`: up to where the signals are
+    analysed."""
+    unsteady, boom = aircraft.unsteady, aircraft.boom
+    frequency, damping = (boom.vane_frequency, boom.vane_damping) if boom else (0.4 / dt, 0.7)
+    return Constants(
+        dt=dt,
+        boom=boom.gust_x if boom else 0.0,
+        edge=aircraft.gust_edge,
+        tail=unsteady.tail_arm,
+        wash=unsteady.downwash_delay,
+        chord=unsteady.reference_chord or aircraft.geometry.chord,
+        span=aircraft.geometry.span,
+        motion=response(unsteady.lift_motion),
+        gust=response(unsteady.lift_gust),
+        inverse=vane_inverse(frequency, damping, dt, high_hz),
+    )

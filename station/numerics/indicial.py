@@ -3,48 +3,51 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.profile import Indicial
+from station.profile.aircraft import MOST_TERMS, Indicial
 
 Array = NDArray[np.float64]
 
 
 class Response(NamedTuple):
-    """1 - sum a exp(-b t), t in chords travelled; without terms: no delay."""
+    """1 - sum a exp(-b t), t in chords travelled, of `n` terms; without terms: no delay."""
 
-    a: Array
-    b: Array
+    n: int
+    a: Annotated[Array, MOST_TERMS]
+    b: Annotated[Array, MOST_TERMS]
 
 
 def response(indicial: Indicial | None) -> Response:
     """As the profile has it."""
-    return Response(np.array(indicial.a), np.array(indicial.b)) if indicial else Response(np.zeros(0), np.zeros(0))
+    made = Response(len(indicial.a) if indicial else 0, np.zeros(MOST_TERMS), np.zeros(MOST_TERMS))
+    if indicial is not None:
+        made.a[: made.n], made.b[: made.n] = indicial.a, indicial.b
+    return made
 
 
 @njit(cache=True, error_model="numpy")
 def frequency_response(of: Response, s: complex) -> complex:
     """What it makes of a harmonic; `s`: i omega per chord travelled."""
     h = 1.0 + 0.0j
-    for j in range(of.a.shape[0]):
+    for j in range(of.n):
         h -= of.a[j] * s / (s + of.b[j])
     return h
 
 
 @njit(cache=True)
-def respond(
-    s: Array, at: int, amplitudes: Array, rates: Array, n: int, before: float, now: float, chords: float
-) -> float:
-    """Indicial response 1 - sum a exp(-b t): exact first-order lags of an input linear between ticks."""
+def respond(of: Response, lags: Array, before: float, now: float, chords: float) -> float:
+    """What it makes of an input that goes straight from `before` to `now` while `chords` are travelled; edits the
+    first-order `lags` (MOST_TERMS,), exactly."""
     value = now
-    for j in range(n):
-        x = rates[j] * chords
+    for j in range(of.n):
+        x = of.b[j] * chords
         decay = math.exp(-x)
         mean = (1.0 - decay) / x
-        s[at + j] = decay * s[at + j] + (mean - decay) * before + (1.0 - mean) * now
-        value += amplitudes[j] * (s[at + j] - now)
+        lags[j] = decay * lags[j] + (mean - decay) * before + (1.0 - mean) * now
+        value += of.a[j] * (lags[j] - now)
     return value

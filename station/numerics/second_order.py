@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -28,3 +29,16 @@ def second_order(frequency: float, damping: float, dt: float) -> Array:
 def vane_lag(frequency: float, damping: float) -> float:
     """How late a second-order vane (Hz) shows what is slow, s."""
     return damping / (math.pi * frequency)
+
+
+@njit(cache=True)
+def follow(transition: Array, s: Array, new: float) -> float:
+    """The output for a new input, the input straight between ticks; edits `s` (3,): output, its rate, last input.
+
+    `transition` (8,): what second_order gives.
+    """
+    m, angle, swing, old = transition, s[0], s[1], s[2]
+    s[0] = m[0] * angle + m[1] * swing + m[4] * old + m[6] * new
+    s[1] = m[2] * angle + m[3] * swing + m[5] * old + m[7] * new
+    s[2] = new
+    return float(s[0])

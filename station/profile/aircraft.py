@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -60,6 +60,10 @@ class Inertia(Frozen):
     """Product of inertia."""
 
 
+MOST_TERMS: Final = 8
+"""Of an indicial response."""
+
+
 class Indicial(Frozen):
     """phi(t) = 1 - sum a exp(-b t), t in chords travelled (physics of unsteady lift and upwash)."""
 
@@ -77,6 +81,8 @@ class Indicial(Frozen):
     def _same_length(self) -> Self:
         if len(self.a) != len(self.b) or not self.a or min(self.b) <= 0:
             raise PydanticCustomError("indicial", "a and b need the same number of terms, every b above 0")
+        if len(self.a) > MOST_TERMS:
+            raise PydanticCustomError("indicial", f"at most {MOST_TERMS} terms")
         return self
 
 

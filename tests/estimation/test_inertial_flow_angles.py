@@ -6,10 +6,31 @@ import numpy as np
 import pytest
 
 from station.conventions import G0, ned_from_body
-from station.estimation.inertial import Inertial
+from station.estimation import inertial
+from station.estimation.inertial import Air, Motion, Streams
+from station.numerics.named_state import blank, packed
 
 DT = 0.02
 SPEED = 60.0
+
+
+class Inertial:
+    """The kernel and its state."""
+
+    def __init__(self, arm):
+        self.constants = packed(inertial.Constants(DT, np.array(arm)))[0]
+        self.state = blank(inertial.State)[0]
+
+    def step(self, t, imu, streams, air):
+        inertial.step(self.constants, self.state, t, Motion(*imu.tolist()), Air(*air), Streams(*streams))
+
+    @property
+    def flow(self):
+        return inertial.Flow(*self.state["flow"].item())
+
+    @property
+    def wind(self):
+        return self.flow.wind_north, self.flow.wind_east, self.flow.wind_down
 
 
 def fly(motion, velocity_every=1, late_s=0.0, arm=(0.0, 0.0, 0.0), seconds=40.0, heading=0.7, wind=(0.0, 0.0, 0.0)):
@@ -18,7 +39,7 @@ def fly(motion, velocity_every=1, late_s=0.0, arm=(0.0, 0.0, 0.0), seconds=40.0,
     Wings level, constant speed through the air along a path of slope theta - alpha. Rates and specific forces come from
     differences of the path over 0.1 ms, the stream from the path itself at the time of its sample.
     """
-    inertial = Inertial(arm, DT)
+    filter_ = Inertial(arm)
     wind = np.array(wind)
 
     def ground_velocity(t):
@@ -44,12 +65,12 @@ def fly(motion, velocity_every=1, late_s=0.0, arm=(0.0, 0.0, 0.0), seconds=40.0,
             held = ground_velocity(held_at)
         attitude = np.array([0.0, theta, heading])
         ages = np.zeros(3)
-        air = np.array([SPEED, alpha, 0.0])
-        inertial.step(t, imu, (attitude, ages, held, np.full(3, t - held_at)), air)
+        air = (SPEED, alpha, 0.0)
+        filter_.step(t, imu, (attitude, ages, held, np.full(3, t - held_at)), air)
         if t > seconds / 2:
-            got.append(math.degrees(inertial.out[0]))
+            got.append(math.degrees(filter_.flow.alpha))
             true.append(math.degrees(alpha))
-    return np.array(got), np.array(true), inertial
+    return np.array(got), np.array(true), filter_
 
 
 def porpoise(t):
@@ -88,34 +109,33 @@ def test_accelerometer_ahead_of_the_cg():
 
 
 def test_mean_wind_is_found_and_taken_out():
-    got, true, inertial = fly(porpoise, wind=(6.0, -9.0, 0.0), seconds=60)
-    assert inertial.out[3:6] == pytest.approx([6.0, -9.0, 0.0], abs=0.1)
+    got, true, filter_ = fly(porpoise, wind=(6.0, -9.0, 0.0), seconds=60)
+    assert filter_.wind == pytest.approx([6.0, -9.0, 0.0], abs=0.1)
     assert np.std(got - true) < 0.05
 
 
 def test_without_any_velocity_the_air_data_carry_the_slow_part():
-    inertial = Inertial((0.0, 0.0, 0.0), DT)
+    filter_ = Inertial((0.0, 0.0, 0.0))
     missing, ages = np.full(3, math.nan), np.zeros(3)
     for k in range(2000):
         attitude = np.array([0.0, 0.05, 0.0])
         imu = np.array([0.0, 0.0, 0.0, G0 * math.sin(0.05), 0.0, -G0 * math.cos(0.05)])
-        inertial.step(k * DT, imu, (attitude, ages, missing, missing), np.array([SPEED, 0.04, 0.0]))
-    assert inertial.out[0] == pytest.approx(0.04, abs=1e-4)
-    assert inertial.out[3:6] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+        filter_.step(k * DT, imu, (attitude, ages, missing, missing), (SPEED, 0.04, 0.0))
+    assert filter_.flow.alpha == pytest.approx(0.04, abs=1e-4)
+    assert filter_.wind == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
 
 
 def test_level_turn_at_thirty_degrees_of_bank():
     """A level turn: the path is a circle, alpha follows from bank and pitch: no gust, so inertial equals true."""
     bank, alpha, speed = math.radians(30), math.radians(5), SPEED
     rate = G0 * math.tan(bank) / speed
-    """A level turn: bank and pitch fix alpha, and there is no gust."""
     # Found by solving for pitch and drift of the nose from the track.
     theta, drift = 0.0, 0.0
     for _ in range(50):
         u, v, w = ned_from_body(bank, theta, drift).T @ np.array([speed, 0.0, 0.0])
         theta += alpha - math.atan2(w, u)
         drift += math.atan2(v, speed)
-    inertial = Inertial((0.0, 0.0, 0.0), DT)
+    filter_ = Inertial((0.0, 0.0, 0.0))
     for k in range(1500):
         track = rate * k * DT
         rotation = ned_from_body(bank, theta, track + drift)
@@ -125,7 +145,7 @@ def test_level_turn_at_thirty_degrees_of_bank():
         rates = rotation.T @ np.array([0.0, 0.0, rate])
         attitude = np.array([bank, theta, math.remainder(track + drift, 2 * math.pi)])
         streams = (attitude, np.zeros(3), velocity, np.zeros(3))
-        inertial.step(k * DT, np.concatenate([rates, force]), streams, np.array([speed, alpha, 0.0]))
-    assert math.degrees(inertial.out[0]) == pytest.approx(5.0, abs=0.02)
-    assert math.degrees(inertial.out[1]) == pytest.approx(0.0, abs=0.02)
-    assert inertial.out[3:6] == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
+        filter_.step(k * DT, np.concatenate([rates, force]), streams, (speed, alpha, 0.0))
+    assert math.degrees(filter_.flow.alpha) == pytest.approx(5.0, abs=0.02)
+    assert math.degrees(filter_.flow.beta) == pytest.approx(0.0, abs=0.02)
+    assert filter_.wind == pytest.approx([0.0, 0.0, 0.0], abs=0.05)

@@ -9,11 +9,11 @@ import pytest
 from scipy.signal import lsim, lti
 
 from station.conventions import SIGNALS, TICK_NS
-from station.estimation import inertial
 from station.estimation.methods import Estimator
 from station.estimation.physical_method import SEGMENT, Equations, transform
 from station.model import physical_columns as pc
 from station.model import physical_signals as ps
+from station.numerics.named_state import blank, packed
 from station.numerics.spectra import grid
 from station.profile import Aircraft, Card, Indicial, load_aircraft
 from station.profile.uncertainty import Uncertainty
@@ -58,10 +58,10 @@ def last(estimator: Estimator, given: list[Frame]) -> MethodEstimate:
 
 
 def signals(aircraft: Aircraft, gust: np.ndarray, motion: np.ndarray, speed: float) -> np.ndarray:
-    made, rows = ps.Signals(aircraft, DT), []
+    constants, state, rows = packed(ps.constants(aircraft, DT))[0], blank(ps.State)[0], []
     for g, x in zip(gust, motion, strict=True):
-        made.step(float(g), float(x), speed, speed, 0.05)
-        rows.append(made.out[1].copy())
+        ps.step(constants, state, float(g), float(x), speed, speed, 0.05)
+        rows.append(state["signals"][1].copy())
     return np.array(rows).T
 
 
@@ -92,7 +92,7 @@ def test_the_vane_is_undone_and_the_gust_arrives_in_time() -> None:
     np.testing.assert_allclose(out[ps.KG, 500:], edge[500:], atol=6e-5)
 
 
-def test_motion_has_its_memory_and_its_downwash_comes_a_tail_arm_later() -> None:
+def test_motion_has_its_unsteady_lift_and_its_downwash_comes_a_tail_arm_later() -> None:
     aircraft, speed = load_aircraft("twin_otter"), 56.6
     t = np.arange(1500) * DT
     motion = 0.05 + 0.03 * np.sin(2 * math.pi * 0.7 * t) * (t > 1)
@@ -112,10 +112,10 @@ def test_motion_has_its_memory_and_its_downwash_comes_a_tail_arm_later() -> None
 def test_the_carried_wind_meets_the_speed_of_its_arrival() -> None:
     """The same wind at twice the speed on arrival is half the angle; a steady headwind gust alone is no incidence."""
     aircraft = load_aircraft("twin_otter")
-    made = ps.Signals(aircraft, DT)
+    constants, state = packed(ps.constants(aircraft, DT))[0], blank(ps.State)[0]
     for _ in range(400):
-        made.step(0.0, 0.05, 60.0, 50.0, 0.05)  # 10 m/s of headwind gust, vane shows no vertical gust
-    assert made.out[1, ps.GC] == pytest.approx(0.0, abs=1e-4)
+        ps.step(constants, state, 0.0, 0.05, 60.0, 50.0, 0.05)  # 10 m/s of headwind gust, vane shows no vertical gust
+    assert state["signals"][1, ps.GC] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_streaming_equals_batch() -> None:
@@ -228,7 +228,7 @@ def test_an_error_of_the_mean_wind_does_what_its_column_says() -> None:
         assert equations is not None
         equations.solve = lambda f, n, s, v, *_, seen=seen: seen.append((f.copy(), v))  # type: ignore[method-assign]
         for frame in given:
-            estimator._inertial._state[inertial._WIND : inertial._WIND + 3] = (wrong, 0.0, 0.0)
+            estimator.filters["inertial"]["wind"] = (wrong, 0.0, 0.0)
             estimator.step(frame)
         f, speed = seen[-1]
         wing = np.empty((pc.WING, len(omega)), dtype=complex)

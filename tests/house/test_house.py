@@ -19,7 +19,7 @@ LINES_OF_A_FUNCTION: Final = 80
 ARGUMENTS: Final = 8
 LINES_OF_README: Final = 150
 
-OPTIONS: Final = "a verb's options, one argument each"
+OPTIONS: Final = "options of a verb or of the estimator, one argument each"
 STATE: Final = "a compiled kernel whose state and parameters are still passed one by one"
 STEPS: Final = "a compiled kernel in one piece: its parts share a dozen local arrays"
 EXEMPT: Final = {
@@ -32,15 +32,12 @@ EXEMPT: Final = {
     "station/simulation/airframe.py": STEPS,
     "station/campaign/one_pass.py:estimate": STEPS,
     "station/campaign/physical_pass.py:add": STATE,
-    "station/estimation/alpha.py:step": STATE,
     "station/estimation/conditioning.py:step": STATE,
-    "station/estimation/inertial.py:step": STATE,
     "station/estimation/instrument_errors.py:_sweep": STATE,
-    "station/estimation/methods.py:__init__": STATE,
+    "station/estimation/methods.py:__init__": OPTIONS,
     "station/estimation/published/filter_error.py:_filter_error": STEPS,
     "station/estimation/published/kalman.py:_filter": STATE,
     "station/estimation/published/kalman.py:_update": STATE,
-    "station/estimation/tick.py:advance": STATE,
     "station/identification/analysis.py:identify": OPTIONS,
     "station/identification/flown.py:fly": OPTIONS,
     "station/model/consistency.py:step": STEPS,
@@ -48,7 +45,6 @@ EXEMPT: Final = {
     "station/model/physical_columns.py:design": STATE,
     "station/model/physical_fit.py:_accumulate": STATE,
     "station/model/physical_fit.py:fit": STATE,
-    "station/model/physical_signals.py:step": STATE,
     "station/simulation/airframe.py:rates": STATE,
     "station/simulation/motion.py:stage_rates": STATE,
     "station/simulation/motion.py:record": STATE,
