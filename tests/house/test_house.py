@@ -40,7 +40,6 @@ EXEMPT: Final = {
     "station/estimation/published/kalman.py:_update": STATE,
     "station/identification/analysis.py:identify": OPTIONS,
     "station/identification/flown.py:fly": OPTIONS,
-    "station/model/consistency.py:step": STEPS,
     "station/model/gust_model.py:__init__": STEPS,
     "station/model/physical_columns.py:design": STATE,
     "station/model/physical_fit.py:_accumulate": STATE,
