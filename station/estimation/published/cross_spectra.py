@@ -3,15 +3,15 @@
     G(f) = S_aL / S_aa,   delay(f) = -arg G / 2 pi f,   coherence = |S_aL|^2 / (S_aa S_LL)
     S_G(f) = G / (2 pi e^{-j 2 pi f x/V} (1 - G k0/n)),   k_u(f) = 2 pi (k0/n) |S_G|
 
-with a the vane's angle, its zero and rate term taken out but its upwash left in, and L the lift coefficient at the CG.
-A positive delay: the vane is early, and its angle has to be delayed. Spectra are means over Hann segments and over
+with a the vane's angle, corrected for bias and pitch rate but not for upwash, and L the lift coefficient at the CG. A
+positive delay: the vane leads the lift, and its angle has to be delayed. Spectra are means over Hann segments and over
 logarithmic bins. S_G is the response of the lift to a gust that Sears' function describes in theory; k0/n makes k_u at
 S_G(0) = A/(A + 2) what the steady calibration says.
 
 Source: Martos 2013, Method IV and Appendices 2 and 3. It takes minutes of flight, hence no live method: a test point of
 30 s gives a handful of independent segments. Assumes that the lift follows the angle of attack alone;
-what pitch rate and elevator add to it counts as a delay too, so the result depends on how the aircraft is flown, and
-all of alpha, not the gust's part alone, is corrected with it. SI, rad.
+the lift of pitch rate and elevator counts as delay too, so the result depends on how the aircraft is flown, and all of
+alpha, not the gust's part alone, is corrected with it. SI, rad.
 """
 
 from __future__ import annotations
@@ -36,12 +36,14 @@ SEGMENT_S: Final = 41.0
 MIN_SEGMENTS: Final = 7
 MIN_SEGMENT_S: Final = 5.0
 BINS: Final = 27
+MEAN_LINES: Final = 2
+"""The lowest lines, which the window leaks the mean into."""
 LOW_HZ: Final = 0.01
 HIGH_HZ: Final = 10.0
 COHERENT: Final = 0.5
-"""Below this the lift tells less of the vane's angle than of something else."""
+"""Below this most of the lift does not follow the vane's angle."""
 ENOUGH: Final = 0.5
-"""Of the bins in the band must be coherent."""
+"""Share of the bins in the band that must be coherent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +100,7 @@ class VaneSpectra:
     segment_s: float
 
     def at(self, frequencies_hz: Array) -> tuple[Array, Array]:
-        """Delay (s) and k_u at other frequencies: straight lines over log f between the bins that are believed."""
+        """Delay (s) and k_u at other frequencies: straight lines over log f between the coherent bins."""
         f = np.log(self.frequencies_hz[self.believed])
         wanted = np.log(frequencies_hz)
         delay: Array = np.interp(wanted, f, self.delay_s[self.believed])
@@ -131,8 +133,7 @@ def vane_spectra(
     if found.segments < MIN_SEGMENTS:
         raise NotIdentifiable(f"gaps leave {found.segments} of {MIN_SEGMENTS} segments of {segment * dt:.0f} s whole")
     edges = np.logspace(math.log10(LOW_HZ), math.log10(HIGH_HZ), BINS + 1)
-    # The two lowest lines hold what the window leaves of the mean.
-    member = np.digitize(found.frequencies_hz, edges) * (np.arange(len(found.frequencies_hz)) >= 2)
+    member = np.digitize(found.frequencies_hz, edges) * (np.arange(len(found.frequencies_hz)) >= MEAN_LINES)
     kept = [np.flatnonzero(member == i) for i in range(1, BINS + 1)]
     kept = [lines for lines in kept if len(lines)]
 

@@ -64,6 +64,15 @@ class Longitudinal:
 
         return gauss_newton(simulate, measured, np.asarray(initial, dtype=np.float64), convergence)
 
+    def predictions(self, measured: Array, values: Array, amplitudes: Array, noise: Array) -> Array:
+        """One-step predictions (n, 7) of the filter at `values` of the parameters `free` and process-noise `amplitudes`
+        (4,), with the gain for the measurement `noise` variances (7,)."""
+        base, index, inputs = self._vectors()
+        c = self.body.constants()
+        base[index] = values
+        gain = _steady_gain(c, base, self.start, inputs[0], amplitudes, noise, self.dt)
+        return _predict(c, base, gain, self.start, inputs, np.ascontiguousarray(measured, dtype=np.float64), self.dt)
+
     def filter_error(
         self, measured: Array, initial: Sequence[float], amplitudes: Sequence[float], convergence: Convergence
     ) -> OutputFit:

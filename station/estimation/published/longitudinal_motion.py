@@ -1,4 +1,4 @@
-"""The nonlinear longitudinal aircraft as the estimators see it: states V, alpha, theta, q; any coefficient free.
+"""The estimators' nonlinear longitudinal model: states V, alpha, theta, q; any coefficient free.
 
     Vdot     = -(S/m) qbar CD + (F/m) cos(alpha + sigma) + g sin(alpha - theta)
     alphadot = -(S/m)(qbar/V) CL - F/(m V) sin(alpha + sigma) + q + (g/V) cos(alpha - theta)
@@ -78,7 +78,7 @@ class Body:
         )
 
     def constants(self) -> Array:
-        """What the compiled functions take."""
+        """The argument `c` of the compiled functions."""
         return np.array(
             [
                 self.gravity,

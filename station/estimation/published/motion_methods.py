@@ -95,8 +95,8 @@ def method_fe(record: FlightRecord, axes: Axes) -> MethodResult:
 
 
 def _inflation(record: FlightRecord) -> Array:
-    """How much alpha, q c/2V and elevator move together (DOF). A model with noise of its own puts numbers to what an
-    elevator that follows q leaves open, and its sensitivities do not tell."""
+    """Variance inflation of alpha, q c/2V and elevator (DOF). A model with process noise gives estimates even where an
+    elevator proportional to q leaves them undetermined, and its sensitivities do not show it."""
     x = np.column_stack([record.alpha, record.coefficients.qhat, record.motion["elevator"]])
     return inflation_of(x[np.isfinite(x).all(axis=1)])
 
@@ -171,7 +171,7 @@ def _setup(record: FlightRecord) -> _Setup:
         measured[:, 4] = slope
     free, initial = _initial(record, body, inputs, slope)
     start = smoothed_start(measured[:, :NX], 2.0, record.dt)
-    # Second differences hold no motion to speak of, and six times the noise.
+    # Second differences contain hardly any motion, and six times the variance of the noise.
     noise = np.array([np.var(np.diff(column, 2)) / 6 for column in measured.T])
     floor = np.array([1e-3, 1e-5, 1e-5, 1e-5, 1e-4, 1e-3, 1e-3]) ** 2
     return _Setup(body, free, initial, inputs, measured, start, np.maximum(noise, floor))
@@ -269,7 +269,7 @@ def _all_parameters(free: Sequence[str], values: Array, errors: Array) -> dict[s
 
 
 SETTLED: Final = Convergence(step=0.01, noise=1e-3, searches=30)
-"""For filter error, whose iterations are long."""
+"""For filter error, whose iterations take long."""
 OUTPUT_NAMES: Final = ("airspeed", "alpha", "theta", "q", "qdot", "ax", "az")
 GUST_LENGTH: Final = to_si(1750, "ft")
 
@@ -296,7 +296,7 @@ def method_vi(record: FlightRecord, axes: Axes) -> MethodResult:
         )
         if not (np.isfinite(track.state).all() and np.isfinite(track.sd).all()):
             raise NotIdentifiable("the filter diverges")
-        # What the first pass could not predict is noise to the second.
+        # The innovations of the first pass are the measurement noise of the second.
         noise = np.maximum(noise, np.var(track.innovation[len(track.innovation) // 4 :], axis=0))
     values, errors = track.parameters(10)
     errors = errors * math.sqrt(max(_correlation_time(track.innovation), 1.0))
@@ -316,7 +316,7 @@ def method_vi(record: FlightRecord, axes: Axes) -> MethodResult:
 
 
 def _correlation_time(innovation: Array) -> float:
-    """1 + 2 sum of the autocorrelation up to its first zero, of the worst output that moves the derivatives."""
+    """1 + 2 sum of the autocorrelation up to its first zero: the largest of the outputs behind the derivatives."""
     worst = 1.0
     for e in innovation[:, (1, 3, 4, 6)].T:
         e = e - e.mean()

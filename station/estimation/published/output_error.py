@@ -1,14 +1,15 @@
 """Output error: maximum likelihood by Gauss-Newton (method oe), and what filter error shares with it.
 
-z = y(p) + e, y from integrating the equations of motion; assumes no process noise. Residual variances are estimated in
-turn with the parameters, diagonal; SI, rad. Sources: Klein and Morelli 2006, section 6.1; Jategaonkar 2015, chapter 4;
-errors for coloured residuals Morelli and Klein 1997.
+z = y(p) + e, y from integrating the equations of motion; assumes no process noise. The diagonal residual covariance is
+estimated in turn with the parameters; SI, rad. Sources: Klein and Morelli 2006, section 6.1; Jategaonkar 2015, chapter
+4; errors for coloured residuals Morelli and Klein 1997.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from scipy.signal import correlate
 from station.numerics.regression import NotIdentifiable
 
 Array = NDArray[np.float64]
+SINGULAR: Final = 1e12
+"""Condition number of the scaled information matrix from which it counts as singular."""
 Simulate = Callable[[Array], Array]
 """Parameters (m,) -> outputs (n, k)."""
 
@@ -65,7 +68,7 @@ def gauss_newton(
 ) -> OutputFit:
     """Fit outputs to `measured` (n, k), NaN where missing.
 
-    Sensitivities by central differences of `relative_step`. A step that raises the cost or leaves the finite is halved.
+    Sensitivities by central differences of `relative_step`. A step to a higher cost or none is halved.
     `symmetric_correlation` takes the correlation of two outputs at a lag for the one at the opposite lag too, as SIDPAC
     does, for comparison with its coloured errors. Raises NotIdentifiable if the start cannot be simulated or the
     parameters are not determined.
@@ -73,7 +76,7 @@ def gauss_newton(
     used = np.isfinite(measured)
     count = used.sum(axis=0)
     if (count <= len(start)).any():
-        raise NotIdentifiable("an output has hardly any samples")
+        raise NotIdentifiable("an output has fewer samples than there are parameters")
     p = np.asarray(start, dtype=np.float64).copy()
 
     def residual(parameters: Array) -> Array:
@@ -114,7 +117,7 @@ def variances(e: Array, count: NDArray[np.int64]) -> Array:
     """Mean squares of the residuals (n, k). Raises NotIdentifiable where there are none."""
     variances: Array = (e * e).sum(axis=0) / count
     if not (variances > 0).all():
-        raise NotIdentifiable("an output is fitted without any residual: it cannot have been measured")
+        raise NotIdentifiable("an output is fitted without residual: it cannot have been measured")
     return variances
 
 
@@ -128,7 +131,7 @@ def _search(
     convergence: Convergence,
     relative_step: float,
 ) -> tuple[Array, Array, int, bool]:
-    """Minimise the cost with the residual variances held."""
+    """Minimise the cost at fixed residual variances."""
     cost = 0.5 * float((e * e / noise).sum())
     for i in range(convergence.iterations):
         sensitivity = sensitivities(simulate, p, relative_step, used)
@@ -138,7 +141,7 @@ def _search(
         for _halving in range(12):
             e_new = residual(p + step)
             cost_new = 0.5 * float((e_new * e_new / noise).sum())
-            # Difference quotients may leave the least cost a little beside: 0.01 of a log-likelihood is nothing.
+            # Difference quotients may miss the minimum by a little: 0.01 of a log-likelihood is negligible.
             if np.isfinite(cost_new) and cost_new <= cost + 0.01:
                 break
             step = step / 2
@@ -164,7 +167,7 @@ def sensitivities(simulate: Simulate, p: Array, relative_step: float, used: NDAr
 
 
 def information_of(sensitivity: Array, noise: Array) -> Array:
-    """Fisher's information (m, m)."""
+    """Fisher information matrix (m, m)."""
     m = len(sensitivity)
     weighted = (sensitivity / np.sqrt(noise)).reshape(m, -1)
     information: Array = weighted @ weighted.T
@@ -172,13 +175,13 @@ def information_of(sensitivity: Array, noise: Array) -> Array:
 
 
 def invert(information: Array) -> Array:
-    """Its inverse. Raises NotIdentifiable where it has none to speak of."""
+    """Its inverse. Raises NotIdentifiable where it is singular."""
     scale = np.sqrt(np.diag(information))
     if not (scale > 0).all():
         raise NotIdentifiable("an output that depends on no parameter, or a parameter that changes no output")
     scaled = information / np.outer(scale, scale)
-    if np.linalg.cond(scaled) > 1e12:
-        raise NotIdentifiable("parameters that the record cannot tell apart")
+    if np.linalg.cond(scaled) > SINGULAR:
+        raise NotIdentifiable("parameters that are collinear in this record")
     inverse: Array = np.linalg.inv(scaled) / np.outer(scale, scale)
     return inverse
 

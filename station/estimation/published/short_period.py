@@ -31,8 +31,9 @@ PARAMETERS: Final = (
     *("force_0", "force_alpha", "force_q", "force_de", "Cm_0", "Cm_alpha", "Cm_q", "Cm_de"),
     *("az_bias", "alpha_start", "q_start"),
 )
-"""The last two: how far the first state is off what was measured."""
-"""`force` is CZ or CL; az_bias in m/s2."""
+"""`force` is CZ or CL; az_bias in m/s2; the last two: first state less its measured value."""
+STARTING_STEPS: Final = 2
+"""Midpoint steps that start the third-order Adams-Bashforth integration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +187,7 @@ def _simulate(
         if k + 1 == n:
             break
         a0, q0 = _rates(alpha, q, u[k], p, reference, wind, gravity, measured_rate)
-        if k < 2:
+        if k < STARTING_STEPS:
             middle = 0.5 * (u[k] + u[k + 1])
             ah, qh = alpha + 0.5 * dt * a0, q + 0.5 * dt * q0
             am, qm = _rates(ah, qh, middle, p, reference, wind, gravity, measured_rate)

@@ -1,4 +1,4 @@
-"""Recursive Fourier equation error as two published programs do it, for comparison with their results only.
+"""Recursive Fourier equation error as in two published programs, only for comparison with their results.
 
 `recursive_fourier`: as SIDPAC 2.0's rtpid. Every second sample, the first sample subtracted, no filter, no window, no
 constant column, a weak prior at zero, an estimate each second from 2 s on.
@@ -6,7 +6,8 @@ constant column, a weak prior at zero, an estimate each second from 2 s on.
 at rest, Cm from j omega times the transform of the angular momentum.
 
 Equation, per frequency: Z(f) = X(f) p, complex least squares with real p (Morelli, AIAA 2000; Klein and Morelli 2006,
-section 7.2). The errors are not corrected for coloured residuals and shrink with a finer grid: station methods do both.
+section 7.2). The errors are not corrected for coloured residuals and shrink with a finer grid; those of the
+station's own methods are corrected for both.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ GRID_191: Final = (0.10, 0.01, 191)
 """The dissertation's grid."""
 _PRIOR: Final = 1e-6
 """Inverse of the prior's variance."""
+SINGULAR: Final = 1e12
 _HIGH_PASS_HZ: Final = 0.02
 
 
@@ -119,7 +121,7 @@ def _solve(x: Complex, z: Complex) -> tuple[Array, Array, float]:
     information = (x.conj().T @ x).real
     right = (x.conj().T @ z).real
     scale = np.sqrt(np.diag(information))
-    if (scale == 0).any() or np.linalg.cond(information / np.outer(scale, scale)) > 1e12:
+    if (scale == 0).any() or np.linalg.cond(information / np.outer(scale, scale)) > SINGULAR:
         raise NotIdentifiable("a regressor without excitation, or collinear regressors")
     plain = np.linalg.solve(information, right)
     residual = z - x @ plain

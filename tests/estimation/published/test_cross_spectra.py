@@ -56,7 +56,7 @@ def test_spectra_are_those_of_scipy(segment):
     np.testing.assert_allclose(coherence, signal.coherence(x, y, **options)[1][1:], rtol=1e-9)
 
 
-def test_segments_with_missing_rows_are_left_out():
+def test_segments_with_missing_rows_are_excluded():
     x, y = coloured(4096, 3), coloured(4096, 4)
     usable = np.ones(4096, dtype=bool)
     usable[1100] = False
@@ -104,7 +104,7 @@ def test_the_response_of_the_lift_and_the_upwash_that_follows_it():
     np.testing.assert_allclose(upwash, UPWASH * 0.8 / np.sqrt(1 + 0.3 * np.array([0.5, 2.0])) / steady, rtol=0.03)
 
 
-def test_what_cannot_be_measured_is_refused():
+def test_short_or_incoherent_records_are_refused():
     x, y = coloured(9000, 9), coloured(9000, 10)
     with pytest.raises(NotIdentifiable, match=r"coherent in \d+% of 0.1 to 2 Hz"):
         spectra_of(x, y)
@@ -147,7 +147,7 @@ def frames(columns):
     return [Frame(k * TICK_NS, k, tuple(v), tuple(a), tuple(m)) for k, (v, a, m) in enumerate(rows)]
 
 
-def test_a_vane_distorted_as_the_spectra_say_is_put_right():
+def test_a_vane_distorted_as_the_spectra_say_is_corrected():
     """The vane early by 0.06 s at 0.1 Hz and 0.12 s at 2 Hz, and 30 and 10 % too large: IV finds what II finds with the
     vane before that."""
     aircraft = load_aircraft("twin_otter")

@@ -13,7 +13,7 @@ from records import record as kept
 from scipy.io import loadmat
 
 from station.conventions import UNITS
-from station.estimation.published.filter_error import Longitudinal, _predict, _steady_gain
+from station.estimation.published.filter_error import Longitudinal
 from station.estimation.published.kalman import Track, Tuning, extended_kalman
 from station.estimation.published.longitudinal_motion import Body
 from station.estimation.published.output_error import Convergence, OutputFit
@@ -65,7 +65,7 @@ def short_period(name: str) -> ShortPeriod:
 
 
 @pytest.mark.parametrize("name", ["totter_demo_data", "totter_pred_data"])
-def test_twin_otter_output_error(name: str) -> None:
+def test_output_error_gives_sidpac_s_estimates(name: str) -> None:
     expected = reference()["twin_otter_output_error"][name]
     model = short_period(name)
     names = {"CZ_bias": "force_0", "Cm_bias": "Cm_0"}
@@ -118,7 +118,7 @@ def kalman(process: list[float]) -> Track:
 
 
 @pytest.mark.parametrize("run", ["zero", "qV=0.13/dt", "qV=0.13/dt qa=0.1e-4/dt", "as distributed"])
-def test_kalman_filter(run: str) -> None:
+def test_the_kalman_filter_gives_fvsysid_s_estimates(run: str) -> None:
     expected = reference()["hfb320"]["ekf_all_runs"][run]
     track = kalman(expected["Q_discrete_diag_V_alpha_theta_q"])
     estimate, sd = track.parameters(10)
@@ -131,7 +131,7 @@ def test_kalman_filter(run: str) -> None:
 
 
 @pytest.mark.parametrize("table", [3, 4, 5])
-def test_dissertation_tables_to_every_printed_digit(table: int) -> None:
+def test_the_dissertation_s_tables_are_reproduced_to_every_printed_digit(table: int) -> None:
     expected = reference()["hfb320"][f"ekf_table{table}"]
     estimate, sd = kalman(expected["Q_discrete_diag_V_alpha_theta_q"]).parameters(10)
     rows = expected["rows"]
@@ -150,7 +150,7 @@ def hfb320_fit(kind: str) -> OutputFit:
     return model.filter_error(measured, INITIAL, (0.02, 0.002, 0.02, 0.02), convergence)
 
 
-def test_hfb320_output_error() -> None:
+def test_output_error_gives_fvsysid_s_estimates() -> None:
     expected = reference()["hfb320"]["output_error"]
     fit = hfb320_fit("output_error")
     assert fit.converged
@@ -159,19 +159,17 @@ def test_hfb320_output_error() -> None:
     np.testing.assert_allclose(np.prod(fit.noise), expected["detR"], rtol=5e-3)
 
 
-def test_hfb320_filter_error_is_the_same_model() -> None:
+def test_filter_error_has_fvsysid_s_residuals_at_its_estimate() -> None:
     """At FVSysID's own estimate the filter leaves FVSysID's own residuals: det R to what its printed digits allow."""
     expected = reference()["hfb320"]["filter_error"]
     inputs, measured = hfb320()
-    base, index, u = Longitudinal(BODY, START, {}, FREE, inputs, DT)._vectors()
-    constants, estimate = BODY.constants(), np.array(expected["est"])
-    base[index] = estimate[: len(FREE)]
-    gain = _steady_gain(constants, base, START, u[0], estimate[len(FREE) :], NOISE, DT)
-    residual = measured - _predict(constants, base, gain, START, u, measured, DT)
+    model = Longitudinal(BODY, START, {}, FREE, inputs, DT)
+    values, amplitudes = np.split(np.array(expected["est"]), [len(FREE)])
+    residual = measured - model.predictions(measured, values, amplitudes, NOISE)
     assert np.prod(np.mean(residual**2, axis=0)) == pytest.approx(expected["detR"], rel=1e-4)
 
 
-def test_hfb320_filter_error() -> None:
+def test_filter_error_gives_fvsysid_s_estimates() -> None:
     expected = reference()["hfb320"]["filter_error"]
     fit = hfb320_fit("filter_error")
     assert fit.converged

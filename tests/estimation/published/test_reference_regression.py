@@ -105,7 +105,7 @@ def equation_error(r: Record, names: list[str], z: Array, stored: bool = False, 
 
 @pytest.mark.parametrize("name", LONGITUDINAL)
 @pytest.mark.parametrize("equation", ["CZ", "CL", "Cm", "CZ_no_q", "CL_no_q"])
-def test_least_squares(name: str, equation: str) -> None:
+def test_least_squares_gives_sidpac_s_estimates(name: str, equation: str) -> None:
     expected = reference()["twin_otter_longitudinal"][name]["lesq"][equation]
     r = record(name)
     z = r.coefficients.named(equation[:2])
@@ -119,7 +119,7 @@ def test_least_squares(name: str, equation: str) -> None:
 
 @pytest.mark.parametrize("name", LONGITUDINAL)
 @pytest.mark.parametrize("equation", ["CZ_alpha_de_bias", "CZ_alpha_q_de_bias", "Cm_alpha_q_de_bias"])
-def test_least_squares_on_the_stored_rates(name: str, equation: str) -> None:
+def test_least_squares_on_the_stored_rates_gives_sidpac_s_estimates(name: str, equation: str) -> None:
     expected = reference()["totter_demo_exact_replica"][name][equation]
     names = {"alpha": "alpha", "q": "qhat", "de": "elevator"}
     regressors = [names[n] for n in equation.split("_")[1:-1]]
@@ -129,7 +129,7 @@ def test_least_squares_on_the_stored_rates(name: str, equation: str) -> None:
 
 
 @pytest.mark.parametrize("equation", ["CZ", "Cm"])
-def test_least_squares_as_matlab_printed_it(equation: str) -> None:
+def test_least_squares_gives_what_matlab_printed(equation: str) -> None:
     expected = reference()["matlab_saved_results_shipped_with_sidpac"][equation]
     r = record("totter_demo_data")
     fit, _ = equation_error(r, expected["par"][:-1], r.coefficients.named(equation), stored=True)
@@ -138,7 +138,7 @@ def test_least_squares_as_matlab_printed_it(equation: str) -> None:
 
 
 @pytest.mark.parametrize("equation", ["CY", "Cl", "Cn"])
-def test_lateral_least_squares(equation: str) -> None:
+def test_lateral_least_squares_gives_sidpac_s_estimates(equation: str) -> None:
     expected = reference()["twin_otter_lateral"]["totter_f1_017"]["lesq"][equation]
     r = record("totter_f1_017_data")
     fit, start = equation_error(r, expected["par"][:-1], r.coefficients.named(equation))
@@ -148,7 +148,7 @@ def test_lateral_least_squares(equation: str) -> None:
 
 
 @pytest.mark.parametrize("equation", ["CY", "Cl", "Cn"])
-def test_lateral_least_squares_of_the_stored_coefficients(equation: str) -> None:
+def test_lateral_least_squares_of_the_stored_coefficients_gives_sidpac_s_estimates(equation: str) -> None:
     expected = reference()["twin_otter_lateral"]["totter_f1_017"]["lesq_raw_stored"][equation]
     r = record("totter_f1_017_data")
     fit, _ = equation_error(r, expected["par"][:-1], r.stored[equation], trim=False)
@@ -176,7 +176,7 @@ def check_rtpid(r: Record, equation: str, z: Array, expected: dict[str, Any], gr
 
 @pytest.mark.parametrize("name", LONGITUDINAL)
 @pytest.mark.parametrize("grid", GRIDS)
-def test_recursive_fourier(name: str, grid: str) -> None:
+def test_the_recursive_fourier_transform_gives_sidpac_s_history(name: str, grid: str) -> None:
     expected = reference()["twin_otter_longitudinal"][name][grid]
     first, step, last = expected["f_hz_start_step_end"]
     f = sidpac.grid(GRIDS[grid])
@@ -187,14 +187,14 @@ def test_recursive_fourier(name: str, grid: str) -> None:
 
 
 @pytest.mark.parametrize("equation", ["CY", "Cl", "Cn"])
-def test_lateral_recursive_fourier(equation: str) -> None:
+def test_the_lateral_recursive_fourier_transform_gives_sidpac_s_history(equation: str) -> None:
     expected = reference()["twin_otter_lateral"]["totter_f1_017"]["rtpid_36"][equation]
     r = record("totter_f1_017_data")
     check_rtpid(r, equation, r.coefficients.named(equation), expected, "rtpid_36")
 
 
 @pytest.mark.parametrize("name", LONGITUDINAL)
-def test_dissertation_appendix_1(name: str) -> None:
+def test_appendix_1_gives_the_dissertation_s_estimates(name: str) -> None:
     expected = reference()["twin_otter_longitudinal"][name]["appendix1_own"]
     r = record(name)
     f = sidpac.grid(sidpac.GRID_191)
@@ -209,7 +209,7 @@ def test_dissertation_appendix_1(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", LONGITUDINAL)
-def test_delayed_alpha(name: str) -> None:
+def test_a_delayed_alpha_gives_the_dissertation_s_estimates(name: str) -> None:
     r = record(name)
     x = columns(r, ["alpha", "qhat", "elevator"])
     t = np.arange(len(x)) * r.dt
