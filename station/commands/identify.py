@@ -34,8 +34,9 @@ def identify(
 ) -> int:
     """Identify the derivatives of a recording, by every method and with honest errors."""
     from station.identification.analysis import identify as solve
-    from station.identification.identification_report import write_report
+    from station.identification.identification_json import as_json as to_json
     from station.identification.listing import print_estimates
+    from station.identification.request import Request
 
     check_json(as_json)
     flown = table(there(log))
@@ -47,32 +48,22 @@ def identify(
     subject = load_aircraft(aircraft) if aircraft else flown.aircraft
     noise, rig_place = about.noise_si(flown.aligned), about.imu_position
     names = [name for text in method or ["all"] for name in text.replace(",", " ").split()]
-    result = solve(
-        flown,
-        subject,
-        names,
-        start,
-        end,
-        axes.value,
-        log=str(log),
-        card=about.card,
-        imu_position=rig_place,
-        noise=noise,
-        sift=sift,
+    request = Request(
+        names, start, end, axes.value, card=about.card, imu_position=rig_place, noise=noise, sift=sift, log=str(log)
     )
-    if result["hint"]:
-        say(f"station: {result['hint']}")
+    found = solve(flown, subject, request)
+    if found.hint:
+        say(f"station: {found.hint}")
     if report is not None:
-        page = write_report(
-            result, flown, report, card=about.card, imu_position=rig_place, noise=noise, aircraft=subject
-        )
-        say(str(page))
+        from station.identification.identification_report import write_report  # and with it matplotlib
+
+        say(str(write_report(found, report)))
     if as_json is not None:
-        write_json(result, as_json)
+        write_json(to_json(found), as_json)
     if as_json != "-":
-        print_estimates(result)
+        print_estimates(found)
     whole = judged(log)
-    return whole if result["recommended"] else DEGRADED
+    return whole if found.recommended else DEGRADED
 
 
 def _interval(log: Path, number: int) -> tuple[float, float]:

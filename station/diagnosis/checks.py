@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from station.conventions import SIGNALS
 from station.diagnosis.measured_record import Record, Seen, manoeuvres
 from station.estimation.flight_record import accepted
-from station.identification.flown import corrected
-from station.identification.remarks import about_columns, cleaned
+from station.identification.cleaning import cleaned
+from station.identification.preparation import corrected
+from station.identification.remarks import about_columns
 from station.identification.signs_and_units import Mistake, mistakes
 from station.log import Table
 from station.profile import Aircraft

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,12 +22,10 @@ from station.diagnosis.diagnosis_report import FILE_NAME, effects_table
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.measured_record import Seen, held_samples, why_not_flown
 from station.estimation.flight_record import FlightRecord
-from station.identification.analysis import flight_record
-from station.identification.flown import corrected
 from station.identification.html_page import text, write_page
-from station.identification.instrument_pages import instrument_pages
-from station.identification.kinematic_results import instruments_json
+from station.identification.instrument_pages import kinematic_pages
 from station.identification.kinematics import Kinematics, kinematics
+from station.identification.preparation import corrected, flight_record
 from station.model.compatibility import Compatibility
 from station.model.vane_calibration import VaneCalibration
 from station.numerics.regression import NotIdentifiable
@@ -53,12 +51,11 @@ AERODYNAMIC: Final = "derivatives, mass, inertia, CG, elevator and the gust's wa
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One record: its kinematics, and the calibration as JSON."""
+    """One record and its kinematics."""
 
     name: str
     record: FlightRecord
     made: Kinematics
-    found: Mapping[str, Any]
     seen: tuple[Seen, ...]
     remarks: tuple[str, ...]
 
@@ -74,7 +71,7 @@ def judge(name: str, flown: Checked, aircraft: Aircraft, span: tuple[float, floa
     made = kinematics(record)
     if isinstance(made.vane, str) and isinstance(made.compatibility, str):
         raise UsageError(f"{name}: nothing can be judged: {made.vane}; {made.compatibility}")
-    return Judged(name, record, made, instruments_json(made, record), flown.seen, flown.remarks)
+    return Judged(name, record, made, flown.seen, flown.remarks)
 
 
 def diagnose_kinematics(
@@ -304,8 +301,6 @@ def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], 
         f"<h2>Not judged</h2><ul>{lines}</ul>",
     ]
     for j in fitted:
-        sections = {k: v for k, v in j.found.items() if k != "gust_delay"}
-        sections["gust_delay"] = {"status": "not_applicable", "why": "it needs the aircraft's lift"}
         body.append(f"<h1>{text(j.name)}</h1>")
-        body += instrument_pages(sections, j.made, j.record)
+        body += kinematic_pages(replace(j.made, delay="it needs the aircraft's lift"), j.record)
     return write_page(f"Diagnosis: {result['aircraft']}", body, folder / FILE_NAME)

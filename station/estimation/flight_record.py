@@ -1,7 +1,7 @@
-"""A flight record made ready for post-flight identification: one uniform grid, gaps known, angle of attack at the CG.
+"""A flight record for post-flight identification: one uniform grid, gaps marked, angle of attack at the CG.
 
-SI, rad. The angle of attack is the vane's, its zero, steady upwash and rate taken out (alpha = (vane - zero)/(1 + k_u0)
-+ q x/V), as method II has it; without a boom in the profile the vane's own reading.
+SI, rad. The angle of attack is the vane's, corrected for bias, steady upwash and pitch rate (alpha =
+(vane - zero)/(1 + k_u0) + q x/V), as in method II; without a boom in the profile the vane's own reading.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from station.conventions import SIGNALS, to_si
+from station.conventions import ANGLES_THAT_WRAP, FRESH_AGE_S, SIGNALS, to_si
 from station.model.coefficients import (
     Airframe,
     Coefficients,
@@ -32,10 +32,23 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FILL_S: Final = 0.1
-"""Gaps up to here are bridged by interpolation."""
+"""Gaps up to this length are interpolated over."""
 STRICT: Final = ("alpha_vane", "q", "ax", "az", "elevator")
 """Signals that must be measured at the row's own time: a held one counts as missing."""
 NEEDED: Final = (*STRICT, "airspeed")
+SAME_S: Final = 1e-4
+"""Instants this close are one."""
+SAME_RATE: Final = 1e-6
+"""Relative difference from a whole number of Hz that is rounding."""
+EVEN: Final = 0.01
+"""Share of a step that the steps of a uniform grid may differ by."""
+SLOWEST_S: Final = 1 / 15
+"""Step of a record in which the turbulence can be seen,"""
+LEAST_S: Final = 2.0
+"""its length,"""
+LEAST_SHARE: Final = 0.5
+"""and the share of its rows that must have a gust."""
+LEAST_ROWS: Final = 10
 NOISE: Final = {
     "alpha_vane": to_si(0.05, "deg"),
     "beta_vane": to_si(0.05, "deg"),
@@ -48,14 +61,14 @@ NOISE: Final = {
     "ax": to_si(0.002, "g"),
     "az": to_si(0.004, "g"),
 }
-"""Standard deviations where nothing better is known."""
+"""Standard deviations where the rig states none."""
 MIN_SPEED: Final = 8.0
 
 
 @dataclass(frozen=True, slots=True)
 class FlightRecord:
-    """`t_s` (n,) uniform with step `dt`; `motion` signals (n,) at the CG, short gaps bridged; `usable` (n,) rows where
-    everything that equation error needs is there; `noise` standard deviations."""
+    """`t_s` (n,) uniform with step `dt`; `motion` signals (n,) at the CG, short gaps bridged; `usable` (n,) rows that
+    have all that equation error needs; `noise` standard deviations."""
 
     t_s: Array
     dt: float
@@ -77,19 +90,23 @@ class FlightRecord:
         aircraft: Aircraft,
         *,
         quality: Mapping[str, NDArray[np.uint8]] | None = None,
+        ages: Mapping[str, Array] | None = None,
         extra: Mapping[str, Array] | None = None,
         imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
         noise: Mapping[str, float] | None = None,
     ) -> FlightRecord:
-        """From a table's columns. Raises NotIdentifiable for a record that no method can use, saying why."""
+        """From a table's columns, with quality and age (s) of their values. Raises NotIdentifiable for one that no
+        method can use, saying why."""
         missing = [name for name in NEEDED if name not in columns or not np.isfinite(columns[name]).any()]
         if missing:
             raise NotIdentifiable(f"the record has no {', '.join(missing)}")
-        if len(t_s) < 10:
+        if len(t_s) < LEAST_ROWS:
             raise NotIdentifiable(f"the record has {len(t_s)} rows: too short")
         remarks: list[str] = []
         cleaned = {n: accepted(n, c, (quality or {}).get(n)) for n, c in columns.items() if n in SIGNALS}
-        grid, dt, motion = _uniform(np.asarray(t_s, dtype=np.float64), cleaned, remarks)
+        t_s = np.asarray(t_s, dtype=np.float64)
+        cleaned = {n: _redated(t_s, c, ages[n], n) if ages and n in ages else c for n, c in cleaned.items()}
+        grid, dt, motion = _uniform(t_s, cleaned, remarks)
         motion = {n: _bridged(c, dt) for n, c in motion.items()}
         motion["dynamic_pressure"] = _dynamic_pressure(motion, aircraft)
         slow = motion["airspeed"] < MIN_SPEED
@@ -97,7 +114,7 @@ class FlightRecord:
             raise NotIdentifiable(f"airspeed stays below {MIN_SPEED:g} m/s")
         usable = np.all([np.isfinite(motion[n]) for n in (*NEEDED, "dynamic_pressure")], axis=0) & ~slow
         motion = at_centre_of_gravity(motion, aircraft.imu_at(imu_position), dt)
-        # Beside a gap of the rates the angular acceleration is not known, nor what it does to an imu off the CG.
+        # Next to a gap of the rates the angular acceleration is unknown, and with it the correction of an IMU's place.
         usable &= np.isfinite(motion["ax"]) & np.isfinite(motion["az"])
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
         alpha, beta = _flow_angles(motion, aircraft)
@@ -118,26 +135,31 @@ class FlightRecord:
         )
 
     def has(self, *names: str) -> bool:
-        """Whether all these signals are there at all."""
+        """Whether the record has all these signals."""
         return all(n in self.motion and np.isfinite(self.motion[n]).any() for n in names)
 
+    @property
+    def mean_density(self) -> float:
+        """Of the air, kg/m3."""
+        return float(np.nanmean(2 * self.motion["dynamic_pressure"] / self.motion["airspeed"] ** 2))
+
     def require_complete(self) -> None:
-        """Raises NotIdentifiable where rows are missing, with when and for how long."""
+        """Raises NotIdentifiable where rows are missing, saying when and for how long."""
         bad = np.flatnonzero(~self.usable)
         if len(bad):
             at = self.t_s[bad[0]]
-            raise NotIdentifiable(f"{len(bad) * self.dt:.2f} s without all signals, first at {at:.2f} s")
+            raise NotIdentifiable(f"{len(bad) * self.dt:.2f} s lack a needed signal, first at {at:.2f} s")
 
     def turbulence(self, gust_vertical: Array | None = None) -> tuple[str, float]:
         """Class and standard deviation (m/s) of the vertical gust in 2-7 Hz; "unknown" and NaN if it cannot be had.
 
-        `gust_vertical` (n,), m/s, NaN where unknown; without it all of alpha times V, which also holds the motion.
+        `gust_vertical` (n,), m/s, NaN where unknown; without it that of alpha times V, which includes the motion.
         """
-        if self.dt > 1 / 15:
+        if self.dt > SLOWEST_S:
             return "unknown", float("nan")
         w = self.alpha * self.motion["airspeed"] if gust_vertical is None else gust_vertical
         good = np.isfinite(w)
-        if good.sum() * self.dt < 2.0 or good.mean() < 0.5:
+        if good.sum() * self.dt < LEAST_S or good.mean() < LEAST_SHARE:
             return "unknown", float("nan")
         w = np.interp(self.t_s, self.t_s[good], w[good])
         sos = butter(4, [LOW_HZ, HIGH_HZ], "bandpass", fs=1 / self.dt, output="sos")
@@ -157,6 +179,24 @@ def accepted(name: str, column: Array, quality: NDArray[np.uint8] | None) -> Arr
     return np.where(bad, np.nan, column)
 
 
+def _redated(t: Array, column: Array, age: Array, name: str) -> Array:
+    """A signal that was held between its samples, at the times that these were measured and straight between them."""
+    known = np.isfinite(column) & np.isfinite(age)
+    held = known & (age > FRESH_AGE_S)
+    if not held.any():
+        return column
+    measured = (t - age)[known]
+    before = np.concatenate(([-np.inf], np.maximum.accumulate(measured)[:-1]))
+    new = measured > before + SAME_S
+    values = column[known][new]
+    if name in ANGLES_THAT_WRAP:
+        values = np.unwrap(values)
+    found = np.interp(t[held], measured[new], values)
+    made = column.copy()
+    made[held] = np.remainder(found + np.pi, 2 * np.pi) - np.pi if name in ANGLES_THAT_WRAP else found
+    return made
+
+
 def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tuple[Array, float, dict[str, Array]]:
     """The columns on a uniform grid: as they are if theirs is one, else by linear interpolation."""
     steps = np.diff(t)
@@ -164,9 +204,9 @@ def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tupl
         raise NotIdentifiable("time does not increase")
     dt = float(np.median(steps))
     rate = round(1 / dt)
-    if rate > 0 and abs(dt * rate - 1) < 1e-6:
+    if rate > 0 and abs(dt * rate - 1) < SAME_RATE:
         dt = 1 / rate
-    if np.max(np.abs(steps - dt)) < 0.01 * dt:
+    if np.max(np.abs(steps - dt)) < EVEN * dt:
         return t, dt, dict(columns)
     grid = t[0] + dt * np.arange(int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1)
     remarks.append(f"time steps vary from {steps.min():.4g} to {steps.max():.4g} s: interpolated every {dt:.4g} s")
@@ -175,7 +215,7 @@ def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tupl
     made = {}
     for name, column in columns.items():
         value = np.interp(grid, t, column)
-        value[far & (np.abs(grid - t[after]) > 1e-9) & (np.abs(grid - t[after - 1]) > 1e-9)] = np.nan
+        value[far & (np.abs(grid - t[after]) > SAME_S) & (np.abs(grid - t[after - 1]) > SAME_S)] = np.nan
         made[name] = value
     return grid, dt, made
 
@@ -207,7 +247,7 @@ def _dynamic_pressure(motion: Mapping[str, Array], aircraft: Aircraft) -> Array:
         density = np.array([standard_density(height) for height in motion["altitude"].tolist()])
     filled: Array = np.where(measured > 0, measured, 0.5 * density * v * v)
     if not np.isfinite(filled).any():
-        raise NotIdentifiable("the record has neither dynamic pressure nor what air density follows from")
+        raise NotIdentifiable("the record has neither dynamic pressure nor signals that give the air density")
     return filled
 
 

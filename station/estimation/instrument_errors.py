@@ -317,13 +317,13 @@ class Corrector:
                 ages[COLUMNS[0]], quality[COLUMNS[0]] = math.nan, _MISSING
         return measured, Frame(measured.t_ns, measured.k, tuple(values), tuple(ages), tuple(quality))
 
-    def sweep(self, t_s: Array, values: Array, ages: Array) -> tuple[Array, NDArray[np.uint8]]:
-        """Values and quality (n, m) of a table with `values` and `ages` (n, m) in the order of `names`, NaN where
+    def sweep(self, t_s: Array, values: Array, ages: Array) -> tuple[Array, Array, NDArray[np.uint8]]:
+        """Values, ages and quality (n, m) of a table with `values` and `ages` (n, m) in the order of `names`, NaN where
         missing; for an object of its own with a `length` of n."""
         out = np.empty((len(t_s), 3, len(self.names)))
         seen = np.stack([values, ages], axis=1)
         _sweep(self._par, self._times, self._values, self._kept, self._state, self._spans, t_s, seen, out)
-        return out[:, 0], out[:, 2].astype(np.uint8)
+        return out[:, 0], out[:, 1], out[:, 2].astype(np.uint8)
 
 
 def corrector(

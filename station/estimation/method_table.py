@@ -26,8 +26,18 @@ class Method:
     """Runs as the live ones do, but needs the vane's spectra from minutes of flight first."""
     lateral: bool = False
     """Also gives lateral derivatives."""
+    runner: str = ""
+    """Of a post-flight method, "module:function", imported when it runs: (FlightRecord, Axes) -> MethodResult."""
+    as_published: bool = False
+    """Only for comparison with published results: its standard errors stay as published."""
     colour: int = 0xC0C0C0FF
     """On every plot, RGBA; told apart by colour-blind eyes too (after Okabe and Ito 2008)."""
+
+    @property
+    def errors_widened(self) -> bool:
+        """Whether it is a post-flight method that takes the vane's for the angle of attack at the CG, so that gusts
+        bias it: its standard errors are widened by its distance from the split."""
+        return bool(self.runner) and self.angle == "steady" and not self.as_published
 
     @property
     def is_split(self) -> bool:
@@ -39,7 +49,7 @@ METHODS: Final = {
     m.name: m
     for m in (
         Method("I", "equation error in the time domain, vane calibrated steadily", "steady", lateral=True,
-               colour=0x999999FF),
+               runner="station.estimation.published.batch:method_i", colour=0x999999FF),
         Method("II", "recursive Fourier transform, vane calibrated steadily with its rate term", "steady", live=True,
                lateral=True, colour=0xE69F00FF),
         Method("III", "II with all of alpha delayed by x/V", "delayed", live=True, turbulence_only=True,
@@ -48,15 +58,17 @@ METHODS: Final = {
                turbulence_only=True, needs_spectra=True, colour=0xD55E00FF),
         Method("V", "III with the upwash falling with frequency as Sears' lift", "delayed", live=True,
                turbulence_only=True, colour=0x56B4E9FF),
-        Method("VI", "extended Kalman filter", "steady", colour=0xB0B0FFFF),
+        Method("VI", "extended Kalman filter", "steady",
+               runner="station.estimation.published.motion_methods:method_vi", colour=0xB0B0FFFF),
         Method("split", "motion and gust parts of the vane corrected apart", "split", live=True, lateral=True,
                colour=0x2BD9A5FF),
         Method("split+gust", "split, with the tail meeting the gust later", "split", live=True, colour=0xE58AC0FF),
         Method("physical", "wing, tail and gust as the regressors, with uncertain constants", "none", live=True,
                colour=0xF5F5F5FF),
-        Method("oe", "output error", "steady"),
-        Method("fe", "filter error", "steady"),
-        Method("sidpac", "II with SIDPAC's settings", "steady", lateral=True),
+        Method("oe", "output error", "steady", runner="station.estimation.published.motion_methods:method_oe"),
+        Method("fe", "filter error", "steady", runner="station.estimation.published.motion_methods:method_fe"),
+        Method("sidpac", "II with SIDPAC's settings", "steady", lateral=True, as_published=True,
+               runner="station.estimation.published.batch:method_sidpac"),
     )
 }  # fmt: skip
 LIVE: Final = tuple(name for name, m in METHODS.items() if m.live)

@@ -1,7 +1,7 @@
-"""What post-flight methods have in common: the equations of a record, and results that never go without a status.
+"""What post-flight methods share: the equations of a record, and results with a status for every estimate.
 
-Derivatives per rad, rates normalised with q c/2V, p b/2V, r b/2V. `estimated`, `unestimated` (not enough excitation for
-a number to mean anything) or `invalid` (the record or the model cannot give it).
+Derivatives per rad, rates normalised with q c/2V, p b/2V, r b/2V. `estimated`, `unestimated` (not significant or not
+excited) or `invalid` (the record or the model cannot give it).
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ Axes = Literal["wind", "body"]
 EXCITED: Final = 10.0
 """Variance of a surface's motion over that of its noise."""
 COLLINEAR: Final = 100.0
-"""Variance inflation above which regressors cannot be told apart."""
+"""Variance inflation factor above which regressors are collinear."""
+SINGULAR: Final = 1e12
+"""Condition number from which a matrix counts as singular."""
+LEAST_SAMPLES: Final = 50
 MIN_R2: Final = 0.3
 WIDE: Final = "2 sd exceed the value"
 DOF: Final = ("alpha", "q", "de")
@@ -36,7 +39,7 @@ LATERAL_SURFACES: Final = ("aileron", "rudder")
 
 @dataclass(frozen=True, slots=True)
 class EquationFit:
-    """How well a method's model follows a measured quantity."""
+    """How well a method's model fits a measured quantity."""
 
     r2: float
     residual_rms: float
@@ -44,7 +47,7 @@ class EquationFit:
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """What a method made of a record: `ok` or `not_applicable` with why."""
+    """A method's estimates from a record: `ok`, or `not_applicable` and why."""
 
     status: Literal["ok", "not_applicable"]
     why: str = ""
@@ -53,7 +56,10 @@ class MethodResult:
     settings: Mapping[str, Any] = field(default_factory=dict)
     history: Mapping[str, Any] = field(default_factory=dict)
     statistical: Mapping[str, float] = field(default_factory=dict)
-    """Standard errors without what the model may leave out, where they differ from the whole ones."""
+    """Standard errors from noise alone, without model error, where they differ from the reported ones."""
+
+    def parameter(self, name: str) -> ParamEstimate | None:
+        return next((p for p in self.parameters if p.name == name), None)
 
 
 def names(axes: Axes) -> tuple[str, ...]:
@@ -101,14 +107,14 @@ def inflation_of(x: Array) -> Array:
     if (scale == 0).any():
         return np.full(x.shape[1], np.inf)
     correlation = (centred / scale).T @ (centred / scale)
-    if np.linalg.cond(correlation) > 1e12:
+    if np.linalg.cond(correlation) > SINGULAR:
         return np.full(x.shape[1], np.inf)
     inflation: Array = np.diag(np.linalg.inv(correlation)).copy()
     return inflation
 
 
 def excited(record: FlightRecord, surfaces: Sequence[str]) -> bool:
-    """Whether any of the surfaces moves beyond its noise."""
+    """Whether any of the surfaces moves more than its noise."""
     for name in surfaces:
         if record.has(name):
             motion = record.motion[name]
@@ -119,7 +125,8 @@ def excited(record: FlightRecord, surfaces: Sequence[str]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """One linear equation: a coefficient on regressors (n, m), its derivatives' names, and what it needs."""
+    """One linear equation: a measured coefficient (n,), its regressors (n, m), its derivatives' names, and the surfaces
+    of which one must move."""
 
     name: str
     parameters: tuple[str, ...]
@@ -147,7 +154,7 @@ def equations(record: FlightRecord, axes: Axes, forces: Sequence[str] | None = N
 
 
 def blocked(record: FlightRecord, equation: Equation) -> tuple[Status, str]:
-    """Why an equation cannot be fitted at all; ESTIMATED if it can."""
+    """Status and reason of an equation that cannot be fitted; ESTIMATED if it can."""
     if not np.isfinite(equation.measured[record.usable]).any():
         lacking = {"Cm": "iyy", "Cl": "ixx, iyy and izz", "Cn": "ixx, iyy and izz"}.get(equation.name)
         return Status.INVALID, f"the aircraft profile gives no {lacking}" if lacking else "no finite coefficient"
@@ -159,22 +166,22 @@ def blocked(record: FlightRecord, equation: Equation) -> tuple[Status, str]:
 def regress(record: FlightRecord, equation: Equation) -> tuple[Fit, Array]:
     x, z = equation.regressors, equation.measured
     good = record.usable & np.isfinite(x).all(axis=1) & np.isfinite(z)
-    if good.sum() < 50:
-        raise NotIdentifiable(f"{int(good.sum())} usable samples: too few")
+    if good.sum() < LEAST_SAMPLES:
+        raise NotIdentifiable(f"{int(good.sum())} usable samples: needs {LEAST_SAMPLES}")
     x, z = x[good], z[good]
     start = smoothed_start(x, 1.0, record.dt)
     return least_squares(np.column_stack([x - start, np.ones(len(x))]), z), inflation_of(x)
 
 
 def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: Aircraft | None = None) -> MethodResult:
-    """Standard errors with what the angle of attack may do to them.
+    """Standard errors that include the bias by the angle of attack.
 
-    A method that takes the vane's for the angle of attack at the CG is biased by gusts, and no scatter of its residuals
-    tells by how much: it may be as wrong as it lies off `witness`, which corrects the gust's part, and as that one is.
-    Twice the error covers 96 to 100 % of the time then (24 flights each of both Twin Otters from calm air to 10 ft/s),
-    without it as little as 0 %. What the witness knows only to twice its size, because it is small, tells as well;
-    parameters that it has no valid number for stay as they are. What is wider than twice its size then, by the
-    result or by the `aircraft`, is estimated no more.
+    A method that takes the vane's for the angle of attack at the CG is biased by gusts, and its residuals do not show
+    by how much: the error includes the distance from `witness`, which corrects the gust's part, and the witness's own.
+    Twice the error then covers the true value in 96 to 100 % of the flights (24 each of both Twin Otters, calm air to
+    10 ft/s), without it in as little as 0 %. Parameters that the witness has no valid number for keep their errors. A
+    parameter whose two standard errors then exceed its size, by the result or by the `aircraft`, is not significant and
+    unestimated. `called`: the witness's name.
     """
     known = {p.name: p for p in witness.parameters if p.status is not Status.INVALID and math.isfinite(p.sd)}
     made = tuple(_wider(p, known[p.name], aircraft) if p.name in known else p for p in result.parameters)
@@ -202,7 +209,7 @@ def result_of(
     settings: Mapping[str, Any],
     history: Mapping[str, Any] | None = None,
 ) -> MethodResult:
-    """`ok` if anything is estimated; else not applicable for the first reason given."""
+    """`ok` if anything is estimated; else not applicable, for the first reason given."""
     if any(p.status is Status.ESTIMATED for p in parameters):
         return MethodResult("ok", "", tuple(parameters), fits, settings, history or {})
     why = next((p.why for p in parameters if p.why), "nothing could be estimated")

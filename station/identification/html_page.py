@@ -29,7 +29,7 @@ th:first-child,td:first-child,.words{text-align:left}td:not(.words){white-space:
 
 
 def text(value: object) -> str:
-    """As HTML shows it."""
+    """Escaped for HTML."""
     return html.escape(str(value))
 
 

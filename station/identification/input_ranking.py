@@ -1,11 +1,11 @@
-"""Which elevator input would tell most about the derivative known worst.
+"""Which elevator input gives the most information on the least well known derivative.
 
 Each candidate is flown through the linear short period of the aircraft's profile,
 
     alpha' = q - (rho V S/2m) dCL,   q' = (qbar S c/Iyy) dCm,   dC = C_a alpha + C_q q c/2V + C_de de
 
-and the regressors it makes give the information M = X'X/s^2 on each equation's three derivatives (constant taken out),
-s being what the equation's residual is known to be, or a usual one. Predicted standard errors are sqrt(diag(M^-1));
+and its regressors give the information M = X'X/s^2 on each equation's three derivatives (constant removed), s being
+the rms residual of the equation in the record, or a usual one. Predicted standard errors are sqrt(diag(M^-1));
 candidates have the same peak and the same time, so the ranking is that of information for equal effort.
 
 Sources: Klein and Morelli 2006, section 9.3 (input design, Cramer-Rao bounds); Plaetschke and Schulz 1979 (3-2-1-1).
@@ -32,15 +32,15 @@ DT: Final = 0.02
 SPAN_S: Final = 20.0
 PEAK: Final = math.radians(2.0)
 RESIDUAL: Final = {"CL": 0.01, "Cm": 0.005}
-"""Of a good installation in light turbulence, where the record has not told its own."""
+"""Of a good installation in light turbulence, where the record's own is unknown."""
 INDEPENDENT_S: Final = 0.25
-"""Residuals are alike for so long: that many samples count as one."""
+"""Correlation time of the residuals: samples within it count as one."""
 DERIVATIVES: Final = ("alpha", "q", "de")
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A candidate, `shape` (n,) of peak 1 over SPAN_S, and what it would leave of each derivative's error."""
+    """A candidate of peak PEAK over SPAN_S, and the predicted standard error of each derivative."""
 
     name: str
     std_error: Mapping[str, float]
@@ -98,7 +98,7 @@ def _system(aircraft: Aircraft, speed: float, density: float) -> tuple[Array, Ar
     """d/dt (alpha, q) = A (alpha, q) + B de."""
     value, inertia = aircraft.value, aircraft.inertia
     if aircraft.kinematics_only or inertia.iyy is None or value("CL_alpha") == 0 or value("Cm_alpha") == 0:
-        raise NotIdentifiable("the aircraft profile has no longitudinal derivatives or no iyy to predict with")
+        raise NotIdentifiable("no errors can be predicted: the profile has no longitudinal derivatives or no iyy")
     area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
     lift = density * speed * area / (2 * inertia.mass)
     moment = 0.5 * density * speed**2 * area * chord / inertia.iyy

@@ -1,6 +1,6 @@
-"""What a record tells without aerodynamics: instrument errors, the vane's calibration, and how early it meets gusts.
+"""What a record shows without aerodynamics: instrument errors, the vane's calibration, and its gust arrival offset.
 
-One stretch without gaps is chosen, the longest; each part says itself why it cannot be had. SI, rad.
+From the longest stretch without gaps; a part that cannot be had is the reason in words. SI, rad.
 """
 
 from __future__ import annotations
@@ -26,15 +26,20 @@ T = TypeVar("T")
 
 LONGEST_S: Final = 300.0
 CLOSED_S: Final = 60.0
-"""Of that, what is integrated open loop."""
+"""Of that, the part that is integrated open loop."""
 WANTED: Final = ("phi", "theta", "psi", "p", "r", "ay", "beta_vane", "v_north", "v_east", "v_down")
-"""Beside what every row needs: used where they are, and then the stretch is one where they are."""
+"""Optional: a record that has them is cut to a stretch that has them throughout."""
+LEAST_ROWS: Final = 2
+MOSTLY: Final = 0.5
+"""A signal present in a smaller share of the rows is omitted."""
+LEAST_HZ: Final = 25.0
+"""For the gust's arrival."""
 VELOCITY_NOISE: Final = to_si(0.1, "ft/s")
 
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """Each part, or why there is none; `rows` of the record it is made of, those of `closed` for the reconstruction."""
+    """Each part, or why there is none, from `rows` of the record; the reconstruction from those of `closed`."""
 
     rows: slice
     closed: slice
@@ -42,12 +47,16 @@ class Kinematics:
     vane: VaneCalibration | str
     delay: GustDelay | str
 
+    @property
+    def any_found(self) -> bool:
+        return not all(isinstance(part, str) for part in (self.compatibility, self.vane, self.delay))
+
 
 def kinematics(record: FlightRecord) -> Kinematics:
-    """All three parts of a record. Never raises: what cannot be had says why."""
+    """All three parts of a record. Never raises: a part that cannot be had is the reason."""
     rows = _longest(record)
     closed = slice(rows.start, min(rows.stop, rows.start + round(CLOSED_S / record.dt)))
-    if rows.stop - rows.start < 2:
+    if rows.stop - rows.start < LEAST_ROWS:
         why = "no stretch without gaps"
         return Kinematics(rows, closed, why, why, why)
 
@@ -73,15 +82,15 @@ def _attempt(make: Callable[[], T]) -> T | str:
     except NotIdentifiable as refusal:
         return str(refusal)
     except (np.linalg.LinAlgError, FloatingPointError):
-        return "the record's numbers do not determine it"
+        return "the record does not determine it: a singular solution"
 
 
 def _longest(record: FlightRecord) -> slice:
     good = record.usable & np.isfinite(record.alpha)
     for name in WANTED:
         column = record.motion.get(name)
-        # A signal that is mostly missing is done without rather than taken as the measure of all rows.
-        if column is not None and np.isfinite(column).mean() > 0.5:
+        # A signal that is mostly missing is omitted, rather than cutting the stretch to its rows.
+        if column is not None and np.isfinite(column).mean() > MOSTLY:
             good &= np.isfinite(column)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8))).reshape(-1, 2)
     if not len(edges):
@@ -91,8 +100,8 @@ def _longest(record: FlightRecord) -> slice:
 
 
 def _as_the_vanes_show(record: FlightRecord, rows: slice) -> tuple[Array, Array, tuple[float, float] | None]:
-    """Angles of attack and sideslip at the CG as the vanes' own dynamics show all of them, and these: the record has
-    taken the rates' parts out as they are now."""
+    """Angles of attack and sideslip at the CG, all of them seen through the vanes' dynamics, and these dynamics: the
+    record subtracted the rate terms without the vanes' lag."""
     boom, motion, dt = record.aircraft.boom, record.motion, record.dt
     alpha, beta = record.alpha[rows], record.beta[rows]
     if boom is None:
@@ -107,7 +116,7 @@ def _as_the_vanes_show(record: FlightRecord, rows: slice) -> tuple[Array, Array,
 def _vane(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> VaneCalibration:
     if "theta" not in motion or "v_down" not in motion:
         raise NotIdentifiable("no inertial angle of attack: no theta and v_down throughout")
-    # The air velocity that the wind is taken from must not rest on the vane that is to be calibrated.
+    # The air velocity that gives the wind must not rest on the vane that is to be calibrated.
     level = motion["theta"] + motion["v_down"] / motion["airspeed"]
     boom = record.aircraft.boom
     side = record.beta[rows] if boom and record.has("beta_vane") else np.zeros(len(level))
@@ -120,8 +129,8 @@ def _vane(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> Van
 def _delay(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> GustDelay:
     if record.aircraft.kinematics_only:
         raise NotIdentifiable("the aircraft profile is for kinematics only")
-    if record.dt > 0.04:
-        raise NotIdentifiable(f"recorded at {1 / record.dt:.3g} Hz: needs 25 Hz")
+    if record.dt > 1 / LEAST_HZ:
+        raise NotIdentifiable(f"recorded at {1 / record.dt:.3g} Hz: needs {LEAST_HZ:g} Hz")
     path: InertialPath = inertial_path(motion, record.alpha[rows], record.beta[rows], record.dt)
     measured: dict[Equation, Array] = {"CL": record.coefficients.CL[rows]}
     moment = record.coefficients.Cm[rows]

@@ -1,4 +1,4 @@
-"""Whether a profile can be that of the aircraft recorded: tight numbers come of a wrong one, too."""
+"""Whether a profile can be that of the aircraft recorded: a wrong one, too, gives small standard errors."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from station.rows import Status
 SIZE: Final = 0.05
 """Share by which two profiles of one type may differ in wing area and chord."""
 LOADING: Final = 0.25
-"""Share by which a mass may differ from the profile's: more than fuel and payload make of most."""
+"""Share by which a mass may differ from the profile's: more than fuel and payload account for in most aircraft."""
 LIFT: Final = 0.3
-"""Lift coefficient by which flight and profile may differ: 3 deg of angle of attack, of a vane that nobody has zeroed;
-the HFB-320's own profile is off by 0.16."""
+"""Lift coefficient by which flight and profile may differ: 3 deg of angle of attack of an uncalibrated vane; the
+HFB-320's own profile differs by 0.16."""
 FACTOR: Final = 2.0
 SURE: Final = 4.0
-"""A derivative is of another aircraft by more than this factor, so many standard errors clear of it."""
+"""A derivative contradicts the profile beyond FACTOR, by this many standard errors."""
 TELLING: Final = ("CL_alpha", "Cm_de")
-"""What a size or mass that is wrong shows in, and the vane's zero and delay hardly."""
+"""Derivatives in which a wrong size or mass shows, and the vane's bias and delay hardly."""
 
 
 def hint(aircraft: Aircraft, recorded: Aircraft, record: FlightRecord, result: MethodResult | None) -> str:
-    """One line on what contradicts the profile, or "". `recorded`: the recording's own; `result`: that recommended."""
+    """One line on what contradicts the profile, or "". `recorded`: the recording's own profile; `result`: of the
+    recommended method."""
     if aircraft.kinematics_only:
         return ""
     found = [*_another(aircraft, recorded), *_mass(aircraft, record), *_lift(aircraft, record)]
@@ -53,7 +54,7 @@ def _mass(aircraft: Aircraft, record: FlightRecord) -> list[str]:
 
 
 def _lift(aircraft: Aircraft, record: FlightRecord) -> list[str]:
-    """Mean lift against that of the profile at the mean angle of attack and elevator."""
+    """Mean lift against the profile's at the mean angle of attack and elevator."""
     slope, zero = aircraft.value("CL_alpha"), aircraft.value("CL_0")
     if not (slope and zero):
         return []
@@ -66,7 +67,7 @@ def _lift(aircraft: Aircraft, record: FlightRecord) -> list[str]:
     if abs(flown - made) <= LIFT:
         return []
     angle = math.degrees(float(np.mean(alpha[good])))
-    return [f"to carry its mass it flew at CL {flown:.2f}, by the profile {made:.2f} at {angle:.1f} deg"]
+    return [f"to carry its mass it flew at CL {flown:.2f}; the profile gives {made:.2f} at {angle:.1f} deg"]
 
 
 def _derivatives(aircraft: Aircraft, estimates: Mapping[str, tuple[float, float, Status]]) -> list[str]:

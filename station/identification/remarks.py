@@ -1,111 +1,82 @@
-"""What a recording's columns say of themselves before anything is estimated."""
+"""What an identification remarks on its record: doubtful columns, gusts, instrument errors, and the band."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from station.conventions import SIGNALS
-from station.estimation.flight_record import NOISE
+from station.estimation.flight_record import FlightRecord
+from station.estimation.instrument_errors import known
+from station.estimation.results import MethodResult
+from station.identification.cleaning import MOVING, REPEATING
+from station.identification.flown import WITNESSES
+from station.identification.input_ranking import short_period
 from station.log import Table
+from station.numerics.regression import NotIdentifiable
+from station.profile import Aircraft
 
-REPEATING: Final = 0.6
-"""Share of rows that repeat the value before, above which a signal that noise moves is held between its samples."""
-MOVING: Final = ("alpha_vane", "q", "az")
-FROZEN_S: Final = 0.15
-JUMP: Final = 5.0
-"""Over the usual step from row to row: what two of MOVING do when a recorder that had stopped goes on."""
-
-STANDS_OUT: Final = 20.0
-"""Over what 99 of 100 values lie off the median of the five around them."""
-SLOWEST_S: Final = 0.04
-LEAST_ROWS: Final = 100
-
-
-def cleaned(table: Table) -> tuple[Table, list[str]]:
-    """The table without what was not measured, `thawed` and `despiked`, and what to say of it."""
-    table, frozen = thawed(table)
-    table, lone = despiked(table)
-    return table, frozen + lone
-
-
-def thawed(table: Table) -> tuple[Table, list[str]]:
-    """The table without rows that a recorder repeated while nothing new came, and what to say of it.
-
-    Noise moves every signal, so rows alike in all of MOVING for FROZEN_S that end with a jump were never measured; a
-    made-up trim without noise ends without one.
-    """
-    if len(table.t_s) < 3 or not all(name in table.columns for name in MOVING):
-        return table, []
-    steps = np.abs(np.diff(np.column_stack([table.columns[name] for name in MOVING]), axis=0))
-    same = (steps == 0).all(axis=1)
-    if same.mean() > REPEATING or same.all():
-        return table, []
-    usual = np.nanmedian(steps[~same], axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8))).reshape(-1, 2)
-    lost = np.zeros(len(table.t_s), dtype=bool)
-    for first, last in edges.tolist():
-        jumps = last < len(steps) and np.count_nonzero(steps[last] > JUMP * usual) >= 2
-        if jumps and table.t_s[last] - table.t_s[first] >= FROZEN_S:
-            lost[first + 1 : last + 1] = True
-    if not lost.any():
-        return table, []
-    columns = {name: np.where(lost, np.nan, column) for name, column in table.columns.items()}
-    at = float(table.t_s[np.argmax(lost)])
-    seconds = float(lost.sum() * np.median(np.diff(table.t_s)))
-    told = f"{seconds:.2f} s of rows that repeat the last one, first at {at:.2f} s: left out, nothing was recorded then"
-    return replace(table, columns=columns), [told]
-
-
-def despiked(table: Table) -> tuple[Table, list[str]]:
-    """The table without lone values, one or two rows long, that stand out from the rows around them as no motion does:
-    what a lost bit or a loose contact makes. At 25 Hz or faster; slower, a short pulse may be real."""
-    if len(table.t_s) < LEAST_ROWS or not np.median(np.diff(table.t_s)) <= SLOWEST_S:
-        return table, []
-    columns, told = dict(table.columns), []
-    for name, column in table.columns.items():
-        if name not in NOISE:
-            continue
-        around = np.lib.stride_tricks.sliding_window_view(column, 5)
-        middle = np.median(around, axis=1)
-        off = np.abs(column[2:-2] - middle)
-        known = np.isfinite(off)
-        if not known.any():
-            continue
-        # Of the five, the three nearest to their median.
-        spread = np.sort(np.abs(around - middle[:, None]), axis=1)[:, 2]
-        usual = float(np.quantile(off[known], 0.99))
-        lone = known & (off > STANDS_OUT * usual) & (off > 10 * NOISE[name]) & (off > 4 * spread)
-        if not lone.any():
-            continue
-        rows = np.flatnonzero(lone) + 2
-        columns[name] = column.copy()
-        columns[name][rows] = np.nan
-        values = "1 value" if len(rows) == 1 else f"{len(rows)} values"
-        told.append(f"{name}: {values} out of line with the rows around, first at {table.t_s[rows[0]]:.2f} s, left out")
-    return (replace(table, columns=columns), told) if told else (table, [])
+LEAST_VALUES: Final = 2
+PAST_THE_PEAK: Final = 1.3
+"""How far beyond the short period the band should reach, for damping and stiffness to be separated."""
 
 
 def about_columns(table: Table) -> list[str]:
-    """Signals beyond what can be true, which nothing is estimated from, and those held between slower samples."""
-    told = []
+    """Signals with impossible values, which are excluded, and those held between slower samples."""
+    remarks = []
     for name, column in table.columns.items():
-        known = column[np.isfinite(column)]
+        there = column[np.isfinite(column)]
         signal = SIGNALS.get(name)
-        if signal is None or len(known) < 2:
+        if signal is None or len(there) < LEAST_VALUES:
             continue
-        beyond = int(((known < signal.low) | (known > signal.high)).sum())
+        beyond = int(((there < signal.low) | (there > signal.high)).sum())
         if beyond:
-            told.append(
-                f"{name}: {beyond} of {len(known)} values are not within {signal.low:.4g} to {signal.high:.4g} "
-                f"{signal.unit} and left out: is its unit right?"
+            remarks.append(
+                f"{name}: {beyond} of {len(there)} values outside {signal.low:.4g} to {signal.high:.4g} {signal.unit}, "
+                "excluded: is its unit right?"
             )
-        same = float((np.diff(known) == 0).mean())
+        same = float((np.diff(there) == 0).mean())
         if name in MOVING and REPEATING < same < 1.0:
-            told.append(
-                f"{name} repeats its last value in {same:.0%} of the rows: held between slower samples, it is late, "
-                "and no estimate allows for that"
+            remarks.append(
+                f"{name} repeats its last value in {same:.0%} of the rows: held between slower samples it is late, "
+                "and no estimate corrects for that"
             )
-    return told
+    return remarks
+
+
+def about_gusts(results: Mapping[str, MethodResult], level: str) -> list[str]:
+    """That the standard errors omit the gusts, where nothing separates these from the motion."""
+    apart = [n for n in reversed(WITNESSES) if n in results]
+    if level in ("calm", "unknown") or not apart or any(results[n].status == "ok" for n in apart):
+        return []
+    return [f"{level} turbulence, and {results[apart[0]].why}: the standard errors do not include the gusts' effect"]
+
+
+def about_instruments(aircraft: Aircraft) -> list[str]:
+    """The instrument errors that the profile states, corrected or not."""
+    stated = known(aircraft)
+    done = [f"the profile's instrument errors corrected: {'; '.join(stated.words)}"] if stated.words else []
+    if aircraft.boom is None and not aircraft.kinematics_only:
+        done.append(
+            "the profile has no boom: the vane is taken for the angle of attack at the CG, and no standard error "
+            "includes the error of that"
+        )
+    return done + [f"an instrument error is not corrected: {words}" for words in stated.refused]
+
+
+def about_the_band(record: FlightRecord, band_hz: tuple[float, float]) -> list[str]:
+    """Where the band ends below the aircraft's short period."""
+    speed = float(np.nanmean(record.motion["airspeed"]))
+    try:
+        hz = short_period(record.aircraft, speed, record.mean_density)[0] / (2 * math.pi)
+    except NotIdentifiable:
+        return []
+    if hz * PAST_THE_PEAK <= band_hz[1]:
+        return []
+    return [
+        f"the profile's short period is at {hz:.2g} Hz, the band of the estimates ends at {band_hz[1]:g} Hz: "
+        f'set high = "{PAST_THE_PEAK * hz:.2g} Hz" or more on the card, and fly inputs that reach there'
+    ]

@@ -1,8 +1,8 @@
-"""Sifting: equation error on the lines that a multisine excites, and no others.
+"""Sifting: equation error on the spectral lines that a multisine excites, and no others.
 
-Over whole periods of the input, its energy lies on harmonics of 1/period alone, while gusts lie on all lines: keeping
-the excited ones raises the share of what the pilot (or the actuator) put in by the number of periods. Estimates from
-forced lines that agree with those from the lines between say that the structure of the model is right in both.
+Over whole periods of the input its energy lies on harmonics of 1/period alone, while that of gusts lies on all lines:
+keeping the excited ones raises the ratio of input to gust energy by the number of periods. Where the lines between give
+the same estimates, one model structure describes the response to the input and to gusts.
 
     C(f) = C_a alpha(f) + C_q qhat(f) + C_de de(f),   f on harmonics where the input stands out
 
@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 MIN_PERIODS: Final = 2
+SIGMAS: Final = 3.0
+"""Up to which estimates from the two sets of lines agree."""
+SINGULAR: Final = 1e10
+"""Condition number of the scaled normal matrix above which regressors are collinear."""
 STANDS_OUT: Final = 10.0
 """Power of the input on a line over that of the lines between."""
 
@@ -45,7 +49,7 @@ class Sifted:
     def agree(self) -> bool:
         """Whether no parameter differs by more than three standard errors."""
         apart = np.nan_to_num(np.abs(self.estimate - self.between))
-        return bool(np.all(apart <= 3 * np.hypot(self.std_error, self.between_error)))
+        return bool(np.all(apart <= SIGMAS * np.hypot(self.std_error, self.between_error)))
 
 
 def sift(
@@ -68,7 +72,7 @@ def sift(
     count = round(periods * per)
 
     def spectrum(x: Array) -> Complex:
-        # Drift would leak onto every line: its slope is that of the periods' means, which a periodic answer has not.
+        # Drift would leak onto every line: its slope is that of the periods' means, which a periodic response lacks.
         kept = x[-count:]
         whole = count // periods
         slope = (np.mean(kept[-whole:]) - np.mean(kept[:whole])) / (count - whole)
@@ -85,7 +89,7 @@ def sift(
         raise NotIdentifiable("no lines of the input in the band")
     forced = harmonic & (power > STANDS_OUT * max(float(np.median(power[rest])), 1e-30))
     if np.count_nonzero(forced) <= len(regressors):
-        raise NotIdentifiable("the input's lines do not stand out: no multisine of this period was flown")
+        raise NotIdentifiable("the input has no distinct lines: no multisine of this period was flown")
     x = np.array([spectrum(column) for column in regressors])
     z = spectrum(measured)
     estimate, error = _solve(x[:, forced], z[forced])
@@ -100,9 +104,9 @@ def sift(
 def _solve(x: Complex, z: Complex) -> tuple[Array, Array]:
     normal = (x.conj() @ x.T).real
     scale = np.sqrt(np.diag(normal))
-    if (scale == 0).any() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e10:
-        raise NotIdentifiable("the regressors cannot be told apart")
+    if (scale == 0).any() or np.linalg.cond(normal / np.outer(scale, scale)) > SINGULAR:
+        raise NotIdentifiable("the regressors are collinear")
     inverse = np.linalg.inv(normal)
     estimate = inverse @ (x.conj() @ z).real
-    left = float(np.sum(np.abs(z - x.T @ estimate) ** 2))
-    return estimate, np.sqrt(np.diag(inverse) * left / (2 * len(z) - len(x)))
+    rest = float(np.sum(np.abs(z - x.T @ estimate) ** 2))
+    return estimate, np.sqrt(np.diag(inverse) * rest / (2 * len(z) - len(x)))

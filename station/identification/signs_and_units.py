@@ -1,10 +1,10 @@
-"""Signs and units of a record taken wrong: told by what signals say of each other before anything is estimated.
+"""Wrong signs and units of a record, found by relations between its signals before anything is estimated.
 
-Every sign and unit is looked at by relations that hold whatever the aircraft: attitude turns with the pitch rate, the
-vane turns with the rate less what lift bends the path, velocity changes with the accelerations, az carries the weight,
-airspeed makes the dynamic pressure; and the elevator pitches the aircraft as the profile says. How far a relation is
-off is a share, 0 where both sides are alike and 1 where they are opposite or of another size altogether. A sign or unit
-is mistaken where taking it back, and nothing else, brings the relations together.
+The relations hold for any aircraft: attitude changes with the pitch rate, the vane with the rate less the turning of
+the flight path by lift, velocity with the accelerations, az balances the weight, airspeed gives the dynamic pressure;
+and the elevator pitches the aircraft as the profile says. The mismatch of a relation is a share, 0 where both sides are
+equal and 1 where they are opposite or of quite another size. A sign or unit is mistaken where undoing it, and nothing
+else, makes the relations match.
 """
 
 from __future__ import annotations
@@ -25,14 +25,17 @@ Array = NDArray[np.float64]
 
 SMOOTH_S: Final = 0.2
 LEAST_S: Final = 5.0
+LEAST_ROWS: Final = 10
+MOSTLY: Final = 0.5
+"""Share of rows that must have a signal."""
 ALIKE: Final = 0.15
-"""Share below which no relation is closer than another: calibration, gusts and noise leave so much."""
+"""Mismatch below which relations are not distinguished: calibration errors, gusts and noise cause as much."""
 CLEAR: Final = 1.5
-"""How much the sum of the logarithms of squared shares must fall by."""
+"""Reduction of the sum of log squared mismatches that shows a mistake."""
 FEW: Final = 0.05
-"""Share of impossible values below which they are lost bits, not a unit."""
+"""Share of impossible values below which they are bit errors, not a unit."""
 TIED: Final = 0.7
-"""Share of the best fall that leaves another mistake as likely."""
+"""Share of the largest reduction from which another mistake is as likely."""
 
 
 def _mixed(si: str, *units: str) -> dict[str, float]:
@@ -51,7 +54,7 @@ _ALL_ANGLES: Final = ("alpha_vane", "theta", "elevator", "q")
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """What taken back makes the signals agree: recorded = `factor` times the truth."""
+    """Which undone makes the signals agree: recorded = `factor` times the truth."""
 
     signals: tuple[str, ...]
     factor: float
@@ -86,15 +89,15 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def mistakes(t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft) -> tuple[Mistake, ...]:
-    """The sign or unit that is mistaken, or those of which one is; () where nothing speaks for any.
+    """The sign or unit that is mistaken, or the candidates of which one is; () where there is no evidence of any.
 
     `columns` as recorded, NaN where missing.
     """
-    if len(t_s) < 10 or t_s[-1] - t_s[0] < LEAST_S:
+    if len(t_s) < LEAST_ROWS or t_s[-1] - t_s[0] < LEAST_S:
         return ()
     dt = float(np.median(np.diff(t_s)))
     possible = {n: _possible(n, column) for n, column in columns.items() if n in SIGNALS}
-    x = {n: _filled(column) for n, column in possible.items() if np.isfinite(column).mean() > 0.5}
+    x = {n: _filled(column) for n, column in possible.items() if np.isfinite(column).mean() > MOSTLY}
     candidates = _candidates(tuple(x))
     before = _disagreement(x, dt, aircraft, Mistake((), 1.0, ""))
     falls = [before - _disagreement(x, dt, aircraft, c) for c in candidates]
@@ -106,20 +109,20 @@ def mistakes(t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft) -> tu
 
 
 def _possible(name: str, column: Array) -> Array:
-    """Without the few values that cannot be true; where they are many, it may be the unit."""
+    """Without impossible values where they are few; where they are many, it may be the unit."""
     beyond = (column < SIGNALS[name].low) | (column > SIGNALS[name].high)
     return np.where(beyond, np.nan, column) if beyond.mean() < FEW else column
 
 
 def _disagreement(x: Mapping[str, Array], dt: float, aircraft: Aircraft, assumed: Mistake) -> float:
-    """Sum over the relations of log(share^2), with a mistake taken back."""
+    """Sum over the relations of log(share^2), with a mistake undone."""
     mended = {n: v / assumed.factor if n in assumed.signals else v for n, v in x.items()}
     shares = relations(mended, dt, aircraft).values()
     return sum(math.log(share**2 + ALIKE**2) for share in shares)
 
 
 def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str, float]:
-    """How far each relation is off that the signals x (SI, no gaps) allow, as a share from 0 to 1."""
+    """Mismatch, 0 to 1, of each relation for which the signals x (SI, no gaps) suffice."""
     shares = {}
     phi = x.get("phi", np.zeros(1))
     theta = np.clip(x["theta"], -1.5, 1.5) if "theta" in x else np.zeros(1)
@@ -131,8 +134,8 @@ def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str
     if {"q", "theta"} <= set(x):
         shares["turning"] = _share(_rate(x["theta"], dt), _moved(x["q"] * np.cos(phi), dt))
     if {"q", "alpha_vane", "az", "airspeed"} <= set(x):
-        bend = (x["az"] + G0 * np.cos(theta) * np.cos(phi)) / np.maximum(x["airspeed"], 1.0)
-        shares["vane"] = _share(_rate(x["alpha_vane"], dt), _moved(x["q"], dt), _moved(bend, dt))
+        turn = (x["az"] + G0 * np.cos(theta) * np.cos(phi)) / np.maximum(x["airspeed"], 1.0)
+        shares["vane"] = _share(_rate(x["alpha_vane"], dt), _moved(x["q"], dt), _moved(turn, dt))
     if {"theta", "alpha_vane", "v_down", "airspeed"} <= set(x):
         path = x["v_down"] / np.maximum(x["airspeed"], 1.0)
         shares["flow"] = _share(_moved(x["alpha_vane"], dt), _moved(x["theta"], dt), _moved(path, dt))
@@ -140,7 +143,7 @@ def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str
         down = np.cos(theta) * np.cos(phi) * x["az"] - np.sin(theta) * x.get("ax", np.zeros(1))
         shares["sinking"] = _share(_rate(x["v_down"], dt), _moved(down, dt))
     if {"v_north", "v_east", "ax", "az", "theta"} <= set(x):
-        # Forward, what is left of pushing less climbing.
+        # Along the path: the forward acceleration less the climb.
         speed = np.hypot(x["v_north"], x["v_east"])
         gained = np.full(1, (speed[-1] - speed[0]) / (len(speed) * dt))
         shares["gaining"] = _share(gained, _mean(np.cos(theta) * x["ax"]), _mean(np.sin(theta) * np.cos(phi) * x["az"]))
@@ -153,7 +156,7 @@ def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str
 
 
 def _by_profile(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str, float]:
-    """The relations of lift and moment as the profile has them, where it has."""
+    """The relations of lift and moment, where the profile gives them."""
     shares: dict[str, float] = {}
     if not {"alpha_vane", "az", "dynamic_pressure"} <= set(x):
         return shares
@@ -165,7 +168,7 @@ def _by_profile(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[s
         shares["lift"] = _share(_moved(x["az"], dt), _moved(-slope / aircraft.inertia.mass * force * alpha, dt))
     if {"q", "elevator"} <= set(x) and aircraft.value("Cm_de") and aircraft.inertia.iyy:
         turns = force * aircraft.geometry.chord / aircraft.inertia.iyy * aircraft.value("Cm_de")
-        # Whatever stiffness and damping are, and gusts make of them.
+        # Orthogonal to stiffness and damping, whatever they are.
         free = np.linalg.qr(np.column_stack([_moved(alpha, dt), _moved(x["q"], dt)]))[0]
         sides = [y - free @ (free.T @ y) for y in (_rate(x["q"], dt), _moved(turns * x["elevator"], dt))]
         shares["elevator"] = _share(*sides)
@@ -173,11 +176,11 @@ def _by_profile(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[s
 
 
 def _share(one: Array, *others: Array) -> float:
-    """Size of what is left of `one` - sum(others), over the sum of their sizes."""
+    """Size of `one` - sum(others) over the sum of their sizes."""
     n = min(len(a) for a in (one, *others))
-    left = one[:n] - sum((o[:n] for o in others), np.zeros(n))
+    rest = one[:n] - sum((o[:n] for o in others), np.zeros(n))
     size = math.sqrt(float(one @ one)) + sum(math.sqrt(float(o @ o)) for o in others)
-    return math.sqrt(float(left @ left)) / size if size > 0 else 0.0
+    return math.sqrt(float(rest @ rest)) / size if size > 0 else 0.0
 
 
 def _mean(x: Array) -> Array:
@@ -185,7 +188,7 @@ def _mean(x: Array) -> Array:
 
 
 def _moved(x: Array, dt: float) -> Array:
-    """Smoothed, without mean and line."""
+    """Smoothed, mean and trend removed."""
     width = max(1, round(SMOOTH_S / dt))
     y = np.convolve(np.broadcast_to(x, x.shape), np.full(width, 1 / width), "valid")
     t = np.linspace(-0.5, 0.5, len(y))
@@ -194,7 +197,7 @@ def _moved(x: Array, dt: float) -> Array:
 
 
 def _rate(x: Array, dt: float) -> Array:
-    """Smoothed rate of change, without mean and line."""
+    """Smoothed rate of change, mean and trend removed."""
     return _moved(np.gradient(x, dt), dt)
 
 
@@ -205,7 +208,7 @@ def _filled(x: Array) -> Array:
 
 
 def _density(x: Mapping[str, Array], aircraft: Aircraft) -> float:
-    """kg/m3; where nothing tells it, that of the middle of the troposphere."""
+    """kg/m3; where unknown, that of the middle of the troposphere."""
     if aircraft.air_density is not None:
         return aircraft.air_density
     if "static_pressure" in x and "air_temperature" in x:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from station.conventions import ANGLES_THAT_WRAP, SIGNALS, TICK_NS, Stream
 from station.log.reading import metadata, read_rows
 from station.profile import Aircraft
-from station.rows import Code, Event, Extra, Frame, LogError, Sample, Truth
+from station.rows import Code, Event, Extra, Frame, LogError, Quality, Sample, Truth
 
 Column = NDArray[np.float64]
 
@@ -29,6 +29,8 @@ class Table:
     t0_ns: int
     quality: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     """Of frames: a Quality number for each value."""
+    ages: Mapping[str, Column] = field(default_factory=dict)
+    """Of frames: seconds since each value was measured, 0 where it was interpolated at the row's own time."""
     truth: Mapping[str, Column] = field(default_factory=dict)
     """What the simulation knows, at the same times (linear between its steps)."""
     extra: Mapping[str, Column] = field(default_factory=dict)
@@ -53,10 +55,30 @@ class Table:
         def cut(columns: Mapping[str, Column]) -> dict[str, Column]:
             return {name: column[keep] for name, column in columns.items()}
 
-        quality = {name: column[keep] for name, column in self.quality.items()}
-        columns, truth, extra = cut(self.columns), cut(self.truth), cut(self.extra)
-        record_ns = None if self.record_ns is None else self.record_ns[keep]
-        return Table(self.t_s[keep], columns, self.aircraft, self.t0_ns, quality, truth, extra, record_ns)
+        return replace(
+            self,
+            t_s=self.t_s[keep],
+            columns=cut(self.columns),
+            quality={name: column[keep] for name, column in self.quality.items()},
+            ages=cut(self.ages),
+            truth=cut(self.truth),
+            extra=cut(self.extra),
+            record_ns=None if self.record_ns is None else self.record_ns[keep],
+        )
+
+    def age_s(self, name: str) -> Column:
+        """(n,) seconds since each value of a signal was measured, NaN where it is missing: as recorded in flight; else
+        of a held value since it was last new, and 0 of the others."""
+        column = self.columns[name]
+        if name in self.ages:
+            return np.where(np.isnan(column), np.nan, self.ages[name])
+        held = self.quality.get(name, np.zeros(len(column), dtype=np.uint8)) == Quality.HELD
+        at, there = np.arange(len(column)), np.isfinite(column)
+        before = np.concatenate(([-1], np.maximum.accumulate(np.where(there, at, -1))[:-1]))
+        repeats = held & (before >= 0) & (column == column[before])
+        newest = np.maximum.accumulate(np.where(there & ~repeats, at, -1))
+        age = np.where(held, self.t_s - self.t_s[newest], 0.0)
+        return np.where(np.isnan(column) | (newest < 0), np.nan, age)
 
 
 class Point(NamedTuple):
@@ -91,8 +113,9 @@ def table(path: Path) -> Table:
             samples.setdefault(row.stream, []).append(row)
     record_ns = None
     quality: dict[str, NDArray[np.uint8]] = {}
+    ages: dict[str, Column] = {}
     if frames:
-        t_ns, columns, quality = _from_frames(frames)
+        t_ns, columns, quality, ages = _from_frames(frames)
     elif samples:
         t_ns, columns = _from_samples(samples, info.streams, info.about.imported)
         first = next(iter(samples.values()))[0]
@@ -102,7 +125,8 @@ def table(path: Path) -> Table:
         raise LogError(f"{path}: holds neither frames nor samples")
     truth = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Truth]).items()}
     extra = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Extra]).items()}
-    return Table((t_ns - t_ns[0]) / 1e9, columns, info.aircraft, int(t_ns[0]), quality, truth, extra, record_ns)
+    t_s = (t_ns - t_ns[0]) / 1e9
+    return Table(t_s, columns, info.aircraft, int(t_ns[0]), quality, ages, truth, extra, record_ns)
 
 
 def _on_grid(path: Path) -> type[Frame] | type[Sample]:
@@ -110,13 +134,21 @@ def _on_grid(path: Path) -> type[Frame] | type[Sample]:
     return Sample if next(read_rows(path, (Frame,)), None) is None else Frame
 
 
-def _from_frames(frames: list[Frame]) -> tuple[NDArray[np.int64], dict[str, Column], dict[str, NDArray[np.uint8]]]:
+def _from_frames(
+    frames: list[Frame],
+) -> tuple[NDArray[np.int64], dict[str, Column], dict[str, NDArray[np.uint8]], dict[str, Column]]:
+    """Times, values, quality and ages."""
     t_ns = np.array([f.t_ns for f in frames], dtype=np.int64)
     values = np.array([f.values for f in frames], dtype=np.float64)
     quality = np.array([f.quality for f in frames], dtype=np.uint8)
-    there = [i for i in range(len(SIGNALS)) if not np.all(np.isnan(values[:, i]))]
-    names = tuple(SIGNALS)
-    return t_ns, {names[i]: values[:, i].copy() for i in there}, {names[i]: quality[:, i].copy() for i in there}
+    ages = np.array([f.age_s for f in frames], dtype=np.float64)
+    there = {n: i for i, n in enumerate(SIGNALS) if not np.all(np.isnan(values[:, i]))}
+    return (
+        t_ns,
+        {n: values[:, i].copy() for n, i in there.items()},
+        {n: quality[:, i].copy() for n, i in there.items()},
+        {n: ages[:, i].copy() for n, i in there.items()},
+    )
 
 
 def _from_samples(

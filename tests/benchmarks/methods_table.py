@@ -29,6 +29,8 @@ from station.campaign.spec import METHODS as SLOTS
 from station.campaign.spec import Case, load_plan
 from station.conventions import LONGITUDINAL
 from station.identification.analysis import identify
+from station.identification.identification_json import as_json
+from station.identification.request import Request
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Multisine, load_aircraft, load_rig
 from station.simulation.sortie import fly
@@ -57,8 +59,8 @@ def flown(aircraft: str, sigma: float, kind: str, seed: int, methods: tuple[str,
     for name in ("thrust", "mass", "pdot", "qdot", "rdot"):
         shown.pop(name, None)
     table = Table(np.arange(len(shown["q"])) * 0.02, shown, profile, 0)
-    options: dict[str, Any] = {"card": test, "imu_position": rig.imu_position, "noise": rig.noise_si()}
-    return identify(table, profile, methods, START, force=True, **options)
+    request = Request(methods, START, card=test, imu_position=rig.imu_position, noise=rig.noise_si(), force=True)
+    return as_json(identify(table, profile, request))
 
 
 def values(found: dict[str, Any]) -> dict[str, Values]:

@@ -11,6 +11,8 @@ from another_simulation import Case
 from station.diagnosis.measured_record import manoeuvres
 from station.diagnosis.procedure import Diagnosis, diagnose
 from station.identification.analysis import identify
+from station.identification.identification_json import as_json
+from station.identification.request import Request
 from station.log import Table
 from station.profile import load_aircraft
 
@@ -55,7 +57,8 @@ def test_a_profile_that_gives_a_quasi_steady_aircraft_lift_memory_is_contradicte
     memory = {name: getattr(other, name) for name in ("lift_motion", "lift_gust", "downwash")}
     aircraft = plain.model_copy(update={"unsteady": plain.unsteady.model_copy(update=memory)})
     t, shown = flown.fly(Case(seed=3, sigma=sigma, seconds=65.0), 0)
-    found = identify(Table(t, shown, aircraft, 0), aircraft, ("split", "split+gust", "physical"), noise=flown.NOISE)
+    request = Request(("split", "split+gust", "physical"), noise=flown.NOISE)
+    found = as_json(identify(Table(t, shown, aircraft, 0), aircraft, request))
     assert found["recommended"] == expected
     assert found["methods"]["physical"]["why"].startswith("the data prefer split+gust's quasi-steady model")
     low, high = found["methods"][expected]["parameters"]["Cm_alpha"]["ci95"]

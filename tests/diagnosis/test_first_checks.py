@@ -11,6 +11,7 @@ from station.conventions import to_si
 from station.diagnosis.checks import checked, first_seen
 from station.diagnosis.measured_record import manoeuvres
 from station.identification.analysis import identify
+from station.identification.request import Request
 from station.log import Table
 from station.rows import Quality, UsageError
 
@@ -75,7 +76,7 @@ def test_a_mistaken_sign_or_unit_is_named_and_taken_back(records, name, change, 
 @pytest.mark.parametrize(("name", "change", "effect"), MISTAKES)
 def test_what_identify_refuses_is_named(records, name, change, effect):
     table = table_of(records[1], **{name: change})
-    refused = identify(table, aircraft(), ("II",))["hint"]
+    refused = identify(table, aircraft(), Request(("II",))).hint
     found = checked("r", table, aircraft())
     sentence = refused.partition(": no estimate is valid")[0]
     assert name in sentence
@@ -104,8 +105,8 @@ STOPPED = dict.fromkeys(("alpha_vane", "q", "theta", "ax", "az", "airspeed", "dy
 @pytest.mark.parametrize("changes", [{"q": spike}, {"alpha_vane": lose_a_bit}, STOPPED], ids=["spike", "bit", "stop"])
 def test_what_identify_leaves_out_is_left_out(records, changes):
     table = table_of(records[0], **changes)
-    remarks = identify(table, aircraft(), ("II",))["remarks"]
-    sound = identify(table_of(records[0]), aircraft(), ("II",))["remarks"]
+    remarks = identify(table, aircraft(), Request(("II",))).remarks
+    sound = identify(table_of(records[0]), aircraft(), Request(("II",))).remarks
     own = [f"r: {r}" for r in remarks if r not in sound]
     assert own
     assert list(checked("r", table, aircraft()).remarks) == own

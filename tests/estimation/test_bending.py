@@ -15,7 +15,9 @@ from station.estimation.bending import NEEDED, Bending
 from station.estimation.instrument_errors import corrector
 from station.estimation.methods import Estimator
 from station.identification.analysis import identify
-from station.identification.flown import corrected
+from station.identification.preparation import corrected
+from station.identification.request import Request
+from station.identification.table_frames import frames
 from station.log import Table
 from station.profile import Aircraft, Card, load_aircraft, load_rig
 from station.rows import AlphaEstimate, Frame, Quality
@@ -130,12 +132,10 @@ def angle(of: Table, aircraft: Aircraft) -> tuple[Any, Any]:
 
 
 def split(of: Table, aircraft: Aircraft) -> list[AlphaEstimate]:
-    from station.identification.flown import _frames
-
     straight = corrected(of, aircraft, RIG.frame_noise_si(), RIG.imu_position)
     plain = card(0).model_copy(update={"warm_up": 0.0})
     estimator = Estimator(aircraft, plain, RIG.imu_position, RIG.frame_noise_si(), ("split",))
-    return [estimator.step(frame)[0] for frame in _frames(straight)]
+    return [estimator.step(frame)[0] for frame in frames(straight)]
 
 
 STILL = [case for case in BENT if case != "both, swinging"]
@@ -192,11 +192,13 @@ def test_derivatives_are_those_that_a_stiff_boom_gives(case: str, sigma: float) 
     names = ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de")
 
     def by(profile: Aircraft, flies: Aircraft) -> tuple[Any, Any]:
-        found = identify(
-            flown(flies, sigma, 32.0)[0], profile, ["split+gust"], 8.0, card=card(sigma),
-            imu_position=RIG.imu_position, noise=RIG.frame_noise_si(),
-        )["methods"]["split+gust"]["parameters"]  # fmt: skip
-        return np.array([found[n]["estimate"] for n in names]), np.array([found[n]["std_error"] for n in names])
+        request = Request(
+            ["split+gust"], 8.0, card=card(sigma), imu_position=RIG.imu_position, noise=RIG.frame_noise_si()
+        )
+        found = {
+            p.name: p for p in identify(flown(flies, sigma, 32.0)[0], profile, request).methods["split+gust"].parameters
+        }
+        return np.array([found[n].value for n in names]), np.array([found[n].sd for n in names])
 
     stiff, sd = by(AIRCRAFT, AIRCRAFT)
     assert (np.abs(by(aircraft, aircraft)[0] - stiff) < 0.5 * sd).all()

@@ -105,7 +105,7 @@ def test_a_table_gives_the_bits_of_the_flight() -> None:
     whole = Corrector(aircraft, {}, DT, N)
     values = np.column_stack([columns[n] for n in whole.names])
     t_s = np.array([k * TICK_NS for k in range(N)]) * 1e-9
-    found, quality = whole.sweep(t_s, values, np.zeros_like(values))
+    found, _, quality = whole.sweep(t_s, values, np.zeros_like(values))
     for j, name in enumerate(whole.names):
         np.testing.assert_array_equal(column(pairs, name), found[: len(pairs), j])
         assert (quality[: len(pairs), j] == [p[1].quality[SIGNAL_INDEX[name]] for p in pairs]).all()

@@ -8,8 +8,11 @@ import pytest
 
 from station.conventions import LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS
 from station.estimation.methods import Estimator
-from station.identification.analysis import flight_record, identify
+from station.identification.analysis import identify
 from station.identification.flown import fly as refly
+from station.identification.identification_json import as_json
+from station.identification.preparation import flight_record
+from station.identification.request import Request
 from station.log import Table
 from station.profile import Card, load_aircraft, load_card, load_rig
 from station.rows import Frame, Quality, Status
@@ -184,7 +187,8 @@ def test_identify_flies_the_same_code():
     n = len(columns["q"])
     table = Table(np.arange(n) / 50.0, columns, AIRCRAFT, 0)
     of = card(*DOUBLETS, warm_up="4 s")
-    found = identify(table, AIRCRAFT, ["II", "split"], 6.0, card=of, imu_position=RIG.imu_position)["methods"]
+    request = Request(["II", "split"], 6.0, card=of, imu_position=RIG.imu_position)
+    found = as_json(identify(table, AIRCRAFT, request))["methods"]
     again = Estimator(AIRCRAFT, of, RIG.imu_position, None, ("II", "split"))
     made = ()
     for frame in frames(columns):
@@ -197,5 +201,5 @@ def test_identify_flies_the_same_code():
     assert found["II"]["fit"]["Cn"]["r2"] > 0.95
     # A record whose card asks for none has its lateral derivatives too, as its ailerons and rudder were moved.
     record, _ = flight_record(table, AIRCRAFT)
-    unasked = refly(table, record, ("II",), 0.0, "wind", card(), (0.0, 0.0, 0.0), None, False).last["II"]
+    unasked = refly(table, record, ("II",), Request(card=card())).last["II"]
     assert set(LATERAL) <= {p.name for p in unasked.parameters}

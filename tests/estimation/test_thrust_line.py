@@ -9,6 +9,7 @@ import numpy as np
 from station.conventions import LONGITUDINAL, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS
 from station.estimation.methods import Estimator
 from station.identification.analysis import identify
+from station.identification.request import Request
 from station.log import Table
 from station.model.coefficients import Airframe, coefficients
 from station.profile import Aircraft, Card, load_aircraft
@@ -74,8 +75,8 @@ def live(aircraft: Aircraft, told: bool = True) -> np.ndarray:
 def post_flight(aircraft: Aircraft, method: str, told: bool = True) -> np.ndarray:
     columns = signals(flown(told))
     record = Table(np.arange(len(columns["q"])) / TICK_HZ, columns, aircraft, 0)
-    found = identify(record, aircraft, methods=(method,))["methods"][method]["parameters"]
-    return np.array([found[name]["estimate"] for name in LONGITUDINAL])
+    found = {p.name: p.value for p in identify(record, aircraft, Request((method,))).methods[method].parameters}
+    return np.array([found[name] for name in LONGITUDINAL])
 
 
 def test_the_thrust_changes_with_the_motion() -> None:

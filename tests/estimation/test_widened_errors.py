@@ -10,6 +10,8 @@ import pytest
 from station.conventions import LONGITUDINAL
 from station.estimation.results import MethodResult, not_applicable, widened
 from station.identification.analysis import identify
+from station.identification.identification_json import as_json
+from station.identification.request import Request
 from station.log import Table
 from station.profile import Card, Doublet, Flight, load_aircraft, load_rig
 from station.rows import ParamEstimate, Status
@@ -60,11 +62,9 @@ def flown(sigma: str, seed: int) -> tuple[Table, Card]:
 
 def made(sigma: str, seed: int, methods: list[str]) -> dict[str, dict[str, tuple[float, float]]]:
     table, card = flown(sigma, seed)
-    found = identify(table, AIRCRAFT, methods, 30.0, card=card, imu_position=RIG.imu_position, noise=RIG.noise_si())
-    return {
-        m: {n: (p["estimate"], p["std_error"]) for n, p in one["parameters"].items()}
-        for m, one in found["methods"].items()
-    }
+    request = Request(methods, 30.0, card=card, imu_position=RIG.imu_position, noise=RIG.noise_si())
+    found = identify(table, AIRCRAFT, request).methods
+    return {m: {p.name: (p.value, p.sd) for p in one.parameters} for m, one in found.items()}
 
 
 def test_the_statistical_error_stands_beside_the_whole_one() -> None:
@@ -75,7 +75,8 @@ def test_the_statistical_error_stands_beside_the_whole_one() -> None:
         known = AIRCRAFT.uncertainty
         parts = {name: vane * getattr(known, name) for name in ("vane_scale", "vane_delay", "vane_x")}
         aircraft = AIRCRAFT.model_copy(update={"uncertainty": known.model_copy(update=parts)})
-        found = identify(table, aircraft, ["split", "physical"], 30.0, card=card, noise=RIG.noise_si())["methods"]
+        request = Request(["split", "physical"], 30.0, card=card, noise=RIG.noise_si())
+        found = as_json(identify(table, aircraft, request))["methods"]
         p = found["split"]["parameters"]["Cm_alpha"]
         assert least * p["std_error"] < p["std_error_statistical"] <= most * p["std_error"]
         for p in found["physical"]["parameters"].values():

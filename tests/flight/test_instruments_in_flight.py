@@ -19,6 +19,8 @@ from station.flight.alignment import Aligner
 from station.flight.chain import told_of_instruments
 from station.flight.loop import recorded_beats, run
 from station.identification.analysis import identify
+from station.identification.identification_json import as_json
+from station.identification.request import Request
 from station.log import About, LogWriter, Table, table, write_log
 from station.model.disagreement import Disagreement
 from station.profile import Aircraft, Card, Doublet, Flight, Instrument, load_aircraft, load_rig
@@ -77,7 +79,8 @@ def flown(case: str, sigma: float, seed: int, seconds: float = 45.0) -> Table:
 
 def found(table: Table, aircraft: Aircraft, methods: tuple[str, ...] = METHODS) -> dict[str, Any]:
     of = card(0.0, 1)
-    return identify(table, aircraft, methods, 15.0, card=of, imu_position=RIG.imu_position, noise=RIG.noise_si())
+    request = Request(methods, 15.0, card=of, imu_position=RIG.imu_position, noise=RIG.noise_si())
+    return as_json(identify(table, aircraft, request))
 
 
 def apart(one: dict[str, Any], other: dict[str, Any], method: str) -> np.ndarray:
@@ -90,7 +93,7 @@ def compared(case: str, sigma: float, seed: int, bound: float) -> None:
     sound = found(flown("sound", sigma, seed), AIRCRAFT)
     undone = found(flown(case, sigma, seed), faulty(case))
     plain = found(flown(case, sigma, seed), AIRCRAFT)
-    assert any("instrument errors undone" in r for r in undone["remarks"])
+    assert any("instrument errors corrected" in r for r in undone["remarks"])
     assert not any("instrument" in r for r in plain["remarks"])
     for method in METHODS:
         assert np.abs(apart(undone, sound, method)).max() < bound, (case, method)
@@ -194,10 +197,8 @@ def test_live_and_identify_agree(recorded: tuple[Any, list[Any]]) -> None:
     log, made = recorded
     last = {r.method: {p.name: p for p in r.parameters} for r in made if isinstance(r, MethodEstimate)}
     of, flight = card(3.0, 8), table(log)
-    estimates = identify(
-        flight, flight.aircraft, ["II", "split"], of.warm_up, card=of, imu_position=RIG.imu_position,
-        noise=RIG.frame_noise_si(),
-    )  # fmt: skip
+    request = Request(["II", "split"], of.warm_up, card=of, imu_position=RIG.imu_position, noise=RIG.frame_noise_si())
+    estimates = as_json(identify(flight, flight.aircraft, request))
     assert estimates["interval_s"][1] == pytest.approx(flight.t_s[-1] - 0.08)
     for method in ("II", "split"):
         for name, p in list(last[method].items())[:6]:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from station.estimation.results import EquationFit, MethodResult
-from station.identification.advice import next_input_json, sifted_json
-from station.identification.analysis import flight_record, identify
+from station.identification.advice import NextInput, next_input, sifted
+from station.identification.analysis import identify
 from station.identification.flown import fly as refly
+from station.identification.identification_json import as_json
 from station.identification.input_ranking import RESIDUAL
+from station.identification.preparation import flight_record
+from station.identification.request import Request
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Multisine, load_aircraft
 from station.rows import ParamEstimate, Status
@@ -33,25 +36,24 @@ def _card(sigma: str, *inputs) -> Card:
     return Card(name="test", aircraft="twin_otter", rig="", flight=flight, manoeuvres=inputs)
 
 
-def test_sifted_lines_of_a_flight_in_light_turbulence() -> None:
+def test_sifted_lines_give_the_derivatives_in_light_turbulence() -> None:
     card = _card("5 ft/s", MULTISINE)
     flown, record, _ = _record(card, 4)
-    seen = refly(flown, record, ("split",), 20.0, "wind", card, (0.0, 0.0, 0.0), None, False)
-    made = sifted_json(record, {"II": record.alpha, "split": seen.alpha("split", record)}, card, "wind")
-    json.dumps(made, allow_nan=False)
-    assert made["status"] == "ok"
-    found = made["methods"]["split"]
-    assert found["lines_hz"] == pytest.approx(np.arange(1, 21) / 10)
+    seen = refly(flown, record, ("split",), Request(start_s=20.0, card=card))
+    made = sifted(record, {"II": record.alpha, "split": seen.alpha("split", record)}, card, "wind")
+    assert not isinstance(made, str)
+    found = made["split"]
+    assert found.lines_hz == pytest.approx(np.arange(1, 21) / 10)
     # The tail meets the gust later: gust lines tell another story than forced ones, which are nearer to calm air's.
-    assert not found["agree"]
-    assert found["parameters"]["CL_alpha"]["estimate"] == pytest.approx(5.66, rel=0.04)
-    assert found["parameters"]["Cm_alpha"]["estimate"] == pytest.approx(-1.2, abs=0.2)
+    assert not found.agree
+    assert found.parameters["CL_alpha"][0] == pytest.approx(5.66, rel=0.04)
+    assert found.parameters["Cm_alpha"][0] == pytest.approx(-1.2, abs=0.2)
 
 
 def test_identify_takes_ii_and_split_from_the_sifted_lines_where_asked() -> None:
     card = _card("5 ft/s", MULTISINE)
     flown, record, _ = _record(card, 4)
-    found = identify(flown, record.aircraft, ["II", "split", "I"], 20.0, card=card, sift=True)
+    found = as_json(identify(flown, record.aircraft, Request(["II", "split", "I"], 20.0, card=card, sift=True)))
     json.dumps(found, allow_nan=False)
     for name in ("II", "split"):
         made = found["methods"][name]
@@ -62,21 +64,22 @@ def test_identify_takes_ii_and_split_from_the_sifted_lines_where_asked() -> None
             assert p["estimate"] == lines[derivative]["estimate"]
     assert "sifted_lines_hz" not in found["methods"]["I"]["settings"]
     # Lines that the gusts do not drive: nearer to calm air's than all lines together.
-    whole = identify(flown, record.aircraft, ["split"], 20.0, card=card)["methods"]["split"]["parameters"]
-    sifted = found["methods"]["split"]["parameters"]
-    assert abs(sifted["Cm_alpha"]["estimate"] + 1.105) < abs(whole["Cm_alpha"]["estimate"] + 1.105)
-    unlike = identify(flown, record.aircraft, ["II", "I"], 20.0, card=_card("5 ft/s"), sift=True)
-    assert unlike["methods"]["II"]["why"] == "lines cannot be sifted: no multisine on the card"
-    assert unlike["recommended"] == "I"
+    by_all = identify(flown, record.aircraft, Request(["split"], 20.0, card=card)).methods["split"]
+    whole, by_lines = by_all.parameter("Cm_alpha"), found["methods"]["split"]["parameters"]["Cm_alpha"]
+    assert whole is not None
+    assert abs(by_lines["estimate"] + 1.105) < abs(whole.value + 1.105)
+    unlike = identify(flown, record.aircraft, Request(["II", "I"], 20.0, card=_card("5 ft/s"), sift=True))
+    assert unlike.methods["II"].why == "lines cannot be sifted: no multisine on the card"
+    assert unlike.recommended == "I"
 
 
-def test_no_multisine_no_sifting() -> None:
+def test_without_a_multisine_no_lines_are_sifted() -> None:
     doublet = Doublet.model_validate({"kind": "doublet", "start": "25 s", "amplitude": "3 deg", "width": "0.6 s"})
     card = _card("0 ft/s", doublet)
     _, record, _ = _record(card, 1)
-    assert sifted_json(record, {"II": record.alpha}, card, "wind")["why"] == "no multisine on the card"
+    assert sifted(record, {"II": record.alpha}, card, "wind") == "no multisine on the card"
     claimed = _card("0 ft/s", MULTISINE)
-    assert "do not stand out" in sifted_json(record, {"II": record.alpha}, claimed, "wind")["why"]
+    assert "no distinct lines" in str(sifted(record, {"II": record.alpha}, claimed, "wind"))
 
 
 def test_the_next_input_is_for_the_poorest_derivative() -> None:
@@ -86,15 +89,17 @@ def test_the_next_input_is_for_the_poorest_derivative() -> None:
     result = MethodResult(
         "ok", "", tuple(ParamEstimate(n, v, errors[n], Status.ESTIMATED, "") for n, v in values.items())
     )
-    made = next_input_json(record, result)
-    assert made["poorest"] == "CL_q"
-    assert made["relative_2sd"] == pytest.approx(12 / 19.97)
-    predicted = [one["predicted_relative_2sd"] for one in made["ranking"]]
+    made = next_input(record, result)
+    assert isinstance(made, NextInput)
+    assert made.poorest == "CL_q"
+    assert made.relative == pytest.approx(12 / 19.97)
+    predicted = [one.relative["CL_q"] for one in made.ranking]
     assert predicted == sorted(predicted)
-    assert len(predicted) == 5
-    # Errors are as large as the equations' residuals.
-    quiet = next_input_json(record, result, {"CZ": EquationFit(0.99, 0.001), "Cm": EquationFit(0.99, 0.001)})
-    usual = {one["input"]: one["predicted_relative_2sd"] for one in made["ranking"]}
-    assert quiet["ranking"][0]["predicted_relative_2sd"] == pytest.approx(predicted[0] * 0.001 / RESIDUAL["CL"])
-    assert quiet["ranking"][0]["input"] in usual
-    json.dumps(next_input_json(record, None), allow_nan=False)
+    # Errors are proportional to the equations' residuals.
+    quiet = next_input(record, result, {"CZ": EquationFit(0.99, 0.001), "Cm": EquationFit(0.99, 0.001)})
+    assert isinstance(quiet, NextInput)
+    assert quiet.ranking[0].relative["CL_q"] == pytest.approx(predicted[0] * 0.001 / RESIDUAL["CL"])
+    assert quiet.ranking[0].name in {one.name for one in made.ranking}
+    unknown = next_input(record, None)
+    assert isinstance(unknown, NextInput)
+    assert unknown.relative == np.inf

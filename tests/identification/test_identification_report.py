@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from station.estimation.published.cross_spectra import VaneSpectra
 from station.identification.analysis import identify
 from station.identification.identification_report import write_report
+from station.identification.request import Request
 from station.log import Table
 from station.profile import Aircraft, Geometry, Inertia
 from station.rows import LogError
@@ -68,44 +71,46 @@ def read(path: Path) -> Tags:
 
 def test_report_is_self_contained_and_says_what_was_found(tmp_path: Path) -> None:
     flown = record()
-    found = identify(flown, AIRCRAFT, ["I", "II", "III", "sidpac", "oe"], log="flight.mcap")
-    path = write_report(found, flown, tmp_path / "report")
+    found = identify(flown, AIRCRAFT, Request(["I", "II", "III", "sidpac", "oe"], log="flight.mcap"))
+    path = write_report(found, tmp_path / "report")
     tags = read(path)
     assert len(tags.sources) == 2
     assert all(s.startswith("data:image/png;base64,") for s in tags.sources)
     text = " ".join(tags.text)
     assert "<glider>" in text
     assert "flight.mcap" in text
-    p = found["methods"]["I"]["parameters"]["CL_alpha"]
+    p = found.methods["I"].parameter("CL_alpha")
+    assert p is not None
     shown = re.findall(r"(-?[\d.]+) ± ([\d.]+)", text)[0]
-    assert abs(float(shown[0]) - p["estimate"]) < 0.1 * p["std_error"]
-    assert float(shown[1]) == pytest.approx(p["std_error"], rel=0.06)
+    assert abs(float(shown[0]) - p.value) < 0.1 * p.sd
+    assert float(shown[1]) == pytest.approx(p.sd, rel=0.06)
     assert "III: calm air" in text
     assert "oe: the record has no theta" in text
     assert path.stat().st_size < 600_000
 
 
-def test_report_without_any_estimate(tmp_path: Path) -> None:
+def test_a_report_without_any_estimate_says_why(tmp_path: Path) -> None:
     flown = record(amplitude=0.0)
-    found = identify(flown, AIRCRAFT, ["I", "II"])
-    text = " ".join(read(write_report(found, flown, tmp_path)).text)
+    found = identify(flown, AIRCRAFT, Request(["I", "II"]))
+    text = " ".join(read(write_report(found, tmp_path)).text)
     assert "nothing could be estimated" in text
     assert "no elevator input" in text
 
 
-def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_a_log_error(tmp_path: Path) -> None:
     flown = record()
     (tmp_path / "taken").write_text("")
     with pytest.raises(LogError, match=r"identification\.html: cannot be written"):
-        write_report(identify(flown, AIRCRAFT, ["I"]), flown, tmp_path / "taken")
+        write_report(identify(flown, AIRCRAFT, Request(["I"])), tmp_path / "taken")
 
 
 def test_spectra_that_iv_measured_are_drawn(tmp_path: Path) -> None:
     flown = record()
-    result = identify(flown, AIRCRAFT, ["I", "IV"])
-    assert "Delay and upwash" not in write_report(result, flown, tmp_path / "without").read_text()
-    columns = ("frequency_hz", "delay_s", "delay_sd_s", "coherence", "sears", "upwash")
-    result["methods"]["IV"]["settings"]["spectra"] = {name: [0.1, 0.5, 2.0] for name in columns}
-    page = write_report(result, flown, tmp_path / "with").read_text()
+    found = identify(flown, AIRCRAFT, Request(["I", "II", "IV"]))
+    assert "Delay and upwash" not in write_report(found, tmp_path / "without").read_text()
+    assert found.flown is not None
+    lines = np.array([0.1, 0.5, 2.0])
+    spectra = VaneSpectra(*(lines,) * 6, believed=np.full(3, True), segments=9, segment_s=20.0)
+    page = write_report(replace(found, flown=replace(found.flown, spectra=spectra)), tmp_path / "with").read_text()
     assert "Delay and upwash by frequency" in page
     assert page.count("<img") == (tmp_path / "without" / "identification.html").read_text().count("<img") + 1

@@ -66,7 +66,7 @@ def test_predicted_errors_are_those_of_repeated_fits() -> None:
     assert sine.relative["Cm_q"] == pytest.approx(2 * sine.std_error["Cm_q"] / 34.2)
 
 
-def test_refusals() -> None:
+def test_unknown_derivatives_and_profiles_without_aerodynamics_are_refused() -> None:
     with pytest.raises(ValueError, match="not a longitudinal"):
         rank_inputs(AIRCRAFT, SPEED, DENSITY, "Cn_beta")
     with pytest.raises(NotIdentifiable, match="no longitudinal derivatives"):

@@ -9,20 +9,22 @@ import pytest
 from records import record
 
 from station.convert import import_file
-from station.identification.advice import next_input_json
-from station.identification.analysis import flight_record, identify
+from station.identification.analysis import identify
 from station.identification.flown import fly as refly
+from station.identification.identification_json import as_json, kinematics_json
 from station.identification.identification_report import write_report
-from station.identification.instrument_pages import instrument_pages
-from station.identification.kinematic_results import instruments_json, structure_json
+from station.identification.instrument_pages import kinematic_pages
 from station.identification.kinematics import kinematics
+from station.identification.model_structure import structures
+from station.identification.preparation import flight_record
+from station.identification.request import Request
 from station.log import Table, table
 from station.profile import Card, Flight, Multisine, load_aircraft
 from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
 
 
-def test_turbulent_flight_tells_delay_and_upwash() -> None:
+def test_gusts_give_the_vane_s_arrival_offset() -> None:
     aircraft = load_aircraft("twin_otter")
     flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": "5 ft/s", "seed": 2})
     card = Card(name="test", aircraft=aircraft.name, rig="", flight=flight)
@@ -31,7 +33,7 @@ def test_turbulent_flight_tells_delay_and_upwash() -> None:
     record, refusal = flight_record(flown, aircraft)
     assert not refusal
     made = kinematics(record)
-    found = instruments_json(made, record)
+    found = kinematics_json(made, record)
     json.dumps(found, allow_nan=False)
     delay = found["gust_delay"]
     assert delay["status"] == "ok"
@@ -39,20 +41,13 @@ def test_turbulent_flight_tells_delay_and_upwash() -> None:
     assert delay["profile_fits"]
     for lead in (delay["parameters"], *delay["by_equation"].values()):
         assert lead["delay"]["estimate"] == pytest.approx(5.3 / 56.6, abs=0.005)
-    found["next_input"] = next_input_json(record, None)
-    page = "".join(instrument_pages(found, made, record))
-    for words in (
-        "What to fly next",
-        "Known worst: Cm_q",
-        "Arrival of gusts",
-        "Lift and moment ask for the same delay",
-        "Data compatibility",
-    ):
+    page = "".join(kinematic_pages(made, record))
+    for words in ("Gust arrival at the vane", "Lift and moment give the same delay", "Data compatibility"):
         assert words in page
 
 
 @pytest.mark.parametrize(("memory", "preferred"), [(True, "split+gust"), (False, "split")])
-def test_f_test_and_prediction_tell_a_late_tail_from_none(memory: bool, preferred: str) -> None:
+def test_f_test_and_prediction_select_the_late_tail_only_where_there_is_one(memory: bool, preferred: str) -> None:
     aircraft = load_aircraft("twin_otter")
     aircraft = aircraft.model_copy(update={"unsteady": aircraft.unsteady.model_copy(update={"memory": memory})})
     flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": "5 ft/s", "seed": 3})
@@ -63,16 +58,15 @@ def test_f_test_and_prediction_tell_a_late_tail_from_none(memory: bool, preferre
     shown, truth = fly(aircraft, STANDARD, card, 80.0, 3)
     flown = Table(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft, 0)
     record, _ = flight_record(flown.between(20.0, 80.0), aircraft)
-    seen = refly(flown, record, ("split",), 20.0, "wind", None, (0.0, 0.0, 0.0), None, False)
-    made = structure_json(record, seen.t_s, seen.alphas)
-    assert made["status"] == "ok"
+    seen = refly(flown, record, ("split",), Request(start_s=20.0))
+    made = structures(record, seen.t_s, seen.alphas)
+    assert not isinstance(made, str)
     for equation in ("CL", "Cm"):
-        found = made["equations"][equation]
-        assert found["preferred"] == preferred
+        assert made[equation].preferred == preferred
         if memory:
             # Two angles of attack (equation 65) do not do what a tail that meets the gust later does.
-            both = found["structures"]
-            assert both["split+gust"]["held_out"] < 0.5 * both["eq65"]["held_out"]
+            both = made[equation].structures
+            assert both["split+gust"].held_out < 0.5 * both["eq65"].held_out
 
 
 @pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
@@ -81,7 +75,8 @@ def test_real_booms_are_calibrated_and_no_derivative_is_made_up(name: str, tmp_p
     flown = table(tmp_path / "a.mcap")
     if "thor" in name:
         flown = flown.between(230.0, 330.0)
-    found = identify(flown, flown.aircraft)
+    identification = identify(flown, flown.aircraft)
+    found = as_json(identification)
     assert found["recommended"] is None
     assert all("no aerodynamic data" in m["why"] for m in found["methods"].values())
     assert found["gust_delay"]["status"] == "not_applicable"
@@ -101,6 +96,6 @@ def test_real_booms_are_calibrated_and_no_derivative_is_made_up(name: str, tmp_p
     else:
         assert zero["status"] == "unestimated"
         assert scale["estimate"] == pytest.approx(0.95, abs=0.25)
-    page = write_report(found, flown, tmp_path).read_text(encoding="utf-8")
+    page = write_report(identification, tmp_path).read_text(encoding="utf-8")
     assert "Vane against the inertial angle of attack" in page
     assert "Data compatibility" in page

@@ -13,6 +13,7 @@ from records import record as real
 
 from station.convert import import_file
 from station.identification.analysis import identify
+from station.identification.request import Request
 from station.log import Table, table
 from station.profile import Aircraft, Card, load_aircraft, load_rig
 from station.simulation.sortie import fly
@@ -35,7 +36,7 @@ def flown() -> Table:
 
 
 def said(of: Table, aircraft: Aircraft, method: str = "split") -> str:
-    return str(identify(of, aircraft, [method], imu_position=RIG.imu_position)["hint"])
+    return identify(of, aircraft, Request([method], imu_position=RIG.imu_position)).hint
 
 
 def changed(**inertia: float) -> Aircraft:
@@ -49,14 +50,14 @@ def test_the_aircraft_s_own_profiles_are_not_doubted() -> None:
         assert said(flown(), aircraft) == "", aircraft.name
 
 
-def test_another_aircraft_s_profile_is_told_with_what_contradicts_it() -> None:
+def test_another_aircraft_s_profile_is_hinted_at_with_what_contradicts_it() -> None:
     words = said(flown(), load_aircraft("hfb320"))
     assert words.startswith("is hfb320 the aircraft recorded? the recording says twin_otter, wing 39.0 m2 and not 30.1")
     assert "it flew at CL" in words
     assert "\n" not in words
 
 
-def test_a_wrong_mass_is_told_from_the_lift_it_would_need() -> None:
+def test_a_wrong_mass_is_hinted_at_from_the_lift_it_would_need() -> None:
     """Half the mass: half the lift coefficient, half the slope."""
     words = said(flown(), changed(mass=0.45 * AIRCRAFT.inertia.mass))
     assert "it flew at CL 0.3" in words
@@ -68,18 +69,19 @@ def test_a_wrong_mass_is_told_from_the_lift_it_would_need() -> None:
 
 @pytest.mark.slow
 def test_an_aircraft_without_aerodynamic_data_contradicts_nothing() -> None:
-    found = identify(flown(), load_aircraft("unknown"), imu_position=RIG.imu_position)
-    assert found["hint"] == ""
+    assert identify(flown(), load_aircraft("unknown"), Request(imu_position=RIG.imu_position)).hint == ""
 
 
 @pytest.mark.parametrize(
     ("file", "own", "other", "words"),
     [
         ("twin_otter/totter_demo_data.mat", "twin_otter", "hfb320", ("recorded mass 49", "it flew at CL 0.6")),
-        ("hfb320/hfb320_1_10.asc", "hfb320", "twin_otter", ("the recording says hfb320", "by the profile 0.85")),
+        ("hfb320/hfb320_1_10.asc", "hfb320", "twin_otter", ("the recording says hfb320", "the profile gives 0.85")),
     ],
 )
-def test_real_records(file: str, own: str, other: str, words: tuple[str, ...], tmp_path: Path, station: Any) -> None:
+def test_real_records_contradict_only_another_aircraft_s_profile(
+    file: str, own: str, other: str, words: tuple[str, ...], tmp_path: Path, station: Any
+) -> None:
     log = tmp_path / "record.mcap"
     import_file(real(file), log, load_aircraft(own))
     assert said(table(log), load_aircraft(own), "I") == ""

@@ -75,14 +75,14 @@ def test_a_planted_mistake_is_named_first(factors: Mapping[str, float], sentence
 
 
 @pytest.mark.parametrize("missing", [("v_north", "v_east", "v_down"), ("theta",), ("dynamic_pressure",)])
-def test_less_instruments_name_a_reversed_accelerometer_too(missing: tuple[str, ...]) -> None:
+def test_fewer_instruments_name_a_reversed_accelerometer_too(missing: tuple[str, ...]) -> None:
     columns = {n: c for n, c in flown(3.0).items() if n not in missing}
     assert named(columns) == []
     assert named({**columns, "az": -columns["az"]}) == ["az of the wrong sign"]
 
 
 @pytest.mark.parametrize("sigma", [0.0, 3.0, 10.0])
-def test_a_sound_record_and_other_profiles_are_left_in_peace(sigma: float) -> None:
+def test_sound_records_show_no_mistake_under_any_profile(sigma: float) -> None:
     for aircraft in ("twin_otter", "twin_otter_martos", "dhc6_jsbsim", "hfb320", "unknown"):
         assert named(flown(sigma), load_aircraft(aircraft)) == []
 
@@ -97,7 +97,7 @@ def test_a_sound_record_and_other_profiles_are_left_in_peace(sigma: float) -> No
     ],
     ids=str,
 )  # fmt: skip
-def test_an_instrument_that_is_only_bad_is_not_called_mistaken(effects: Mapping[str, float]) -> None:
+def test_a_poor_instrument_is_no_wrong_sign_or_unit(effects: Mapping[str, float]) -> None:
     """Far larger errors than any that an instrument passes a ground check with."""
     for sigma in (0.0, 3.0, 10.0):
         assert named(flown(sigma, tuple(effects.items()), 3)) == []
@@ -114,7 +114,9 @@ PITCHED = ("az", "q", "theta", "alpha_vane", "elevator")
         ("hfb320/hfb320_1_10.asc", "hfb320", PITCHED),
     ],
 )
-def test_real_records(file: str, own: str, turned_over: tuple[str, ...], tmp_path: Path) -> None:
+def test_real_records_show_a_mistake_only_where_one_is_planted(
+    file: str, own: str, turned_over: tuple[str, ...], tmp_path: Path
+) -> None:
     """Sound as they are, by their own and by another aircraft's profile; named where one signal is turned over."""
     log = tmp_path / "record.mcap"
     import_file(real(file), log, load_aircraft(own))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,25 @@ def test_streams_on_different_times_are_interpolated_with_their_latency(tmp_path
     good = ~np.isnan(found.columns["psi"])
     wrapped = np.remainder(3.0 + 0.5 * true_s[good] + np.pi, 2 * np.pi) - np.pi
     np.testing.assert_allclose(found.columns["psi"][good], wrapped, atol=1e-9)
+
+
+def test_the_age_of_a_value_is_as_recorded_else_since_a_held_one_was_new(tmp_path: Path) -> None:
+    """A fix every 0.1 s, of an instant 0.05 s before: frames say so; where nothing does, marks and values tell."""
+    rows: list[Rows] = []
+    for k in range(10):
+        made = frame(k, q=0.1 * k, v_down=float(k // 5) if k != 7 else math.nan)
+        column = SIGNAL_INDEX["v_down"]
+        ages, quality = list(made.age_s), list(made.quality)
+        ages[column], quality[column] = 0.05 + 0.02 * (k % 5), int(Quality.HELD)
+        rows.append(Frame(made.t_ns, k, made.values, tuple(ages), tuple(quality)))
+    write_log(tmp_path / "a.mcap", About(AIRCRAFT, (FAST,)), rows)
+    found = table(tmp_path / "a.mcap")
+    late = np.array([0.05, 0.07, 0.09, 0.11, 0.13, 0.05, 0.07, math.nan, 0.11, 0.13])
+    np.testing.assert_allclose(found.age_s("v_down"), late)
+    np.testing.assert_allclose(found.age_s("q"), np.zeros(10))
+    np.testing.assert_allclose(found.between(0.1, 0.12).age_s("v_down"), late[5:7])
+    without = replace(found, ages={})
+    np.testing.assert_allclose(without.age_s("v_down"), late - 0.05, atol=1e-12)
 
 
 def test_truth_and_other_columns_come_on_the_tables_times(tmp_path: Path) -> None:

@@ -1,16 +1,17 @@
-"""Methods that need the whole record: I and sidpac here, oe, fe and VI in motion_methods; one table of them all."""
+"""Methods that need the whole record: I and sidpac; and how any post-flight method of method_table is run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
+from station.estimation.method_table import METHODS
 from station.estimation.published import sidpac as published
-from station.estimation.published.motion_methods import method_fe, method_oe, method_vi
 from station.estimation.results import (
     MIN_R2,
     Axes,
@@ -29,6 +30,8 @@ from station.estimation.results import (
 )
 from station.numerics.regression import NotIdentifiable
 from station.rows import ParamEstimate, Status
+
+Runner = Callable[[FlightRecord, Axes], MethodResult]
 
 
 def method_i(record: FlightRecord, axes: Axes) -> MethodResult:
@@ -102,26 +105,20 @@ def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
 
 
 def _refused(equation: Equation, status: Status, why: str, refusal: NotIdentifiable) -> tuple[ParamEstimate, ...]:
-    """Every parameter of an equation without a solution: for what was the matter before, if anything was."""
+    """Every parameter of an equation without a solution: for the reason known before, if any, else the refusal."""
     return unknown(equation.parameters, status if why else Status.INVALID, why or str(refusal))
 
 
-POSTFLIGHT: Final[Mapping[str, Callable[[FlightRecord, Axes], MethodResult]]] = {
-    "I": method_i,
-    "VI": method_vi,
-    "oe": method_oe,
-    "fe": method_fe,
-    "sidpac": method_sidpac,
-}
-
-
 def run(name: str, record: FlightRecord, axes: Axes) -> MethodResult:
-    """A method's result, refusals included: never an exception for what a record lacks."""
-    lateral = name in ("I", "sidpac") and any(e.name == "CY" for e in equations(record, axes))
+    """A post-flight method's result, refusals included: never an exception for what a record lacks."""
+    method = METHODS[name]
+    module, _, function = method.runner.partition(":")
+    runner: Runner = getattr(import_module(module), function)
+    lateral = method.lateral and any(e.name == "CY" for e in equations(record, axes))
     wanted = (*names(axes), *(LATERAL if lateral else ()))
     try:
-        return POSTFLIGHT[name](record, axes)
+        return runner(record, axes)
     except NotIdentifiable as refusal:
         return not_applicable(str(refusal), wanted)
     except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError) as failure:
-        return not_applicable(f"the numbers break down: {failure}", wanted)
+        return not_applicable(f"numerical failure: {failure}", wanted)

@@ -6,7 +6,7 @@ import pytest
 
 from station.conventions import SIGNALS
 from station.estimation.published.batch import run
-from station.identification.analysis import flight_record
+from station.identification.preparation import flight_record
 from station.log import Table
 from station.profile import Card, load_aircraft, load_rig
 from station.rows import Status
@@ -41,12 +41,12 @@ def agrees(found):
 
 
 @pytest.mark.parametrize("seed", [2, 3])
-def test_a_short_turbulent_record(seed):
+def test_filter_error_converges_on_a_short_turbulent_record(seed):
     agrees(filter_error(5, 10.0, seed))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gust", [0, 5, 10])
-def test_ten_records_of_80_s(gust):
+def test_filter_error_converges_on_ten_records_of_80_s(gust):
     for seed in range(1, 11):
         agrees(filter_error(gust, 80.0, seed))

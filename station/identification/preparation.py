@@ -1,0 +1,143 @@
+"""A recording made ready for identification: cleaned, its stated instrument errors undone, its interval cut out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.estimation.bending import Bending, bends
+from station.estimation.flight_record import FlightRecord
+from station.estimation.instrument_errors import Corrector, known
+from station.identification.cleaning import cleaned
+from station.identification.request import Request
+from station.identification.signs_and_units import mistakes
+from station.log import Table
+from station.numerics.regression import NotIdentifiable
+from station.profile import Aircraft
+from station.rows import Quality, UsageError
+
+Array = NDArray[np.float64]
+
+SHORTEST_STEP_S: Final = 1e-4
+LEAST_ROWS: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A recording ready for identification; `request` with its interval as seconds of the table's time axis."""
+
+    request: Request
+    whole: Table
+    """All of the recording, cleaned and corrected."""
+    cut: Table
+    """The interval of it."""
+    record: FlightRecord
+    refusal: str
+    """Why no derivative can come of it; "" if one may."""
+    mistaken: str
+    """The sign or unit that contradicts the other signals; "" if none."""
+    remarks: tuple[str, ...]
+    """What was excluded."""
+
+    @property
+    def start_s(self) -> float:
+        start = self.request.start_s
+        return float(self.whole.t_s[0]) if start is None else start
+
+    def record_of_whole(self) -> FlightRecord:
+        """All of the recording, of which `record` is a part. Raises NotIdentifiable."""
+        if len(self.whole.t_s) <= len(self.record.t_s):
+            return self.record
+        return flight_record(self.whole, self.record.aircraft, self.request.imu_position, self.request.noise)[0]
+
+
+def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
+    """Clean, correct and cut `table`. Raises UsageError for an empty interval, or a record that no method can use."""
+    whole, remarks = cleaned(table)
+    whole = corrected(whole, aircraft, request.noise, request.imu_position)
+    if not len(whole.t_s):
+        raise UsageError(f"{request.subject}: shorter than the delays of the profile's instruments")
+    first, last = float(whole.t_s[0]), float(whole.t_s[-1])
+    start = first if request.start_s is None else request.start_s
+    end = last if request.end_s is None else request.end_s
+    cut = whole.between(start, end)
+    if not start < end or len(cut.t_s) < LEAST_ROWS:
+        raise UsageError(
+            f"{request.subject}: no data from {start:g} to {end:g} s: the recording has {first:g} to {last:g} s"
+        )
+    mistaken = " or ".join(m.sentence for m in mistakes(cut.t_s, cut.columns, aircraft))
+    try:
+        record, refusal = flight_record(cut, aircraft, request.imu_position, request.noise)
+    except NotIdentifiable as why:
+        raise UsageError(f"{request.subject}: {why}" + (f"\n{mistaken}" if mistaken else "")) from why
+    asked = replace(request, start_s=start, end_s=end)
+    return Prepared(asked, whole, cut, record, refusal, mistaken, tuple(remarks))
+
+
+def flight_record(
+    cut: Table,
+    aircraft: Aircraft,
+    imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    noise: Mapping[str, float] | None = None,
+) -> tuple[FlightRecord, str]:
+    """The record of a table, and why no derivative can come of it ("" if one may): a record without elevator or an
+    aircraft without aerodynamic data still has kinematics. Raises NotIdentifiable."""
+    refusal = ""
+    columns = cut.columns
+    if aircraft.kinematics_only:
+        refusal = f"the profile of {aircraft.name} has no aerodynamic data: no derivatives, kinematics only"
+    if "elevator" not in columns or not np.isfinite(columns["elevator"]).any():
+        refusal = refusal or "the record has no elevator"
+        columns = {**columns, "elevator": np.zeros(len(cut.t_s))}
+    given = [n for n in cut.quality if n in cut.columns and (n != "elevator" or not refusal)]
+    record = FlightRecord.of(
+        cut.t_s,
+        columns,
+        aircraft,
+        quality={n: cut.quality[n] for n in given},
+        ages={n: cut.age_s(n) for n in given},
+        extra=cut.extra,
+        imu_position=imu_position,
+        noise=noise,
+    )
+    return record, refusal
+
+
+def corrected(
+    table: Table,
+    aircraft: Aircraft,
+    noise: Mapping[str, float] | None,
+    imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Table:
+    """The table with the instrument errors undone that the profile states, as in flight: without the end, for which
+    late signals have not come, and the beginning, which early ones lack; and the boom's bending removed."""
+    if len(table.t_s) < LEAST_ROWS:
+        return table
+    dt = max(float(np.median(np.diff(table.t_s))), SHORTEST_STEP_S)
+    made = _undone(table, aircraft, noise, dt) if known(aircraft).errors else table
+    if not bends(aircraft) or "alpha_vane" not in made.columns or not len(made.t_s):
+        return made
+    vane = Bending(aircraft, imu_position, dt).sweep(made.columns)
+    lost = np.isnan(vane)
+    marks = made.quality.get("alpha_vane", np.zeros(len(vane), dtype=np.uint8))
+    quality = {**made.quality, "alpha_vane": np.where(lost, np.uint8(Quality.MISSING), marks)}
+    return replace(made, columns={**made.columns, "alpha_vane": vane}, quality=quality)
+
+
+def _undone(table: Table, aircraft: Aircraft, noise: Mapping[str, float] | None, dt: float) -> Table:
+    undoing = Corrector(aircraft, noise or {}, dt, len(table.t_s))
+    nothing = np.full(len(table.t_s), np.nan)
+    values = [table.columns.get(name, nothing) for name in undoing.names]
+    given = [table.age_s(name) if name in table.columns else nothing for name in undoing.names]
+    found, ages, marks = undoing.sweep(table.t_s, np.column_stack(values), np.column_stack(given))
+    columns, quality, age = dict(table.columns), dict(table.quality), dict(table.ages)
+    for j, name in enumerate(undoing.names):
+        if name in table.columns:
+            columns[name], age[name], quality[name] = found[:, j], ages[:, j], marks[:, j]
+    made = replace(table, columns=columns, quality=quality, ages=age)
+    last = max(len(table.t_s) - 1 - undoing.ahead, 0)
+    return made.between(float(table.t_s[0]) + undoing.early_s, float(table.t_s[last]))
