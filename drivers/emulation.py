@@ -2,7 +2,8 @@
 
 The flight process runs the simulation, or plays a recording, a little ahead of real time and hands the truth to the
 devices' processes; each paces its own messages onto its own link from an absolute schedule. Every process holds a pipe
-whose other end only the serving process has, and ends when that closes, however it closed.
+whose other end only the serving process has, and ends when that closes, however it closed. Processes are forked: what
+they need is imported once, and they speak at once. Until a simulation is compiled they show trimmed level flight.
 """
 
 from __future__ import annotations
@@ -34,10 +35,10 @@ Recording = Mapping[str, Floats]
 CHUNK = 20
 """Rows of truth handed over at once: 0.1 s."""
 AHEAD_S = 0.45
-READY_TIMEOUT_S = 120.0
-"""The first flight on a machine compiles the simulation."""
-_START_DELAY_S = 0.3
-_POLL_S = 0.05
+READY_TIMEOUT_S = 60.0
+_START_DELAY_S = 0.05
+_POLL_S = 0.02
+_FORK = multiprocessing.get_context("fork")
 
 
 class Source(Protocol):
@@ -131,7 +132,55 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
         return Playback(recording)
     from station.simulation.sortie import installed
 
-    return installed(profiles.aircraft, profiles.rig, profiles.card)
+    def simulation() -> Source:
+        made = installed(profiles.aircraft, profiles.rig, profiles.card)
+        return _Begun(made, made.advance(CHUNK))
+
+    if profiles.card.flight.source != "simulation":
+        return simulation()
+    from station.simulation.airframe import constants
+    from station.simulation.level_flight import LevelFlight
+
+    flight = profiles.card.flight
+    constants(profiles.aircraft, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown
+    return _Awaited(LevelFlight(profiles.aircraft, flight), simulation)
+
+
+class _Begun:
+    """A source whose first rows have been taken from it."""
+
+    def __init__(self, source: Source, first: Mapping[str, Floats]) -> None:
+        self._source, self._first = source, first
+
+    def advance(self, n: int) -> Mapping[str, Floats]:
+        first, self._first = self._first, {}
+        return first or self._source.advance(n)
+
+
+class _Awaited:
+    """One source until another, which takes its time to make, is there. Raises what keeps that from being made."""
+
+    def __init__(self, meanwhile: Source, make: Callable[[], Source]) -> None:
+        self._now, self._make = meanwhile, make
+        self._made: Source | None = None
+        self._failure: StationError | None = None
+        self._thread = threading.Thread(target=self._prepare, name="simulation", daemon=True)
+
+    def _prepare(self) -> None:
+        try:
+            self._made = self._make()
+        except StationError as error:
+            self._failure = error
+
+    def advance(self, n: int) -> Mapping[str, Floats]:
+        rows = self._now.advance(n)
+        if self._thread.ident is None:  # not before the first rows are out
+            self._thread.start()
+        elif self._failure is not None:
+            raise self._failure
+        elif self._made is not None:
+            self._now = self._made
+        return rows
 
 
 def _length(rows: Mapping[str, Floats]) -> int:
@@ -146,14 +195,19 @@ def _column(rows: Mapping[str, Floats], name: str, n: int) -> Floats:
 class _Child:
     """A process and the pipe that keeps it alive."""
 
-    def __init__(self, target: Callable[..., None], name: str, *before: Any, after: Sequence[Any] = ()) -> None:
-        """Starts `target(*before, control, *after)`."""
-        context = multiprocessing.get_context("spawn")
+    def __init__(
+        self,
+        target: Callable[..., None],
+        name: str,
+        *before: Any,
+        after: Sequence[Any] = (),
+        foreign: Sequence[Connection] = (),
+    ) -> None:
+        """Starts `target(*before, control, *after)`; ends of pipes that are `foreign` to it are closed in it."""
         self.name = name
-        self.control, theirs = context.Pipe()
-        self.process: BaseProcess = context.Process(
-            target=target, args=(*before, theirs, *after), name=name, daemon=True
-        )
+        self.control, theirs = _FORK.Pipe()
+        words = ((*foreign, self.control), target, *before, theirs, *after)
+        self.process: BaseProcess = _FORK.Process(target=_alone, args=words, name=name, daemon=True)
         self.process.start()
         theirs.close()
 
@@ -175,6 +229,12 @@ class _Child:
             self.process.kill()
             self.process.join()
         self.process.close()
+
+
+def _alone(foreign: Sequence[Connection], target: Callable[..., None], *words: Any) -> None:
+    for end in foreign:
+        end.close()
+    target(*words)
 
 
 def serve(
@@ -228,11 +288,14 @@ def _processes(
     truth: list[tuple[Connection, tuple[str, ...]]] = []
     try:
         for index, device in enumerate(profiles.rig.devices):
-            theirs, ours = multiprocessing.Pipe(duplex=False)
+            theirs, ours = _FORK.Pipe(duplex=False)
             truth.append((ours, flown_signals(device, absent)))
-            children.append(_Child(serve_device, device.name, index, profiles, str(folder), absent, after=(theirs,)))
+            foreign = [*(child.control for child in children), *(pipe for pipe, _ in truth)]
+            words = (index, profiles, str(folder), absent)
+            children.append(_Child(serve_device, device.name, *words, after=(theirs,), foreign=foreign))
             theirs.close()
-        children.append(_Child(_fly, "flight", profiles, recording, after=(truth,)))
+        foreign = [child.control for child in children]
+        children.append(_Child(_fly, "flight", profiles, recording, after=(truth,), foreign=foreign))
         for ours, _ in truth:
             ours.close()
         yield children

@@ -77,6 +77,8 @@ class Code(StrEnum):
     DISAGREE = "DISAGREE"
     AGREE = "AGREE"
     VIEW = "VIEW"
+    PREPARING = "PREPARING"
+    READY = "READY"
     MARK = "MARK"
     POINT_START = "POINT_START"
     POINT_END = "POINT_END"
@@ -93,6 +95,8 @@ LEVELS: Final = {
             Code.FRESH,
             Code.AGREE,
             Code.CLOCK_STATE,
+            Code.PREPARING,
+            Code.READY,
             Code.MARK,
             Code.POINT_START,
             Code.POINT_END,

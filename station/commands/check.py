@@ -13,9 +13,10 @@ from station.clock import SystemClock
 from station.commands.cards import about_air, load
 from station.commands.common import CardName, finite
 from station.commands.process import stop_on_signals
+from station.commands.run import emulated_flight
 from station.console import DEGRADED, DONE, say
 from station.flight.bus import Bus
-from station.flight.emulators import Emulated, emulators, streams_flown
+from station.flight.emulators import streams_flown
 from station.rows import Event
 
 
@@ -31,7 +32,6 @@ def check(
     from station.screen.go_no_go import print_check
 
     profiles = load(card)
-    devices = {d.name for d in profiles.rig.devices}
     check_devices(profiles.rig, profiles.rig_file)
     for words in about_air(profiles.rig, profiles.aircraft):
         say(words)
@@ -39,9 +39,10 @@ def check(
     board = Board(profiles, clock)
     told: list[Event] = []
     with ExitStack() as stack:
-        emulated = stack.enter_context(emulators(card, devices, bus, clock)) if profiles.card.emulate else Emulated()
+        emulated = emulated_flight(stack, profiles, bus, clock)
         streams = streams_flown(profiles.rig, emulated)
         aligner = Aligner(streams, profiles.rig.noise_si())
+        aligner.hold()  # what the streams are like needs no frames
         for adapter in open_devices(profiles.rig, emulated.endpoints, profiles.rig_dir, clock, bus.put):
             adapter.start()
             stack.callback(adapter.stop)

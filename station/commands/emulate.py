@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
 import threading
-from typing import Annotated
-
-import typer
 
 from station.clock import SystemClock
 from station.commands.cards import load, recorded_flight
@@ -16,15 +12,7 @@ from station.commands.process import stop_on_signals, write_line
 from station.console import DONE
 
 
-def _stop_at_end_of_input(stop: threading.Event) -> None:
-    sys.stdin.read()
-    stop.set()
-
-
-def emulate(
-    card: CardName = "bench",
-    attached: Annotated[bool, typer.Option("--attached", hidden=True, help="end when standard input closes")] = False,
-) -> int:
+def emulate(card: CardName = "bench") -> int:
     """Serve the card's emulated devices alone; one JSON line per endpoint."""
     from drivers.adapter import check_devices
     from drivers.emulation import serve
@@ -33,7 +21,5 @@ def emulate(
     check_devices(profiles.rig, profiles.rig_file)
     stop = threading.Event()
     stop_on_signals(stop)
-    if attached:
-        threading.Thread(target=_stop_at_end_of_input, args=(stop,), daemon=True).start()
     serve(profiles, lambda told: write_line(json.dumps(told)), stop, SystemClock(), recorded_flight(profiles))
     return DONE

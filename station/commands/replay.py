@@ -23,12 +23,10 @@ def replay(
     verify: Annotated[bool, typer.Option("--verify", help="compare with the recorded estimates bit for bit")] = False,
 ) -> int:
     """Run the same estimators over a recording."""
-    from station.estimation.instrument_errors import corrector
-    from station.estimation.methods import Estimator
     from station.flight import loop as live
     from station.flight.alignment import Aligner
+    from station.flight.chain import chain
     from station.flight.replay_check import Comparison
-    from station.model.disagreement import Disagreement
     from station.screen.rerun_page import View
 
     rate = None if speed == "max" else _positive(speed, "--speed")
@@ -36,11 +34,7 @@ def replay(
     if about.imported or about.rig is None or about.card is None:
         raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
     clock = SystemClock()
-    noise = about.rig.noise_si()
-    estimator = Estimator(about.aircraft, about.card, about.rig.imu_position, about.rig.frame_noise_si())
-    estimator.warm_up()
-    watch = Disagreement(about.aircraft, about.rig.imu_position, about.rig.frame_noise_si())
-    correct = corrector(about.aircraft, about.rig.frame_noise_si(), about.rig.imu_position)
+    made = chain(about.aircraft, about.card, about.rig)
     source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
     if rate is not None:
         source = live.paced(source, clock, rate)
@@ -58,7 +52,8 @@ def replay(
                 if rate is None and found.beats % 200 == 0:
                     viewer.flush(10.0)
 
-        live.run(source, Aligner(about.streams, noise), estimator, None, show, found.take, watch, correct)
+        aligner = Aligner(about.streams, about.rig.noise_si())
+        live.run(source, aligner, lambda: made, None, show, found.take)
     if found.beats == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
     print(f"{found.beats} ticks, {found.rows} rows compared, {found.different} different")

@@ -15,18 +15,26 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from station.clock import Clock, SystemClock
-from station.commands.cards import about_air, load
+from station.clock import SystemClock
+from station.commands.cards import about_air, load, recorded_flight
 from station.commands.common import CardName, ViewMode, finite
 from station.commands.process import line_writer, stop_on_signals
 from station.console import DEGRADED, DONE, say
+from station.flight import loop as live
+from station.flight.alignment import Aligner
+from station.flight.board import Board
 from station.flight.bus import Bus
 from station.flight.emulators import Emulated, emulators, streams_flown
-from station.profile import CanDevice, Rig
+from station.flight.preparing import Preparation
+from station.log import About, LogWriter
+from station.profile import CanDevice, Profiles, Rig
 from station.rows import Code, Event, Rows
+from station.screen.rerun_feed import View
 
 TIMED_TICKS = 90_000
 """Half an hour of ticks, whose timing is told at the end."""
+FIRST_WITHIN_S = 1.0
+"""A screen waits no longer for devices."""
 
 
 def run(
@@ -39,122 +47,147 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON line a second on stdout")] = False,
 ) -> int:
     """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
-    from drivers.adapter import check_devices, open_devices
-    from station.estimation.instrument_errors import corrector
-    from station.flight import loop as live
-    from station.flight.alignment import Aligner
-    from station.flight.chain import compile_apart, estimators, told_of_instruments
-    from station.log import About, LogWriter
-    from station.screen.rerun_page import View
-    from station.screen.terminal import Board, Callbacks, json_lines, plain_lines, run_panel
-
     profiles = load(card)
-    check_devices(profiles.rig, profiles.rig_file)
-    aircraft, rig, flight_card = profiles.aircraft, profiles.rig, profiles.card
-    devices = {d.name for d in rig.devices}
-    clock, bus, stop = SystemClock(), Bus(), threading.Event()
-    screen = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM") != "dumb" and not as_json
-
-    say(f"card {flight_card.name}: {aircraft.name} on rig {rig.name}; preparing the estimators")
-    compile_apart(card)
-    estimator, watch = estimators(profiles)
-    correct = corrector(aircraft, rig.frame_noise_si(), rig.imu_position)
-    for words in (*about_air(rig, aircraft), *told_of_instruments(aircraft, correct)):
-        say(words)
-
+    say(f"card {profiles.card.name}: {profiles.aircraft.name} on rig {profiles.rig.name}")
+    # Unlike collecting it, freezing what the imports leave costs nothing; and a collection would stop the loop.
+    gc.disable()
     with ExitStack() as stack:
-        emulated = stack.enter_context(emulators(card, devices, bus, clock)) if flight_card.emulate else Emulated()
+        flight = _Flight(stack, profiles, card, log, view)
+        for words in about_air(profiles.rig, profiles.aircraft):
+            say(words)
+        flight.fly(duration, as_json)
+    return flight.verdict()
+
+
+class _Flight:
+    """A flight's parts: devices, loop, recording, estimators and screens; what opens them ends them with `stack`."""
+
+    def __init__(self, stack: ExitStack, profiles: Profiles, card: str, log: Path, view: ViewMode) -> None:
+        """Raises StationError for what keeps the flight from beginning."""
+        from drivers.adapter import check_devices, open_devices
+
+        rig, rig_dir = profiles.rig, profiles.rig_dir
+        self.clock, self.bus, self.stop = SystemClock(), Bus(), threading.Event()
+        self.profiles = profiles
+        check_devices(rig, profiles.rig_file)
+        emulated = emulated_flight(stack, profiles, self.bus, self.clock)
         streams = streams_flown(rig, emulated)
-        aligner = Aligner(streams, rig.noise_si())
-        adapters = open_devices(rig, emulated.endpoints, profiles.rig_dir, clock, bus.put)
-        about = About(aircraft, streams, rig, flight_card, files=dbc_files(rig, profiles.rig_dir))
-        writer = LogWriter(log, about, clock, bus.put)
-        stack.callback(writer.close)
-        viewer = View(view.value, f"{flight_card.name}: {aircraft.name}", profiles, on_event=bus.put)
-        stack.callback(viewer.close)
-        address = viewer.start()
-        if address:
-            say(f"viewer: {address}")
-        say(f"recording: {writer.path}")
-        board = Board(profiles, clock, address=address)
+        self.aligner = Aligner(streams, rig.noise_si())
+        self.preparation = Preparation(card, profiles, streams, self.clock, self.bus.put)
+        adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, self.bus.put)
+        about = About(profiles.aircraft, streams, rig, profiles.card, files=dbc_files(rig, rig_dir))
+        self.writer = LogWriter(log, about, self.clock, self.bus.put)
+        stack.callback(self.writer.close)
+        say(f"recording: {self.writer.path}")
+        self.viewer = View(view.value, f"{profiles.card.name}: {profiles.aircraft.name}", profiles, self.bus.put)
+        stack.callback(self.viewer.close)
+        stack.callback(self.preparation.stop)
+        self.board = Board(profiles, self.clock)
+        self.failure: list[BaseException] = []
+        self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
         for adapter in adapters:
             adapter.start()
             stack.callback(adapter.stop)
-        bus.put(Event(clock.now_ns(), "station", Code.START, 1, flight_card.name))
+        self.bus.put(Event(self.clock.now_ns(), "station", Code.START, 1, profiles.card.name))
 
-        def show(rows: Sequence[Rows]) -> None:
-            viewer.show(rows)
-            board.update(rows)
-            board.recording(writer.path, writer.bytes_written, viewer.dropped)
-
-        failure: list[BaseException] = []
-        done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
-
-        def note_time(beat: live.Beat, _: Sequence[Rows]) -> None:
-            done_after_ns.append(clock.now_ns() - beat.tick.t_ns)
-
-        def loop() -> None:
-            try:
-                source = live.beats(bus, clock, flight_card.lag, stop, duration)
-                live.run(source, aligner, estimator, writer, show, note_time, watch, correct)
-            except BaseException as error:
-                failure.append(error)
-            finally:
-                stop.set()
-
-        callbacks = Callbacks(
-            on_mark=lambda note: bus.put(Event(clock.now_ns(), "operator", Code.MARK, 1, note)),
-            on_point=_points(bus, clock),
-            on_quit=stop.set,
-        )
+    def fly(self, duration: float | None, as_json: bool) -> None:
+        """Loop and screen until stopped or `duration` is over; the page and the estimators join when they are ready."""
         # The loop shares the interpreter with readers and the screen: give way quickly, and keep collections short.
         sys.setswitchinterval(0.0005)
-        gc.collect()
         gc.freeze()
-        stop_on_signals(stop)
+        stop_on_signals(self.stop)
         write = line_writer()
-        thread = threading.Thread(target=loop, name="loop")
+        thread = threading.Thread(target=self._loop, args=(duration,), name="loop")
         thread.start()
         try:
-            if screen:
-                run_panel(board, callbacks, stop, clock)
-            elif as_json:
-                json_lines(board, stop, clock, write)
-            else:
-                plain_lines(board, stop, clock, write)
+            self.board.wait_for_first(FIRST_WITHIN_S)
+            self.board.address = self.viewer.start()
+            if self.board.address:
+                say(f"viewer: {self.board.address}")
+            self.preparation.start()
+            self._show(as_json, write)
         finally:
-            stop.set()
+            self.stop.set()
             thread.join()
-        if failure:
-            raise failure[0]
-    if done_after_ns:
-        middle, late, worst = np.percentile(np.array(done_after_ns) * 1e-6, [50, 99, 100])
-        overruns = board.health.overruns if board.health else 0
-        say(
-            f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); {overruns} missed"
-        )
-    say(f"recorded {writer.bytes_written / 2**20:.1f} MiB in {writer.path}")
-    if writer.failed:
-        say(f"station: the recording is not whole: {writer.failed}")
-        return DEGRADED
-    return DONE if board.ever_complete else DEGRADED
+        if self.failure:
+            raise self.failure[0]
+
+    def _show(self, as_json: bool, write: Callable[[str], None]) -> None:
+        """The operator's screen, or lines, until the flight ends."""
+        from station.screen.terminal import Callbacks, json_lines, plain_lines, run_panel
+
+        if as_json:
+            json_lines(self.board, self.stop, self.clock, write)
+        elif sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM") != "dumb":
+            callbacks = Callbacks(on_mark=self._mark, on_point=self._points(), on_quit=self.stop.set)
+            run_panel(self.board, callbacks, self.stop, self.clock)
+        else:
+            plain_lines(self.board, self.stop, self.clock, write)
+
+    def _loop(self, duration: float | None) -> None:
+        try:
+            lag, preparation = self.profiles.card.lag, self.preparation
+            source = live.beats(self.bus, self.clock, lag, self.stop, duration, preparation.is_under_way)
+            live.run(source, self.aligner, preparation.chain, self.writer, self._take, self._note_time)
+        except BaseException as error:
+            self.failure.append(error)
+        finally:
+            self.stop.set()
+
+    def _take(self, rows: Sequence[Rows]) -> None:
+        self.viewer.show(rows)
+        self.board.update(rows)
+        self.board.recording(self.writer.path, self.writer.bytes_written, self.viewer.dropped)
+
+    def _note_time(self, beat: live.Beat, _: Sequence[Rows]) -> None:
+        self.done_after_ns.append(self.clock.now_ns() - beat.tick.t_ns)
+
+    def _mark(self, note: str) -> None:
+        self.bus.put(Event(self.clock.now_ns(), "operator", Code.MARK, 1, note))
+
+    def _points(self) -> Callable[[], int | None]:
+        """Starts and ends numbered test points in turn; returns the number of the open one, None when it was closed."""
+        state = {"number": 0, "open": False}
+
+        def toggle() -> int | None:
+            state["open"] = not state["open"]
+            if state["open"]:
+                state["number"] += 1
+            code = Code.POINT_START if state["open"] else Code.POINT_END
+            number = state["number"]
+            self.bus.put(Event(self.clock.now_ns(), "operator", code, number, f"test point {number}"))
+            return number if state["open"] else None
+
+        return toggle
+
+    def verdict(self) -> int:
+        """Say how the flight went; the exit code."""
+        if self.done_after_ns:
+            middle, late, worst = np.percentile(np.array(self.done_after_ns) * 1e-6, [50, 99, 100])
+            missed = self.board.health.overruns if self.board.health else 0
+            say(
+                f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); "
+                f"{missed} missed"
+            )
+        say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
+        if self.writer.failed:
+            say(f"station: the recording is not whole: {self.writer.failed}")
+            return DEGRADED
+        return DONE if self.board.ever_complete else DEGRADED
+
+
+def emulated_flight(stack: ExitStack, profiles: Profiles, bus: Bus, clock: SystemClock) -> Emulated:
+    """The card's emulated devices, flying until `stack` ends; none where it emulates none."""
+    if not profiles.card.emulate:
+        return Emulated()
+    from drivers.emulation import serve
+
+    flown = recorded_flight(profiles)
+    return stack.enter_context(
+        emulators(lambda announce, stop: serve(profiles, announce, stop, SystemClock(), flown), bus, clock)
+    )
 
 
 def dbc_files(rig: Rig, folder: Path) -> dict[str, bytes]:
     """The rig's DBC files, to be kept in the recording."""
     return {d.dbc: (folder / d.dbc).read_bytes() for d in rig.devices if isinstance(d, CanDevice)}
-
-
-def _points(bus: Bus, clock: Clock) -> Callable[[], int | None]:
-    """Starts and ends numbered test points in turn; returns the number of the open one, None when it was closed."""
-    state = {"number": 0, "open": False}
-
-    def toggle() -> int | None:
-        state["open"] = not state["open"]
-        if state["open"]:
-            state["number"] += 1
-        code = Code.POINT_START if state["open"] else Code.POINT_END
-        bus.put(Event(clock.now_ns(), "operator", code, state["number"], f"test point {state['number']}"))
-        return state["number"] if state["open"] else None
-
-    return toggle

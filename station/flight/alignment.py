@@ -5,6 +5,9 @@ are several (a stream faster than the ticks), else between the two samples aroun
 for every stream; what 20 ms of averaging takes at 2 Hz is 0.3 %. Where the newest sample is older than T the value is
 held and says how old it is; where it is too old, or suspect, it is NaN. Each stream is shifted by its own latency from
 the rig. Pure: the same samples and ticks give the same frames and events.
+
+Samples are checked and streams watched from the first row on. Interpolation is compiled: where that is still to be
+done, `hold` the frames, which are then empty, and `begin` them when it is.
 """
 
 from __future__ import annotations
@@ -13,14 +16,17 @@ import math
 import struct
 from collections import deque
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream
-from station.flight import rings
 from station.flight.timebase import ClockMap
-from station.rows import Code, Event, Frame, Health, Rows, Sample, StreamHealth, TimeSync
+from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
+
+if TYPE_CHECKING:
+    from station.flight import rings
 
 KEEP_S: Final = 3.0
 PENDING: Final = 128
@@ -34,6 +40,8 @@ REPEAT_NS: Final = 500_000_000
 """Like events of one source are told at once and then counted, at most one row in this time."""
 SLOW_SHARE: Final = 0.8
 NAN: Final = math.nan
+_NOTHING: Final = (NAN,) * len(SIGNALS)
+_NOWHERE: Final = (int(Quality.MISSING),) * len(SIGNALS)
 
 
 class _Buffer:
@@ -79,30 +87,62 @@ class _Buffer:
         """Conditions that hold, and since when."""
 
 
+class _Interpolation:
+    """Samples in rings, sorted by time, and their values at one instant: the compiled part."""
+
+    def __init__(self, buffers: list[_Buffer]) -> None:
+        from station.flight import rings  # brings numba
+
+        self._take, self._interpolate = rings.take, rings.interpolate
+        width = max((len(b.stream.signals) for b in buffers), default=1)
+        keep = max((math.ceil(KEEP_S * b.stream.rate_hz) for b in buffers), default=1)
+        self._rings: rings.Rings = rings.make_rings(len(buffers), keep + 64, width)
+        # Samples since the last frame: stream and time as whole numbers, then values.
+        self._pending = np.zeros((PENDING, 2 + width))
+        self._row_bytes = self._pending.strides[0]
+        self._waiting = 0
+        self._layout = rings.Layout(
+            np.array([(b.bridge_ns, b.stale_ns, len(b.stream.signals)) for b in buffers], np.int64).reshape(-1, 3),
+            _table([[SIGNAL_INDEX[name] for name in b.stream.signals] for b in buffers], width),
+            _table([[name in ANGLES_THAT_WRAP for name in b.stream.signals] for b in buffers], width),
+        )
+        self._out = np.empty((3, len(SIGNALS)))
+        # Compiled now: no tick of a flight has to.
+        self.at(0, np.zeros(len(buffers), dtype=np.bool_))
+
+    def add(self, buffer: _Buffer, t_ns: int, values: tuple[float, ...]) -> None:
+        if self._waiting == PENDING:
+            self._sort_in()
+        buffer.pack(self._pending.data, self._waiting * self._row_bytes, buffer.index, t_ns, *values)
+        self._waiting += 1
+
+    def forget(self, buffer: _Buffer) -> None:
+        """A stream's samples so far count no more."""
+        self._sort_in()
+        self._rings.first[buffer.index] = self._rings.kept[buffer.index]
+
+    def at(self, t_ns: int, is_stuck: NDArray[np.bool_]) -> list[list[float]]:
+        """Values, ages and quality of all SIGNALS."""
+        self._sort_in()
+        self._interpolate(self._rings, self._layout, is_stuck, t_ns, self._out)
+        made: list[list[float]] = self._out.tolist()
+        return made
+
+    def _sort_in(self) -> None:
+        self._take(self._rings, self._pending, self._pending.view(np.int64), self._waiting)
+        self._waiting = 0
+
+
 class Aligner:
     """Takes rows in arrival order and gives a frame, events and (once a second) health for each tick."""
 
     def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
         """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
         self._buffers = {s.name: _Buffer(i, s, noise, i * 3 * TICK_NS) for i, s in enumerate(streams)}
-        known = list(self._buffers.values())
-        width = max((len(b.stream.signals) for b in known), default=1)
-        keep = max((math.ceil(KEEP_S * b.stream.rate_hz) for b in known), default=1)
-        self._rings = rings.make_rings(len(known), keep + 64, width)
-        # Samples accepted since the last frame: stream and time as whole numbers, then values.
-        self._pending = np.zeros((PENDING, 2 + width))
-        self._row_bytes = self._pending.strides[0]
-        self._waiting = 0
-        self._layout = rings.Layout(
-            np.array([(b.bridge_ns, b.stale_ns, len(b.stream.signals)) for b in known], dtype=np.int64).reshape(-1, 3),
-            _table([[SIGNAL_INDEX[name] for name in b.stream.signals] for b in known], width),
-            _table([[name in ANGLES_THAT_WRAP for name in b.stream.signals] for b in known], width),
-        )
-        self._is_stuck = np.zeros(len(known), dtype=np.bool_)
-        self._out = np.empty((3, len(SIGNALS)))
-        # Compiled now: no tick of a flight has to.
-        self._sort_in()
-        rings.interpolate(self._rings, self._layout, self._is_stuck, 0, self._out)
+        self._interpolation: _Interpolation | None = None
+        self._early: deque[tuple[_Buffer, int, tuple[float, ...]]] | None = None
+        """Samples that wait for `begin`, while frames are held."""
+        self._is_stuck = np.zeros(len(self._buffers), dtype=np.bool_)
         self._by_device: dict[str, list[_Buffer]] = {}
         for buffer in self._buffers.values():
             self._by_device.setdefault(buffer.stream.device, []).append(buffer)
@@ -113,6 +153,18 @@ class Aligner:
         self._start_ns: int | None = None
         self._overruns = 0
         self._dropped = 0
+
+    def hold(self) -> None:
+        """Until `begin`, frames are empty and nothing compiled is needed; to be called before the first row."""
+        rates = sum(b.stream.rate_hz for b in self._buffers.values())
+        self._early = deque(maxlen=math.ceil(KEEP_S * rates) + PENDING)
+
+    def begin(self) -> None:
+        """Make frames from now on, with what has come in the last seconds. Compiles, unless the cache has it."""
+        self._interpolation = _Interpolation(list(self._buffers.values()))
+        early, self._early = self._early or (), None
+        for buffer, t_ns, values in early:
+            self._interpolation.add(buffer, t_ns, values)
 
     def accept(self, row: Rows) -> None:
         """Take one row; all but samples, clock exchanges and events pass by."""
@@ -139,13 +191,21 @@ class Aligner:
             self._start_ns = tick_ns
         for buffer in self._buffers.values():
             self._watch(buffer, tick_ns)
-        self._sort_in()
-        rings.interpolate(self._rings, self._layout, self._is_stuck, t_ns, self._out)
-        values, ages, quality = self._out.tolist()
+        if self._early is not None:
+            frame = Frame(t_ns, k, _NOTHING, _NOTHING, _NOWHERE)
+        else:
+            values, ages, quality = self._made().at(t_ns, self._is_stuck)
+            frame = Frame(t_ns, k, tuple(values), tuple(ages), tuple(map(int, quality)))
         self._tell_counted(tick_ns)
         events, self._events = self._events, []
         health = self._health(tick_ns) if k % TICK_HZ == 0 else None
-        return Frame(t_ns, k, tuple(values), tuple(ages), tuple(map(int, quality))), events, health
+        return frame, events, health
+
+    def _made(self) -> _Interpolation:
+        if self._interpolation is None:
+            self.begin()
+        assert self._interpolation is not None
+        return self._interpolation
 
     # --- samples in
 
@@ -159,8 +219,10 @@ class Aligner:
             t_ns = mapped.t_ns
             if mapped.stepped:
                 self._count(row.t_ns, name, Code.CLOCK_STEP, 1, "device clock jumped; synchronising again")
-                self._sort_in()
-                self._rings.first[buffer.index] = self._rings.kept[buffer.index]
+                if self._early is not None:
+                    self._early = deque((s for s in self._early if s[0] is not buffer), self._early.maxlen)
+                else:
+                    self._made().forget(buffer)
                 buffer.last_values = None
             if mapped.late_ns > LATE_NS:
                 buffer.late_until = row.t_ns + REPEAT_NS
@@ -174,14 +236,10 @@ class Aligner:
         buffer.arrivals.append(row.t_ns)
         self._check_sequence(buffer, row)
         values = self._check_values(buffer, row, t_ns)
-        if self._waiting == PENDING:
-            self._sort_in()
-        buffer.pack(self._pending.data, self._waiting * self._row_bytes, buffer.index, t_ns, *values)
-        self._waiting += 1
-
-    def _sort_in(self) -> None:
-        rings.take(self._rings, self._pending, self._pending.view(np.int64), self._waiting)
-        self._waiting = 0
+        if self._early is not None:
+            self._early.append((buffer, t_ns, values))
+        else:
+            self._made().add(buffer, t_ns, values)
 
     def _check_sequence(self, buffer: _Buffer, row: Sample) -> None:
         if row.seq is None:

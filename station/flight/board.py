@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -16,6 +17,7 @@ import msgspec
 from station.clock import Clock
 from station.conventions import LATERAL, LONGITUDINAL
 from station.estimation.method_table import recommended
+from station.flight.loop import ESTIMATORS
 from station.profile import Profiles
 from station.rows import (
     AlphaEstimate,
@@ -25,6 +27,7 @@ from station.rows import (
     Level,
     MethodEstimate,
     ParamEstimate,
+    RawBlock,
     Row,
     Status,
     StreamHealth,
@@ -62,6 +65,8 @@ class Board:
         """The last of each kind of event that is over when told."""
         self.point: Event | None = None
         """The start of the open test point."""
+        self.estimators = "ready"
+        """ready, preparing, or failed."""
         self.ever_complete = False
         """Whether all streams were alive at once at some time."""
         self.log_path = Path()
@@ -76,7 +81,9 @@ class Board:
             Health: self._take_health,
             Event: self._take_event,
             Tick: self._take_tick,
+            RawBlock: self._take_first,
         }
+        self._heard = threading.Event()
 
     def update(self, rows: Iterable[Row]) -> None:
         """Digest the rows of a tick."""
@@ -89,6 +96,14 @@ class Board:
     def recording(self, path: Path, size: int, view_dropped: int) -> None:
         """What the recording and the page say of themselves: file, bytes, ticks not shown."""
         self.log_path, self.log_bytes, self.view_dropped = path, size, view_dropped
+
+    def wait_for_first(self, timeout_s: float) -> None:
+        """Until a device has been heard, but no longer than this."""
+        self._heard.wait(timeout_s)
+
+    def _take_first(self, _: RawBlock) -> None:
+        self._heard.set()
+        del self._take[RawBlock]
 
     def _take_tick(self, row: Tick) -> None:
         if self.start_ns is None:
@@ -122,6 +137,8 @@ class Board:
         self.lateral_method = "II" if given.get("II", 0) > given.get("split", 0) else "split"
 
     def _take_event(self, row: Event) -> None:
+        if row.source == ESTIMATORS:
+            self.estimators = {Code.PREPARING: "preparing", Code.READY: "ready"}.get(row.code, "failed")
         if row.code not in (Code.MARK, Code.START):
             self._settle(row)
         self._told += 1
@@ -203,6 +220,7 @@ class Board:
             "turbulence": None
             if a is None
             else {"level": a.turbulence, "w_std_2_7hz_mps": _number(a.turbulence_level)},
+            "estimators": self.estimators,
             "recommended": self.recommended,
             "derivatives": {m: self._method(row) for m, row in list(self.methods.items())},
             "links": {} if health is None else {s.stream: _link(s) for s in health.streams},

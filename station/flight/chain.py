@@ -1,65 +1,55 @@
-"""The estimators of a flight, compiled before it.
-
-Compiling takes half a minute after an update and leaves the compiler's memory, 200 MiB, in the process that did it. So
-the first flight of a card has it done by a process of its own, `python -m station.flight.chain CARD`, and loads the
-kernels from the cache.
-"""
+"""The estimators of a flight: the only place that wires them together, for run and replay alike."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
-from pathlib import Path
+import numpy as np
 
-from station.conventions import TICK_HZ
-from station.estimation.instrument_errors import Corrector, known
-from station.estimation.methods import Estimator
-from station.flight.alignment import Aligner
+from station.conventions import LONGITUDINAL, TICK_HZ
+from station.estimation.instrument_errors import Corrector, corrector, known
+from station.estimation.method_table import LIVE
+from station.estimation.methods import NOISE, Estimator
+from station.estimation.physical_method import UPDATE_TICKS, Physical
+from station.flight.loop import Chain
 from station.model.disagreement import Disagreement
-from station.profile import Aircraft, Profiles, load_card
+from station.model.physical_signals import SIGNALS
+from station.profile import Aircraft, Card, Profiles, Rig
 
 
-def estimators(profiles: Profiles) -> tuple[Estimator, Disagreement]:
-    """What estimates and what watches in a flight; no tick of it has to compile."""
-    rig = profiles.rig
-    estimator = Estimator(profiles.aircraft, profiles.card, rig.imu_position, rig.frame_noise_si())
+def chain(aircraft: Aircraft, card: Card, rig: Rig) -> Chain:
+    """What corrects, estimates and watches in a flight, all compiled: no tick of it has to."""
+    place, noise = rig.imu_position, rig.frame_noise_si()
+    estimator = Estimator(aircraft, card, place, noise)
     estimator.warm_up()
-    watch = Disagreement(profiles.aircraft, rig.imu_position, rig.frame_noise_si())
+    watch = Disagreement(aircraft, place, noise)
     watch.warm_up()
-    return estimator, watch
+    return Chain(estimator, watch, corrector(aircraft, noise, place))
 
 
-def told_of_instruments(aircraft: Aircraft, correct: Corrector | None) -> Iterator[str]:
-    """For the operator, what of the profile's instrument errors is undone in this flight, and what it costs."""
-    stated = known(aircraft)
+def undone(aircraft: Aircraft, correct: object) -> str:
+    """For the operator, what of the profile's instrument errors is undone in this flight, and what it costs; "" where
+    the profile states none."""
+    stated, lines = known(aircraft), []
     if stated.words:
-        late = f"; estimates come {1000 * correct.ahead // TICK_HZ} ms later" if correct and correct.ahead else ""
+        ahead = correct.ahead if isinstance(correct, Corrector) else 0
+        late = f"; estimates come {1000 * ahead // TICK_HZ} ms later" if ahead else ""
         count = f"{len(stated.words)} instrument error{'s' if len(stated.words) > 1 else ''}"
-        yield f"{aircraft.name} states {count}, undone: {'; '.join(stated.words)}{late}"
-    for words in stated.refused:
-        yield f"station: {aircraft.name}: an instrument error stays in: {words}"
+        lines.append(f"{aircraft.name} states {count}, undone: {'; '.join(stated.words)}{late}")
+    lines += [f"{aircraft.name}: an instrument error stays in: {words}" for words in stated.refused]
+    return "\n".join(lines)
 
 
-def compile_apart(card: str) -> None:
-    """Fill the cache of kernels where no flight of `card` has; if that fails, the station compiles them itself."""
-    done = Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}"
-    if done.exists():
+def compile_kernels(profiles: Profiles, part: str) -> None:
+    """Compile one of the two halves, of like length, of what `chain` needs: "physical", the method's fit, or "signals",
+    all else."""
+    aircraft, card = profiles.aircraft, profiles.card.model_copy(update={"warm_up": 0.0})
+    place, noise = profiles.rig.imu_position, profiles.rig.frame_noise_si()
+    if part == "physical":
+        made = Physical(aircraft, card, {**NOISE, **noise}, LONGITUDINAL, 1.0 / TICK_HZ)
+        samples = np.random.default_rng(0).standard_normal((2 * UPDATE_TICKS, SIGNALS + 4))
+        for k, row in enumerate(samples):
+            made.add(row[:SIGNALS], row[SIGNALS:], k / TICK_HZ, 50.0, 1.0, 0.1)
         return
-    child = subprocess.run([sys.executable, "-m", "station.flight.chain", card], check=False, capture_output=True)
-    if child.returncode == 0:
-        with contextlib.suppress(OSError):
-            done.touch()
-
-
-def main(card: str) -> None:
-    profiles = load_card(card)
-    estimators(profiles)
-    Corrector(profiles.aircraft, {})  # whether or not this aircraft needs it
-    Aligner(profiles.rig.streams(), profiles.rig.noise_si())
-
-
-if __name__ == "__main__":
-    main(sys.argv[1])
+    simple = tuple(name for name in LIVE if name != "physical")
+    Estimator(aircraft, card, place, noise, simple).warm_up()
+    Disagreement(aircraft, place, noise).warm_up()
+    Corrector(aircraft, {})  # whether or not this aircraft needs it

@@ -1,27 +1,29 @@
-"""The emulated devices of a flight: `station emulate CARD` in a process of its own, beside the station."""
+"""The emulated devices of a flight: a process of its own beside the station."""
 
 from __future__ import annotations
 
 import contextlib
-import json
+import multiprocessing
 import os
 import signal
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, Final
 
 from station.clock import Clock
 from station.console import say
 from station.conventions import Stream
 from station.flight.bus import Bus
 from station.profile import Rig
-from station.rows import Code, DeviceError, Event
+from station.rows import Code, DeviceError, Event, StationError
 
-ENDPOINTS_WITHIN_S = 120.0
-"""The first flight on a machine compiles the simulation."""
+ENDPOINTS_WITHIN_S: Final = 90.0
+Serve = Callable[[Callable[[dict[str, Any]], None], threading.Event], None]
+"""Serves the devices until the event is set, and announces what drivers.emulation.serve says."""
+_FORK: Final = multiprocessing.get_context("fork")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,61 +45,84 @@ def streams_flown(rig: Rig, emulated: Emulated) -> tuple[Stream, ...]:
 
 
 @contextmanager
-def emulators(card: str, wanted: set[str], bus: Bus, clock: Clock) -> Iterator[Emulated]:
-    """Run `station emulate CARD` beside the station. Entered when each device `wanted` is there; what it says in flight
-    becomes events. Raises DeviceError."""
-    child = subprocess.Popen(
-        [sys.executable, "-m", "station", "emulate", card, "--attached"],
-        stdin=subprocess.PIPE,  # closes when this process ends, however it ends
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,  # Ctrl-C is for the station, which then ends the devices
-    )
-    listener = threading.Thread(target=_hear, args=(child, bus, clock), name="emulators", daemon=True)
+def emulators(serve: Serve, bus: Bus, clock: Clock) -> Iterator[Emulated]:
+    """Run `serve` beside the station. Entered when the flight of the devices begins; what they say in flight becomes
+    events. To be entered before this process has threads. Raises StationError for what keeps them from starting."""
+    ours, theirs = _FORK.Pipe()
+    child = _FORK.Process(target=_served, args=(serve, ours, theirs), name="emulators")
+    child.start()
+    theirs.close()
+    listener = threading.Thread(target=_hear, args=(ours, bus, clock), name="emulators", daemon=True)
     try:
-        emulated = _started(child, wanted)
+        emulated = _started(ours)
         listener.start()
         yield emulated
     finally:
         child.terminate()
-        try:
-            child.wait(timeout=5)
-        except subprocess.TimeoutExpired:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+        child.join(5)
+        if child.is_alive() and child.pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.join()
+        child.close()
         if listener.is_alive():
             listener.join(timeout=5)
-        for pipe in (child.stdin, child.stdout):
-            if pipe is not None:
-                pipe.close()
+        ours.close()
 
 
-def _started(child: subprocess.Popen[str], wanted: set[str]) -> Emulated:
-    endpoints: dict[str, str] = {}
-    watchdog = threading.Timer(ENDPOINTS_WITHIN_S, child.kill)
-    watchdog.start()
+def _served(serve: Serve, foreign: Connection, pipe: Connection) -> None:
+    """The devices' process: ends when the station's end of the pipe closes, however it closes."""
+    foreign.close()
+    os.setsid()  # Ctrl-C is for the station, which then ends the devices
+    stop = threading.Event()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: stop.set())
+
+    def wait_for_the_end() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            pipe.recv()
+        stop.set()
+
+    def announce(said: dict[str, Any]) -> None:
+        with contextlib.suppress(OSError):
+            pipe.send(said)
+
+    def watch(said: dict[str, Any]) -> None:
+        announce(said)
+        # No thread before the devices' own processes are forked.
+        if "start_ns" in said:
+            threading.Thread(target=wait_for_the_end, daemon=True).start()
+
     try:
-        assert child.stdout is not None
-        for line in child.stdout:
-            told = json.loads(line)
-            if "device" in told:
-                endpoints[told["device"]] = told["endpoint"]
-            if "start_ns" in told and wanted <= endpoints.keys():
-                return Emulated(endpoints, frozenset(told["absent"]))
-    finally:
-        watchdog.cancel()
-    missing = ", ".join(sorted(wanted - endpoints.keys()))
-    raise DeviceError(f"the emulated devices did not start: no endpoint for {missing}\nsee: station emulate")
+        serve(watch, stop)
+    except StationError as error:
+        announce({"refused": error})
 
 
-def _hear(child: subprocess.Popen[str], bus: Bus, clock: Clock) -> None:
+def _started(pipe: Connection) -> Emulated:
+    endpoints: dict[str, str] = {}
+    while pipe.poll(ENDPOINTS_WITHIN_S):
+        try:
+            said = pipe.recv()
+        except EOFError:
+            break
+        if "refused" in said:
+            raise said["refused"]
+        if "device" in said:
+            endpoints[said["device"]] = said["endpoint"]
+        if "start_ns" in said:
+            return Emulated(endpoints, frozenset(said["absent"]))
+    raise DeviceError("the emulated devices did not start\nsee: station emulate")
+
+
+def _hear(pipe: Connection, bus: Bus, clock: Clock) -> None:
     """The emulators' words in flight, until they end."""
-    assert child.stdout is not None
-    with contextlib.suppress(ValueError):  # its last line may be cut
-        for line in child.stdout:
-            told = json.loads(line)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            said = pipe.recv()
             now = clock.now_ns()
-            if "end_s" in told:
+            if "end_s" in said:
                 bus.put(Event(now, "emulator", Code.STOP, 1, "the recording is flown: the devices fall silent"))
-            elif "error" in told:
-                bus.put(Event(now, "emulator", Code.DISCONNECT, 1, f"{told['process']}: {told['error']}"))
+            elif "error" in said:
+                bus.put(Event(now, "emulator", Code.DISCONNECT, 1, f"{said['process']}: {said['error']}"))

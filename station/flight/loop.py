@@ -4,6 +4,9 @@ Order of rows in a recording, which replay relies on: rows drained by tick k, Ti
 Frame k, then the estimates made from it and where instruments disagree (events DISAGREE and AGREE; ESTIMATOR, should an
 estimator fail). Every stage is logged before the next one runs. Frames are logged as measured; where the profile knows
 of instrument errors, estimators get them undone, and where one of those is a delay, estimates are of an earlier frame.
+
+A flight records before what is compiled is ready. Events among its first rows say what is PREPARING: the FRAMES, which
+are empty until then, or the ESTIMATORS. A READY event says at which tick each joins, live and in replay alike.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
 import msgspec
@@ -32,6 +36,11 @@ from station.rows import (
     TimeSync,
 )
 
+FRAMES: Final = "frames"
+ESTIMATORS: Final = "estimators"
+"""Sources of the events PREPARING and READY."""
+MADE_UP: Final = 25
+"""Ticks that may be made up for while the estimators are prepared."""
 WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.ESTIMATOR))
 """Events that are made from frames, and not from what was drained."""
 _VANE: Final = SIGNAL_INDEX["alpha_vane"]
@@ -75,21 +84,54 @@ class Recording(Protocol):
     def flush(self) -> None: ...
 
 
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What is made of a frame, in this order: instrument errors undone, estimates, warnings. See chain.py."""
+
+    estimator: Estimating
+    watch: Watching | None = None
+    correct: Correcting | None = None
+
+    def step(self, frame: Frame) -> tuple[list[Rows], str]:
+        """The rows made, and what went wrong: nothing here is to raise, but if it does, the recording goes on."""
+        made: list[Rows] = []
+        try:
+            pair = (frame, frame) if self.correct is None else self.correct.step(frame)
+            if pair is None:
+                return made, ""
+            measured, seen = pair
+            alpha, methods = self.estimator.step(seen)
+            if self.correct is not None:
+                alpha = _with_vane(alpha, measured.values[_VANE])
+            made += (alpha, *methods)
+            if self.watch is not None:
+                made += self.watch.step(seen, alpha)
+        except Exception as error:
+            why = f"{type(error).__name__}: {error}"
+            unknown = (math.nan,) * 12
+            if not made:
+                invalid = (False, f"estimator failed: {why}")
+                made.append(AlphaEstimate(frame.t_ns, *unknown, "unknown", *unknown[:3], *invalid))
+            return made, why
+        return made, ""
+
+
 def run(
     source: Iterable[Beat],
     aligner: Aligner,
-    estimator: Estimating,
-    log: Recording | None,
-    show: Callable[[Sequence[Rows]], None] | None,
+    chain: Callable[[], Chain],
+    log: Recording | None = None,
+    show: Callable[[Sequence[Rows]], None] | None = None,
     done: Callable[[Beat, Sequence[Rows]], None] | None = None,
-    watch: Watching | None = None,
-    correct: Correcting | None = None,
 ) -> None:
     """Align, log, correct, estimate, log and show each beat of `source` until it ends.
 
-    `done` is handed each beat, and the frame and estimates made of it, when all else is through.
+    `chain` gives the estimators, asked once, when they join: at the first beat, unless that says that they are being
+    prepared. `done` is handed each beat, and the frame and estimates made of it, when all else is through.
     """
     fault = ""
+    waiting: set[str] = set()
+    joined: Chain | None = None
     for beat in source:
         tick = beat.tick
         if log is not None:
@@ -98,9 +140,18 @@ def run(
         for row in beat.rows:
             if type(row) is RawBlock:  # for the log alone
                 continue
+            if isinstance(row, Event):
+                if row.code is Code.PREPARING:
+                    waiting.add(row.source)
+                    if row.source == FRAMES:
+                        aligner.hold()
+                elif row.code is Code.READY:
+                    waiting.discard(row.source)
+                    if row.source == FRAMES:
+                        aligner.begin()
+                elif row.code is Code.POINT_START and joined is not None:
+                    joined.estimator.start_point()
             aligner.accept(row)
-            if isinstance(row, Event) and row.code is Code.POINT_START:
-                estimator.start_point()
         frame, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
         aligned: list[Rows] = [*events]
         if health is not None:
@@ -108,10 +159,13 @@ def run(
         aligned.append(frame)
         if log is not None:
             log.append(aligned)
-        estimates, why = _estimate(frame, estimator, watch, correct)
-        if why and why != fault:
-            estimates.append(Event(frame.t_ns, "estimator", Code.ESTIMATOR, 1, why))
-        fault = why
+        estimates: list[Rows] = []
+        if not waiting:
+            joined = joined or chain()
+            estimates, why = joined.step(frame)
+            if why and why != fault:
+                estimates.append(Event(frame.t_ns, "estimator", Code.ESTIMATOR, 1, why))
+            fault = why
         if log is not None:
             log.append(estimates)
             log.flush()
@@ -121,31 +175,6 @@ def run(
             done(beat, [frame, *estimates])
 
 
-def _estimate(
-    frame: Frame, estimator: Estimating, watch: Watching | None, correct: Correcting | None
-) -> tuple[list[Rows], str]:
-    """What is made of a frame, and what went wrong: neither is to raise, but if one does, the recording goes on."""
-    made: list[Rows] = []
-    try:
-        pair = (frame, frame) if correct is None else correct.step(frame)
-        if pair is None:
-            return made, ""
-        measured, seen = pair
-        alpha, methods = estimator.step(seen)
-        if correct is not None:
-            alpha = _with_vane(alpha, measured.values[_VANE])
-        made += (alpha, *methods)
-        if watch is not None:
-            made += watch.step(seen, alpha)
-    except Exception as error:
-        why = f"{type(error).__name__}: {error}"
-        unknown = (math.nan,) * 12
-        if not made:
-            made.append(AlphaEstimate(frame.t_ns, *unknown, "unknown", *unknown[:3], False, f"estimator failed: {why}"))
-        return made, why
-    return made, ""
-
-
 def _with_vane(alpha: AlphaEstimate, vane: float) -> AlphaEstimate:
     """An angle of attack of a corrected vane, told from the one measured."""
     if not math.isfinite(alpha.vane - vane):
@@ -153,10 +182,18 @@ def _with_vane(alpha: AlphaEstimate, vane: float) -> AlphaEstimate:
     return msgspec.structs.replace(alpha, vane=vane, instrument=alpha.vane - vane)
 
 
-def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_s: float | None) -> Iterator[Beat]:
+def beats(
+    bus: Bus,
+    clock: Clock,
+    lag_s: float,
+    stop: threading.Event,
+    duration_s: float | None,
+    preparing: Callable[[], bool] = lambda: False,
+) -> Iterator[Beat]:
     """Ticks on an absolute schedule until `stop` or `duration_s`.
 
-    A tick that comes a whole period late is given up: an OVERRUN event, and on to the next slot, never a burst.
+    A tick that comes a whole period late is given up: an OVERRUN event, and on to the next slot, never a burst. While
+    the estimators are `preparing`, which takes the interpreter away for moments, ticks cost little and are made up for.
     """
     lag_ns = round(lag_s * 1e9)
     start_ns = clock.now_ns() + TICK_NS
@@ -166,7 +203,7 @@ def beats(bus: Bus, clock: Clock, lag_s: float, stop: threading.Event, duration_
         due_ns = start_ns + k * TICK_NS
         clock.sleep_until_ns(due_ns)
         missed = (clock.now_ns() - due_ns) // TICK_NS
-        if missed > 0:
+        if missed > (MADE_UP if preparing() else 0):
             bus.put(Event(clock.now_ns(), "loop", Code.OVERRUN, missed, "the machine was busy; slots skipped"))
             k += missed
             due_ns += missed * TICK_NS
@@ -190,12 +227,17 @@ def recorded_beats(rows: Iterable[Rows]) -> Iterator[Beat]:
         elif isinstance(row, Frame):
             estimates.append(row)
             aligning = False
-        elif isinstance(row, (AlphaEstimate, MethodEstimate)) or (isinstance(row, Event) and row.code in WATCHED):
+        elif isinstance(row, (AlphaEstimate, MethodEstimate)) or (isinstance(row, Event) and _is_made(row)):
             estimates.append(row)
         elif isinstance(row, (Sample, TimeSync, Event, RawBlock)) and not aligning:
             drained.append(row)
     if tick is not None:
         yield Beat(tick, pending, estimates)
+
+
+def _is_made(event: Event) -> bool:
+    """Whether an event was made from a frame, and not drained."""
+    return event.code in WATCHED and event.source != ESTIMATORS
 
 
 def paced(source: Iterable[Beat], clock: Clock, speed: float) -> Iterator[Beat]:

@@ -51,6 +51,12 @@ _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "b
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
 _CLOCK_STYLES: Final = {"synced": "green", "none": "", "converging": "yellow"}
 MOST_WARNINGS: Final = 3
+NO_ALPHA: Final = {
+    "ready": "no estimate yet",
+    "preparing": "the estimators are being prepared; recording meanwhile",
+    "failed": "no estimators: see the events",
+}
+"""Why there is no angle of attack, by the state of the estimators."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +224,7 @@ def _alpha_lines(board: Board) -> Iterator[Text]:
     title = styled(" ANGLE OF ATTACK [deg]", TITLE)
     if a is None:
         yield title
-        yield styled("   no estimate yet", "dim")
+        yield styled(f"   {NO_ALPHA[board.estimators]}", "dim")
         return
     if not a.valid:
         title.append(f"   INVALID: {a.why}", "bold red")
@@ -330,7 +336,7 @@ def _fixed(value: float, form: str) -> str:
 
 def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
     """Without a terminal: each event as it comes and a status line a second, until `stop` is set."""
-    told, due_ns = 0, clock.now_ns() + SECOND_NS
+    told, due_ns = 0, clock.now_ns()
     ended = False
     while not ended:
         ended = stop.wait(0.1)
@@ -349,7 +355,7 @@ def _status_line(board: Board) -> str:
     parts = [hms(board.elapsed_s())]
     a = board.alpha
     if a is None:
-        parts.append("alpha –")
+        parts.append(f"alpha – ({NO_ALPHA[board.estimators]})")
     else:
         alpha = (
             f"alpha {_deg(a.alpha)} ± {_deg(2 * a.alpha_sd, sign=False)} deg" if a.valid else f"alpha invalid: {a.why}"
@@ -374,7 +380,7 @@ def _status_line(board: Board) -> str:
 
 def json_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
     """One JSON object a second, schema "station.run/1", each with the events since the one before, until `stop`."""
-    told, due_ns = 0, clock.now_ns() + SECOND_NS
+    told, due_ns = 0, clock.now_ns()
     ended = False
     while not ended:
         ended = stop.wait(0.1)

@@ -126,14 +126,16 @@ SCALE_HEIGHT: Final = 287.05287 * 216.65 / G0
 """Over which pressure and density fall by e above the tropopause, m."""
 
 
-@njit(cache=True, error_model="numpy")
-def atmosphere(height: float) -> tuple[float, float, float]:
+def standard_air(height: float) -> tuple[float, float, float]:
     """Pressure (Pa), temperature (K) and density (kg/m3) of the standard atmosphere below 20 km. ISO 2533."""
     temperature = 288.15 - 0.0065 * min(height, TROPOPAUSE)
     pressure = 101325.0 * (temperature / 288.15) ** 5.255876
     if height > TROPOPAUSE:
         pressure *= math.exp((TROPOPAUSE - height) / SCALE_HEIGHT)
     return pressure, temperature, pressure / (287.05287 * temperature)
+
+
+atmosphere = njit(cache=True, error_model="numpy")(standard_air)
 
 
 def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float) -> tuple[float, float, float]:
@@ -154,7 +156,7 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
 
     Raises ProfileError if there is none.
     """
-    density = aircraft.air_density or float(atmosphere(height)[2])
+    density = aircraft.air_density or standard_air(height)[2]
     weight = aircraft.inertia.mass * G0
     scale = 0.5 * density * speed**2 * aircraft.geometry.wing_area
 

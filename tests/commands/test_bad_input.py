@@ -90,8 +90,6 @@ def test_a_command_that_cannot_be_done(station, log, tmp_path, monkeypatch, code
     (tmp_path / "bench.dbc").write_bytes((profiles_dir() / "rigs" / "bench.dbc").read_bytes())
     bench = tmp_path / "bench.toml"
     bench.write_text(CARD.format(rig="bench"))
-    monkeypatch.setattr("station.flight.chain.estimators", lambda _: (None, None))
-    monkeypatch.setattr("station.flight.chain.compile_apart", lambda _: None)
     places = {"log": log, "flight": log, "out": tmp_path / "out", "file": file, "card": card, "bench": bench}
     refused(station, code, expected, *(w.format(**places) for w in words))
     assert file.read_text() == "kept"

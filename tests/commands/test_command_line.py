@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 
@@ -14,7 +15,7 @@ import pytest
 from station.__main__ import VERBS, main
 from station.log import metadata, read_rows, write_log
 from station.profile import profiles_dir
-from station.rows import AlphaEstimate
+from station.rows import AlphaEstimate, Code, Event, Sample
 
 
 @pytest.fixture(scope="module")
@@ -125,20 +126,30 @@ def test_an_unstable_aircraft_is_told(station, tmp_path):
 
 
 def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(station, tmp_path):
-    words = ["run", "--duration", "4", "--json", "--view", "none", "--log", str(tmp_path)]
+    """It records at once, and says that the estimators are being prepared until they join, however long that takes."""
+    words = ["run", "--json", "--view", "none", "--log", str(tmp_path)]
     mark = {"STATION_UNDER_TEST": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-m", "station", *words], capture_output=True, text=True, timeout=300, env=os.environ | mark
-    )
-    assert done.returncode == 0, done.stderr
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(lines) >= 3
+    with subprocess.Popen(
+        [sys.executable, "-m", "station", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env=os.environ | mark,
+    ) as flight:  # fmt: skip
+        lines = []
+        while not lines or lines[-1]["alpha"] is None or not all(x["alive"] for x in lines[-1]["links"].values()):
+            lines.append(json.loads(flight.stdout.readline()))
+        flight.send_signal(signal.SIGINT)
+        out, err = flight.communicate(timeout=30)
+    lines += [json.loads(line) for line in out.splitlines()]
+    assert flight.returncode == 0, err
     assert {line["schema"] for line in lines} == {"station.run/1"}
-    assert all(link["alive"] for link in lines[-1]["links"].values())
+    assert (lines[0]["estimators"], lines[-1]["estimators"]) == ("preparing", "ready")
+    assert {line["estimators"] for line in lines if line["alpha"]} == {"ready"}
     assert not [p for p in psutil.process_iter(["environ"]) if mark.items() <= (p.info["environ"] or {}).items()]
     (log,) = tmp_path.glob("*.mcap")
     altered = tmp_path / "altered.mcap"
     rows = list(read_rows(log))
+    first = {kind: next(i for i, row in enumerate(rows) if type(row) is kind) for kind in (Sample, AlphaEstimate)}
+    ready = [i for i, row in enumerate(rows) if isinstance(row, Event) and row.code is Code.READY]
+    assert first[Sample] < ready[0] < ready[1] < first[AlphaEstimate]
     k = next(i for i, row in enumerate(rows) if isinstance(row, AlphaEstimate) and i > len(rows) // 2)
     rows[k] = msgspec.structs.replace(rows[k], vane=np.nextafter(rows[k].vane, 1.0))
     write_log(altered, metadata(log).about, rows)
@@ -154,7 +165,7 @@ def test_every_method_that_estimates_has_its_row(station, tmp_path):
     code, out, _ = station("identify", log, "--from", 20, "--json", "-")
     assert code == 0
     told = json.loads(out)
-    assert told["schema"] == "station.identification.analysis/1"
+    assert told["schema"] == "station.identify/1"
     _, table, _ = station("identify", log, "--from", 20, "--method", "II,split", "--method", "I")
     rows = {line.split()[0]: re.findall(r"(-?[\d.]+)±([\d.]+)", line) for line in table.splitlines() if "±" in line}
     for method in ("I", "II", "split"):

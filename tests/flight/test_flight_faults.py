@@ -17,7 +17,7 @@ from station.estimation.methods import Estimator
 from station.flight.alignment import Aligner
 from station.flight.board import Board
 from station.flight.bus import Bus
-from station.flight.loop import beats, run
+from station.flight.loop import Chain, beats, run
 from station.profile import Fault, Flight, load_card
 from station.rows import AlphaEstimate, Code, Event, Sample
 
@@ -138,7 +138,8 @@ def flown(request):
             adapter.start()
         try:
             aligner = Aligner(streams, profiles.rig.noise_si())
-            run(beats(bus, clock, card.lag, stop, seconds), aligner, estimator, log, show)
+            aligner.begin()  # compiled before the first tick
+            run(beats(bus, clock, card.lag, stop, seconds), aligner, lambda: Chain(estimator), log, show)
         finally:
             for adapter in adapters:
                 adapter.stop()

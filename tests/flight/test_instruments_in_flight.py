@@ -16,8 +16,8 @@ from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
 from station.estimation.instrument_errors import Corrector
 from station.estimation.methods import Estimator
 from station.flight.alignment import Aligner
-from station.flight.chain import told_of_instruments
-from station.flight.loop import recorded_beats, run
+from station.flight.chain import undone
+from station.flight.loop import Chain, recorded_beats, run
 from station.identification.analysis import identify
 from station.identification.identification_json import as_json
 from station.identification.request import Request
@@ -142,17 +142,15 @@ def live(case: str, sigma: float, seed: int, seconds: float, writer: LogWriter |
     """The rows made of a flight by the loop, with the profile that states the case's errors."""
     aircraft, noise = faulty(case), RIG.frame_noise_si()
     estimator = Estimator(aircraft, card(sigma, seed), RIG.imu_position, noise)
-    watch = Disagreement(aircraft, RIG.imu_position, noise)
+    chain = Chain(estimator, Disagreement(aircraft, RIG.imu_position, noise), Corrector(aircraft, noise))
     made: list[Any] = []
     run(
         recorded_beats(rows_of(case, sigma, seed, seconds)),
         Aligner(ROWS, RIG.noise_si()),
-        estimator,
+        lambda: chain,
         writer,
         None,
         lambda _, rows: made.extend(rows),
-        watch,
-        Corrector(aircraft, noise),
     )
     return made
 
@@ -214,14 +212,12 @@ def test_a_known_late_vane_is_not_warned_of() -> None:
 
 def test_the_operator_is_told_what_is_undone_and_what_it_costs() -> None:
     aircraft = faulty("vane")
-    made = Corrector(aircraft, {})
-    (words,) = told_of_instruments(aircraft, made)
+    words = undone(aircraft, Corrector(aircraft, {}))
     assert "states 1 instrument error, undone: alpha_vane 59 ms late, scale +10 %, zero +1 deg" in words
     assert words.endswith("estimates come 80 ms later")
-    assert list(told_of_instruments(AIRCRAFT, None)) == []
+    assert undone(AIRCRAFT, None) == ""
     slow = AIRCRAFT.model_copy(update={"instruments": {"v_down": errs(latency=0.9)}})
-    (words,) = told_of_instruments(slow, None)
-    assert "an instrument error stays in: v_down 900 ms late" in words
+    assert "an instrument error stays in: v_down 900 ms late" in undone(slow, None)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from station.clock import ManualClock
 from station.conventions import TICK_NS, Stream
 from station.flight.alignment import Aligner
 from station.flight.bus import Bus
-from station.flight.loop import Beat, beats, recorded_beats, run
+from station.flight.loop import Beat, Chain, beats, recorded_beats, run
 from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, RawBlock, Sample, Tick
 
 STREAMS = [Stream("boom.vanes", ("alpha_vane",), 200.0, 0.1, device="boom")]
@@ -27,6 +27,11 @@ class Echo:
 
     def start_point(self):
         self.points += 1
+
+
+def joined(estimator):
+    """The estimator as a flight has it from its first tick on."""
+    return lambda: Chain(estimator)
 
 
 class Recorder:
@@ -57,7 +62,7 @@ def record(seconds=1.0, late_at=None):
             if late_at is not None and beat.tick.k == late_at:
                 clock.advance_s(0.07)
 
-    run(feeding(), Aligner(STREAMS, {}), Echo(), log, None)
+    run(feeding(), Aligner(STREAMS, {}), joined(Echo()), log, None)
     return log.rows
 
 
@@ -91,7 +96,7 @@ def test_a_recording_replays_to_the_same_rows():
         if list(beat.recorded) != list(made):
             differences.append((beat.tick.k, beat.recorded, made))
 
-    run(recorded_beats(rows), Aligner(STREAMS, {}), Echo(), again, None, compare)
+    run(recorded_beats(rows), Aligner(STREAMS, {}), joined(Echo()), again, None, compare)
     repeated = [r for r in again.rows if isinstance(r, MethodEstimate)]
     assert [r.why for r in repeated] == ["0"] * 19 + ["1"] * 29  # the test point resets at the same tick
     assert not [d for d in differences if repr(d[1]) != repr(d[2])]
@@ -107,7 +112,7 @@ def test_an_estimator_that_fails_does_not_end_the_flight():
     log, again, differences = Recorder(), Recorder(), []
     bus = Bus()
     source = beats(bus, ManualClock(10**10), 0.06, threading.Event(), 1.0)
-    run(source, Aligner(STREAMS, {}), Failing(), log, None)
+    run(source, Aligner(STREAMS, {}), joined(Failing()), log, None)
     alphas = [r for r in log.rows if isinstance(r, AlphaEstimate)]
     assert len(alphas) == 50
     assert [k for k, a in enumerate(alphas) if "division by zero" in a.why] == [10, 11, 12, 13, 14, 20]
@@ -121,7 +126,7 @@ def test_an_estimator_that_fails_does_not_end_the_flight():
         if repr(list(beat.recorded)) != repr(list(made)):
             differences.append(beat.tick.k)
 
-    run(recorded_beats(log.rows), Aligner(STREAMS, {}), Failing(), again, None, compare)
+    run(recorded_beats(log.rows), Aligner(STREAMS, {}), joined(Failing()), again, None, compare)
     assert differences == []
 
 

@@ -17,7 +17,7 @@ from station.conventions import SIGNALS, STREAMS, TICK_HZ, TICK_NS, Stream
 from station.estimation.methods import Estimator
 from station.flight.alignment import Aligner
 from station.flight.board import Board
-from station.flight.loop import recorded_beats, run
+from station.flight.loop import Chain, recorded_beats, run
 from station.flight.replay_check import same_bits
 from station.model.consistency import compare
 from station.model.disagreement import CHECKS, Disagreement, Value
@@ -90,7 +90,8 @@ def told(rows, log=None):
     def keep(_, made):
         found.extend(r for r in made if isinstance(r, Event))
 
-    run(recorded_beats(rows), Aligner(ROWS, RIG.noise_si()), estimator, log, None, keep, watch)
+    chain = Chain(estimator, watch)
+    run(recorded_beats(rows), Aligner(ROWS, RIG.noise_si()), lambda: chain, log, None, keep)
     return found
 
 
@@ -202,7 +203,8 @@ def test_a_recording_with_warnings_replays_to_the_same_bits():
     watch = Disagreement(AIRCRAFT, RIG.imu_position, RIG.noise_si())
     again = [[r for r in b.recorded if isinstance(r, Event)] for b in recorded_beats(log.rows)]
     assert [e for events in again for e in events] == first
-    run(recorded_beats(log.rows), Aligner(ROWS, RIG.noise_si()), estimator, None, None, same, watch)
+    chain = Chain(estimator, watch)
+    run(recorded_beats(log.rows), Aligner(ROWS, RIG.noise_si()), lambda: chain, None, None, same)
     told_again = [k for k in differences if any(isinstance(r, Event) for r in again[k])]
     assert told_again == []
 

@@ -1,0 +1,131 @@
+"""What of a flight is compiled, made ready beside it: the station records from the first second on.
+
+Compiling takes most of a minute after an update and leaves the compiler's memory in the process that did it. So the
+first flight of a card has it done by processes of their own, `python -m station.flight.preparing CARD PART`, at a lower
+priority, and loads the kernels from the cache. When a part is there, an event on the bus says so, and the loop lets it
+join at the tick that the event comes with: a replay does the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Final
+
+from station.clock import Clock
+from station.conventions import Stream
+from station.flight.alignment import Aligner
+from station.flight.loop import ESTIMATORS, FRAMES, Chain
+from station.profile import Profiles, load_card
+from station.rows import Code, Event, Rows
+
+NICE: Final = 10
+
+
+class Preparation:
+    """Makes frames and estimators ready in a thread of its own; `chain` is for when the ESTIMATORS are READY."""
+
+    def __init__(
+        self, card: str, profiles: Profiles, streams: Iterable[Stream], clock: Clock, put: Callable[[Rows], None]
+    ) -> None:
+        """Says at once what is being prepared: to be made before any device puts a row. `card`: its name or path."""
+        self._card, self._profiles, self._streams = card, profiles, tuple(streams)
+        self._clock, self._put = clock, put
+        self._chain: Chain | None = None
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="preparation", daemon=True)
+        for part in (FRAMES, ESTIMATORS):
+            self._say(part, Code.PREPARING, f"the {part} are being prepared; what the devices send is recorded")
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Give up what is not ready yet."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def is_under_way(self) -> bool:
+        """Whether the estimators are still to join."""
+        return self._chain is None
+
+    def chain(self) -> Chain:
+        assert self._chain is not None
+        return self._chain
+
+    def _run(self) -> None:
+        # Collecting garbage amid a hundred thousand new objects stops the loop for several ticks.
+        gc.disable()
+        try:
+            self._prepare()
+        except Exception as error:
+            why = f"could not be prepared: {type(error).__name__}: {error}; the recording goes on without them"
+            self._say(ESTIMATORS, Code.ESTIMATOR, why)
+        finally:
+            gc.freeze()
+            gc.enable()
+
+    def _prepare(self) -> None:
+        profiles = self._profiles
+        done = _mark(self._card)
+        is_compiled = done.exists() or self._compile((FRAMES,))
+        if self._stopping.is_set():
+            return
+        Aligner(self._streams, profiles.rig.noise_si()).begin()
+        self._say(FRAMES, Code.READY, "frames begin")
+        if not done.exists() and self._compile(("signals", "physical")) and is_compiled:
+            with contextlib.suppress(OSError):
+                done.touch()
+        if self._stopping.is_set():
+            return
+        from station.flight.chain import chain, undone
+
+        self._chain = chain(profiles.aircraft, profiles.card, profiles.rig)
+        words = undone(profiles.aircraft, self._chain.correct)
+        self._say(ESTIMATORS, Code.READY, "estimates begin" + (f"; {words}" if words else ""))
+
+    def _compile(self, parts: Iterable[str]) -> bool:
+        """Fill the cache of kernels, each part in a process of its own; False where it is left to this one."""
+        words = [sys.executable, "-m", "station.flight.preparing", self._card]
+        quiet = subprocess.DEVNULL
+        children = [subprocess.Popen([*words, part], stdin=quiet, stdout=quiet, stderr=quiet) for part in parts]
+        try:
+            while any(child.poll() is None for child in children):
+                if self._stopping.wait(0.05):
+                    return False
+        finally:
+            for child in children:
+                child.kill()
+                child.wait()
+        return all(child.returncode == 0 for child in children)
+
+    def _say(self, part: str, code: Code, detail: str) -> None:
+        self._put(Event(self._clock.now_ns(), part, code, 1, detail))
+
+
+def _mark(card: str) -> Path:
+    """The file that says that a flight of this card has filled the cache."""
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}"
+
+
+def compile_part(card: str, part: str) -> None:
+    """Fill the cache with the kernels of a part: FRAMES, "signals" or "physical"."""
+    os.nice(NICE)
+    profiles = load_card(card)
+    if part == FRAMES:
+        Aligner(profiles.rig.streams(), profiles.rig.noise_si()).begin()
+        return
+    from station.flight.chain import compile_kernels
+
+    compile_kernels(profiles, part)
+
+
+if __name__ == "__main__":
+    compile_part(*sys.argv[1:])
