@@ -24,7 +24,6 @@ STATE: Final = "a compiled kernel whose state and parameters are still passed on
 STEPS: Final = "a compiled kernel in one piece: its parts share a dozen local arrays"
 EXEMPT: Final = {
     "station/commands/identify.py:identify": OPTIONS,
-    "station/commands/run.py:run": OPTIONS,
     "station/diagnosis/residuals.py": STEPS,
     "station/estimation/lateral_derivatives.py": STEPS,
     "station/model/compatibility.py": STEPS,
