@@ -188,6 +188,99 @@ def _fit_benchmarks(
             results.r2[run, at, equation] = r2
 
 
+class Memory(NamedTuple):
+    """What a flight's methods carry from tick to tick, changed in place."""
+
+    steady: spectra.State
+    split: spectra.State
+    benchmarks: spectra.State
+    """Transforms of either group of signals, and of the regressors of perfect and raw."""
+    begun: Array
+    """Time of the first sample of the steady and the split group, s, (2,)."""
+    closed: Array
+    """Samples in closed segments of either group, (2,)."""
+    at: Array
+    """Mean speed, m/s, and density, kg/m3, which the weights are made for, (2,)."""
+    past: method_fits.Past
+    past_benchmarks: ee.Sums
+    factors: Factors
+    doubt: method_fits.Doubt
+    found: method_fits.Found
+
+
+@njit(cache=True, error_model="numpy")
+def _begin(e: Estimation) -> Memory:
+    """Before the first tick."""
+    lines = e.frequencies.shape[0]
+    return Memory(
+        spectra.begin(e.transform, STEADY_CHANNELS),
+        spectra.begin(e.transform, SPLIT_CHANNELS),
+        spectra.begin(e.transform, 2),
+        np.zeros(2),
+        np.zeros(2),
+        np.full(2, math.nan),
+        method_fits.nothing_past(_KINDS),
+        ee.no_sums((2, 2), method_fits.PLACES),
+        Factors(e.derivative, np.ones(lines), np.ones((2, lines), dtype=np.complex128), np.zeros(lines)),
+        method_fits.no_doubt(lines),
+        method_fits.nothing_found(_KINDS),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _add(e: Estimation, m: Memory, made: Array, t: float, has_split: bool, true_alpha: float, vane: float) -> None:
+    """One sample that equation_error.sides made into the transforms, as Derivatives.add; `true_alpha` and `vane`: the
+    regressors of perfect and raw, rad."""
+    due = t >= e.warm_up
+    late = t - e.warm_up + SLACK_S
+    if m.steady.samples[spectra.FILTERED] == 0.0:
+        m.begun[0] = t
+    is_open = due and m.begun[0] <= late
+    spectra.step(e.transform, m.steady, made[: e.channels], is_open)
+    if e.has_benchmarks:
+        spectra.step(e.transform, m.benchmarks, np.array((true_alpha, vane)), is_open)
+    if has_split:
+        if m.split.samples[spectra.FILTERED] == 0.0:
+            m.begun[1] = t
+        x = np.empty(SPLIT_CHANNELS)
+        for i in range(SPLIT_CHANNELS):
+            x[i] = made[i if i < method_fits.ALPHA else STEADY_CHANNELS - method_fits.ALPHA + i]
+        spectra.step(e.transform, m.split, x, due and m.begun[1] <= late)
+
+
+@njit(cache=True, error_model="numpy")
+def _fit(e: Estimation, m: Memory, s: tick.State, density: float, is_last: bool, results: Results, run: int) -> None:
+    """What every method makes of the spectra, where a segment is to be closed or the tick is the last."""
+    mean, lines = s.vane.seen.speed_mean, e.frequencies.shape[0]
+    samples = m.steady.samples[spectra.TRANSFORMED], m.split.samples[spectra.TRANSFORMED]
+    if samples[0] + m.closed[0] == 0.0 or not mean > 0.0:
+        return
+    if moved(mean, m.at[0]) or moved(density, m.at[1]):
+        m.at[0], m.at[1] = mean, density
+    independent, close = np.empty(2), np.empty(2, dtype=np.bool_)
+    for i in range(2):
+        independent[i] = samples[i] * _DT * e.step
+        close[i] = samples[i] * _DT >= e.segment
+    if not (is_last or close[0] or close[1]):
+        return
+    weights(e.lengths, m.at[0], e.frequencies, e.sears_k, e.sears, m.factors.scale, m.factors.tail)
+    unsteady_lift.weights(e.unsteady, m.at[0], m.at[1], e.frequencies, m.doubt.lift)
+    regressor_error.weights(e.paths, m.at[0], e.frequencies, e.noisy, m.doubt.regressors)
+    every = samples[1] + m.closed[1]
+    ridge = lines * every * e.vane_noise**2
+    extent = Extent(independent, close, every, ridge, regressor_error.wind_share(s.wind_sd, mean, every * _DT))
+    method_fits.fit_methods(m.steady.spectrum, m.split.spectrum, m.factors, m.doubt, extent, m.past, m.found)
+    if e.has_benchmarks:
+        _fit_benchmarks(e, m.steady.spectrum, m.benchmarks, m.past_benchmarks, close[0], results, run)
+    if close[0]:
+        m.closed[0] += samples[0]
+        spectra.clear(m.steady)
+        spectra.clear(m.benchmarks)
+    if close[1]:
+        m.closed[1] += samples[1]
+        spectra.clear(m.split)
+
+
 @njit(cache=True, error_model="numpy")
 def estimate(
     e: Estimation,
@@ -203,28 +296,15 @@ def estimate(
     `own`: for the method physical, where it is wanted; `state`: tick.State at the start; shown (ticks, signals),
     true_alpha (ticks,). Fills `results` of this `run`.
     """
-    n, lines = shown.shape[0], e.frequencies.shape[0]
+    n = shown.shape[0]
     u, age = np.empty(len(_INPUTS)), np.zeros(len(_INPUTS))
     made, means = np.full(4 + ee.EXTRAS, math.nan), np.zeros(4)
     sides = (e.sides, np.full((3, ee.ROW), math.nan), means, made)
     s: tick.State = state[0]
-    groups = (
-        spectra.begin(e.transform, STEADY_CHANNELS),
-        spectra.begin(e.transform, SPLIT_CHANNELS),
-        spectra.begin(e.transform, 2),
-    )
-    steady, split, benchmarks = groups
-    split_x, extra_x = np.empty(SPLIT_CHANNELS), np.empty(2)
-    past, extra_past = method_fits.nothing_past(_KINDS), ee.no_sums((2, 2), method_fits.PLACES)
-    closed, independent, close = np.zeros(3), np.zeros(2), np.zeros(2, dtype=np.bool_)
-    found = method_fits.nothing_found(_KINDS)
-    factors = Factors(e.derivative, np.ones(lines), np.ones((2, lines), dtype=np.complex128), np.zeros(lines))
-    doubt = method_fits.no_doubt(lines)
-    speed, density = math.nan, math.nan
-    steady_from, split_from, split_run = 0.0, 0.0, 0
+    m = _begin(e)
+    split_run = 0
     if own is not None:
         kept = physical.begin(own, e.transform)
-
     for k in range(n):
         t = (k * TICK_NS) * 1e-9
         for i in range(len(_INPUTS)):
@@ -235,61 +315,32 @@ def estimate(
         s.inertial.is_held = own is not None and kept.transform.samples[spectra.TRANSFORMED] > 0.0
         done = tick.advance(e.filters, state, sides, t, u, age)
         if done & tick.MADE and k + 1 > SETTLE_TICKS:
-            due = t >= e.warm_up
-            late = t - e.warm_up + SLACK_S
-            if steady.samples[spectra.FILTERED] == 0.0:
-                steady_from = t
-            is_open = due and steady_from <= late
-            spectra.step(e.transform, steady, made[: e.channels], is_open)
-            if e.has_benchmarks:
-                extra_x[0], extra_x[1] = true_alpha[k - 1], shown[k - 1, _VANE]
-                spectra.step(e.transform, benchmarks, extra_x, is_open)
-            if split_run > 0:
-                if split.samples[spectra.FILTERED] == 0.0:
-                    split_from = t
-                for i in range(SPLIT_CHANNELS):
-                    split_x[i] = made[i if i < 4 else 3 + i]
-                opens = due and split_from <= late
-                spectra.step(e.transform, split, split_x, opens)
+            _add(e, m, made, t, split_run > 0, true_alpha[k - 1], shown[k - 1, _VANE])
             if own is not None and split_run > SETTLE_TICKS:
                 card, left = (e.warm_up, e.step), n - 1 - k
                 physical.add(own, kept, e.transform, e.frequencies, e.derivative, card, s, made, t, means[2], left)
         split_run = split_run + 1 if done & tick.SPLIT else 0
-
-        mean = s.vane.seen.speed_mean
-        if steady.samples[spectra.TRANSFORMED] + closed[0] == 0.0 or not mean > 0.0:
-            continue
-        if moved(mean, speed) or moved(means[2], density):
-            speed, density = mean, means[2]
-        for i in range(2):
-            count = groups[i].samples[spectra.TRANSFORMED]
-            independent[i] = count * _DT * e.step
-            close[i] = count * _DT >= e.segment
-        if not (k + 1 == n or close[0] or close[1]):
-            continue
-        weights(e.lengths, speed, e.frequencies, e.sears_k, e.sears, factors.scale, factors.tail)
-        unsteady_lift.weights(e.unsteady, speed, density, e.frequencies, doubt.lift)
-        regressor_error.weights(e.paths, speed, e.frequencies, e.noisy, doubt.regressors)
-        samples = split.samples[spectra.TRANSFORMED] + closed[1]
-        ridge = lines * samples * e.vane_noise**2
-        wind = regressor_error.wind_share(s.wind_sd, mean, samples * _DT)
-        extent = Extent(independent, close, samples, ridge, wind)
-        method_fits.fit_methods(steady.spectrum, split.spectrum, factors, doubt, extent, past, found)
-        if e.has_benchmarks:
-            _fit_benchmarks(e, steady.spectrum, benchmarks, extra_past, close[0], results, run)
-        for i in range(3):
-            if close[0 if i == 2 else i]:
-                closed[i] += groups[i].samples[spectra.TRANSFORMED]
-                spectra.clear(groups[i])
+        _fit(e, m, s, means[2], k + 1 == n, results, run)
     if own is not None and kept.sums[2] > 0.0:
-        for i in range(6):
-            results.estimate[run, PHYSICAL, i // 3, i % 3] = kept.theta[i]
-            results.error[run, PHYSICAL, i // 3, i % 3] = kept.stat[i]
-            more = kept.total[i] ** 2 - kept.stat[i] ** 2
-            results.model[run, PHYSICAL, i // 3, i % 3] = math.sqrt(max(more, 0.0))
-        for equation in range(2):
-            results.solved[run, PHYSICAL, equation] = True
-            results.r2[run, PHYSICAL, equation] = 1.0 - kept.quality[equation] / kept.quality[2 + equation]
+        _hand_over_physical(kept, results, run)
+    _hand_over(m.found, results, run)
+
+
+@njit(cache=True, error_model="numpy")
+def _hand_over_physical(kept: physical.Memory, results: Results, run: int) -> None:
+    for i in range(6):
+        equation, j = i // 3, i % 3
+        results.estimate[run, PHYSICAL, equation, j] = kept.theta[i]
+        results.error[run, PHYSICAL, equation, j] = kept.stat[i]
+        more = kept.total[i] ** 2 - kept.stat[i] ** 2
+        results.model[run, PHYSICAL, equation, j] = math.sqrt(max(more, 0.0))
+    for equation in range(2):
+        results.solved[run, PHYSICAL, equation] = True
+        results.r2[run, PHYSICAL, equation] = 1.0 - kept.quality[equation] / kept.quality[2 + equation]
+
+
+@njit(cache=True, error_model="numpy")
+def _hand_over(found: method_fits.Found, results: Results, run: int) -> None:
     for kind in range(_KINDS):
         for equation in range(2):
             for i in range(3):

@@ -29,7 +29,6 @@ EXEMPT: Final = {
     "station/model/compatibility.py": STEPS,
     "station/model/physical_columns.py": STEPS,
     "station/simulation/airframe.py": STEPS,
-    "station/campaign/one_pass.py:estimate": STEPS,
     "station/campaign/physical_pass.py:add": STATE,
     "station/estimation/conditioning.py:step": STATE,
     "station/estimation/instrument_errors.py:_sweep": STATE,
