@@ -19,6 +19,8 @@ from typing import Final
 
 ROOT: Final = Path(__file__).parents[2]
 PAGE: Final = ROOT / "tests" / "README.md"
+PAGES: Final = (PAGE, ROOT / "README.md")
+"""A result stands on the first; the second may repeat it."""
 RESULT: Final = re.compile(r"<!-- result: (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
 MADE_OF: Final = re.compile(r"commit `(\w+)`")
 
@@ -53,7 +55,7 @@ def git(*words: str) -> str:
 
 def made(claim: Claim) -> str:
     """Runs a claim's command; what it prints, with commit, date, machine and time. Raises SystemExit where it fails."""
-    if any(not line.endswith("tests/README.md") for line in git("status", "--porcelain").splitlines()):
+    if any(not line.endswith("README.md") for line in git("status", "--porcelain").splitlines()):
         raise SystemExit("commit first: a result is of a commit")
     began = time.monotonic()
     done = subprocess.run(claim.command, shell=True, cwd=ROOT, stdout=subprocess.PIPE, text=True)
@@ -79,14 +81,18 @@ def renewed(page: str, results: dict[str, str]) -> str:
     return RESULT.sub(block, page)
 
 
+def write(results: dict[str, str]) -> None:
+    for page in PAGES:
+        page.write_text(renewed(page.read_text(), results))
+
+
 def main() -> None:
     asked = sys.argv[1:]
     if unknown := set(asked) - set(CLAIMS):
         raise SystemExit(f"no such claim: {', '.join(unknown)}; known: {', '.join(CLAIMS)}")
-    PAGE.write_text(renewed(PAGE.read_text(), {}))
+    write({})
     for name in asked:
-        result = made(CLAIMS[name])
-        PAGE.write_text(renewed(PAGE.read_text(), {name: result}))
+        write({name: made(CLAIMS[name])})
     of = {m[1]: MADE_OF.search(m[2]) for m in RESULT.finditer(PAGE.read_text())}
     for claim in CLAIMS.values():
         commit = of.get(claim.name)
