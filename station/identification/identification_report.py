@@ -32,13 +32,21 @@ LAGS_S: Final = 2.0
 COLUMNS: Final = 3
 """Panels side by side."""
 GRID: Final = "#eceef2"
+REGRESSED: Final = ("split", "II", "I")
+"""Methods whose fit is shown where the recommended one regresses on no angle of attack."""
+SETTINGS: Final = {
+    "frequencies_hz": "lowest frequency, step and highest (Hz)",
+    "delay_s": "delay (s)",
+    "deviance_less_than_quasi_steady": "deviance reduction against the quasi-steady model",
+    "sifted_lines_hz": "lines of the multisine (Hz)",
+}
+"""In words, where a setting's name is not enough."""
 NOT_SHOWN: Final = ("all_parameters", "spectra")
 """Settings that are no words."""
 
 
 def write_report(found: Identification, folder: Path) -> Path:
     """Write `found` into `folder` as identification.html; returns its path. Raises LogError if it cannot be written."""
-    shown = found.recommended
     body = [
         f"<h1>{text(found.aircraft.name)}: stability and control derivatives</h1>",
         _summary(found),
@@ -46,8 +54,8 @@ def write_report(found: Identification, folder: Path) -> Path:
         *(part for names in _groups(found) for part in (_estimates(found, names), _table(found, names))),
         _refusals(found),
     ]
-    alpha = _angle_of(found, shown) if shown is not None else None
-    if shown is not None and alpha is not None:
+    shown, alpha = _fitted(found)
+    if alpha is not None:
         body += _fits(found, shown, alpha)
         if not _gives_sideslip(shown):
             lateral = (_fits(found, m, found.record.alpha, LATERAL) for m in found.methods if _gives_sideslip(m))
@@ -61,11 +69,17 @@ def write_report(found: Identification, folder: Path) -> Path:
     return write_page(f"Identification: {found.aircraft.name}", body, folder / FILE_NAME)
 
 
-def _angle_of(found: Identification, method: str) -> Array | None:
-    """The angle of attack (n,) that a method regresses on; None where it is not at hand."""
-    if METHODS[method].runner:
-        return found.record.alpha
-    return found.flown.alpha(method, found.record) if found.flown else None
+def _fitted(found: Identification) -> tuple[str, Array | None]:
+    """The method whose fit is shown, the recommended one if it regresses on an angle of attack (n,), and that angle;
+    None where no method gives one."""
+    for method in (found.recommended or "", *REGRESSED):
+        if method in found.methods and found.methods[method].status == "ok":
+            alpha = found.record.alpha if METHODS[method].runner else None
+            if alpha is None and found.flown is not None:
+                alpha = found.flown.alpha(method, found.record)
+            if alpha is not None:
+                return method, alpha
+    return "", None
 
 
 def _gives_sideslip(method: str) -> bool:
@@ -213,7 +227,7 @@ def _spectra(found: Identification) -> list[str]:
     panels: dict[str, tuple[Array, Array | None]] = {
         "delay, s": (spectra.delay_s, 2 * spectra.delay_sd[good]),
         "coherence": (spectra.coherence, None),
-        "|S| of the lift": (spectra.sears, None),
+        "|S_G|, response of the lift": (spectra.sears, None),
         "1/(1 + k_u)": (1 / (1 + spectra.upwash), None),
     }
     figure = Figure(figsize=(10, 2.6), layout="constrained", dpi=120)
@@ -290,7 +304,7 @@ def _settings(found: Identification) -> str:
     rows = []
     for method, result in found.methods.items():
         plain = {k: v for k, v in result.settings.items() if k not in NOT_SHOWN}
-        words = "; ".join(f"{k.replace('_', ' ')}: {_value(v)}" for k, v in plain.items())
+        words = "; ".join(f"{SETTINGS.get(k, k.replace('_', ' '))}: {_value(v)}" for k, v in plain.items())
         rows.append(f"<tr><td>{text(method)}</td><td class='words' style='white-space:normal'>{text(words)}</td></tr>")
     return f"<h2>Settings</h2><table>{''.join(rows)}</table>"
 

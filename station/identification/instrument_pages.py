@@ -81,15 +81,18 @@ def _vane(made: Kinematics, record: FlightRecord) -> list[str]:
         known, unit = profile.get(p.name), VANE_UNITS[p.name]
         lines.append(_line(p, unit, "–" if known is None else _plain_value(known, unit)))
     before, after = math.degrees(part.rms_before), math.degrees(part.rms_after)
-    notes = [f"{vane_method(part)}; assumed: {', '.join(vane_assumptions(record.aircraft))}"]
-    notes += sorted({p.why for p in vane_parameters(part) if p.why})
+    notes = [
+        f"Estimate ± standard error, {vane_method(part)}",
+        f"Assumed: {', '.join(vane_assumptions(record.aircraft))}",
+    ]
+    notes += [f"Not estimated: {why}" for why in sorted({p.why for p in vane_parameters(part) if p.why})]
     return [
         f"<h2>{head}</h2>",
         image(figure, "Vane reading and the flow angle from the inertial motion, before and after calibration"),
         f"<table><tr><th>vane</th><th>estimate</th><th>profile</th></tr>{''.join(lines)}"
         f"<tr><td>rms difference</td><td>{before:.2f} deg as measured, {after:.2f} deg calibrated</td><td></td></tr>"
         "</table>",
-        f'<p class="note">Estimate ± standard error by {text("; ".join(notes))}.</p>',
+        f'<p class="note">{text(". ".join(notes))}.</p>',
     ]
 
 
@@ -119,13 +122,13 @@ def _reconstruction(made: Kinematics, record: FlightRecord) -> list[str]:
         f"<h2>{head}</h2>",
         image(figure, "Measured and reconstructed air data and pitch attitude"),
         f"<table><tr><th>instrument error</th><th>estimate</th><th></th></tr>{''.join(lines)}</table>",
-        '<p class="note">Reconstructed by integrating rates and accelerations; estimate ± standard error; grey: not '
-        "estimated.</p>",
+        '<p class="note">Reconstructed by integrating rates and accelerations. Estimate ± standard error; grey: not '
+        "estimated, though the pictures show what is measured corrected by all of them.</p>",
     ]
 
 
 def _arrival(made: Kinematics, record: FlightRecord) -> list[str]:
-    head, part = "Gust arrival at the vane before the CG", made.delay
+    head, part = "Gust arrival offset: vane before the CG", made.delay
     if isinstance(part, str):
         return _refused(head, part)
     lines = []
@@ -172,7 +175,8 @@ def _structures(found: Mapping[str, Comparison] | str | None) -> list[str]:
         '<div style="overflow-x:auto"><table><tr><th>structure</th><th>regressors</th><th>residual</th>'
         f"<th>prediction error</th><th>p of the F-test</th></tr>{''.join(lines)}</table></div>",
         '<p class="note">Residual and prediction error over the measured coefficient, rms, 0.1 to 2 Hz; prediction: '
-        "fitted to one half, tested on the other. Bold: selected by F-test and prediction.</p>",
+        "fitted to one half, tested on the other. Bold: selected by F-test and prediction. eq65: own slopes for motion "
+        "and gust (Martos 2013, equation 65); split+gust: the tail meets the gust later; S5: both.</p>",
     ]
 
 
@@ -224,5 +228,5 @@ def _pair(value: float, sd: float, unit: str) -> str:
 
 def _line(p: ParamEstimate, unit: str, last: str) -> str:
     faint = "" if p.status is Status.ESTIMATED else f' class="faint" title="{text(p.why)}"'
-    words = text(p.name.replace("_", " "))
+    words = text("bias" if p.name == "zero" else p.name.replace("_", " "))
     return f"<tr><td>{words}</td><td{faint}>{_pair(p.value, p.sd, unit)}</td><td>{last}</td></tr>"

@@ -380,7 +380,10 @@ class _Reconstruction:
         for name, value, error, prior in zip(self.names, p.tolist(), sd.tolist(), self._prior.tolist(), strict=False):
             status, why = Status.ESTIMATED, ""
             if error > TOLD * prior:
-                status, why = Status.UNESTIMATED, "the record does not tell it: vary attitude, load factor and speed"
+                status, why = (
+                    Status.UNESTIMATED,
+                    "not identifiable in this record: vary attitude, load factor and speed",
+                )
             elif name in unexplained:
                 status, why = Status.UNESTIMATED, unexplained[name]
             found.append(ParamEstimate(name, value, error, status, why))

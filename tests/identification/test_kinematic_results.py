@@ -42,7 +42,7 @@ def test_gusts_give_the_vane_s_arrival_offset() -> None:
     for lead in (delay["parameters"], *delay["by_equation"].values()):
         assert lead["delay"]["estimate"] == pytest.approx(5.3 / 56.6, abs=0.005)
     page = "".join(kinematic_pages(made, record))
-    for words in ("Gust arrival at the vane", "Lift and moment give the same delay", "Data compatibility"):
+    for words in ("Gust arrival offset", "Lift and moment give the same delay", "Data compatibility"):
         assert words in page
 
 

@@ -248,7 +248,7 @@ def test_what_the_record_does_not_tell_is_unestimated() -> None:
     steady |= {"ax": np.full(n, G0 * math.sin(0.05)), "az": np.full(n, -G0 * math.cos(0.05))}
     found = _named(_solve(steady))
     assert found["alpha_scale"].status is Status.UNESTIMATED
-    assert "does not tell" in found["alpha_scale"].why
+    assert "not identifiable" in found["alpha_scale"].why
 
 
 def test_refusals() -> None:
