@@ -89,8 +89,9 @@ def _headings(path: Path, number: int, header: str) -> tuple[list[str], list[Uni
         si = "s" if name == "time" else SIGNALS[name].unit if name in SIGNALS else None
         if si is None:
             near = difflib.get_close_matches(name, (*SIGNALS, "time"), n=1, cutoff=0.4)
-            hint = f"did you mean {near[0]}?" if near else f"known: time, {', '.join(SIGNALS)}"
-            raise LogError(f"{where}: unknown signal {name!r}; {hint}")
+            hint = f"; did you mean {near[0]}?" if near else ""
+            known = f"known, each with its unit as in q [deg/s]: time, {', '.join(SIGNALS)}"
+            raise LogError(f"{where}: unknown signal {name!r}{hint}\n{known}")
         if name in names:
             raise LogError(f"{where}: {name} is given twice, first in column {names.index(name) + 1}")
         fitting = ", ".join([*_units_of(si)])

@@ -94,7 +94,10 @@ def test_out_and_in_again_gives_the_same_bits(
         ("", "empty"),
         ("# only a comment\n", "empty"),
         ("time [s],alfa_vane [deg]\n0,1\n", "line 1, column 2: unknown signal 'alfa_vane'; did you mean alpha_vane?"),
-        ("\n# c\ntime [s],kkkk [deg]\n0,1\n", "line 3, column 2: unknown signal 'kkkk'; known: time, alpha_vane"),
+        (
+            "\n# c\ntime [s],kkkk [deg]\n0,1\n",
+            "line 3, column 2: unknown signal 'kkkk'\nknown, each with its unit as in q [deg/s]: time, alpha_vane",
+        ),
         ("time [s],q\n0,1\n", "line 1, column 2: q has no unit: write q [rad/s]"),
         ("time,q [deg/s]\n0,1\n", "line 1, column 1: time has no unit"),
         ("time [s],q [furlong]\n0,1\n", "line 1, column 2: q: unknown unit: 'furlong'"),
