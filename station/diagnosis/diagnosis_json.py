@@ -1,4 +1,4 @@
-"""A diagnosis as station.diagnose/1, the whole of contract.md's, for JSON and the report."""
+"""A diagnosis as station.diagnose/1 (logs/README.md), for JSON and the report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCHEMA: Final = "station.diagnose/1"
 
 
 def as_json(d: Diagnosis) -> dict[str, Any]:
-    """station.diagnose/1; more than the contract's fields is there, nothing less."""
+    """station.diagnose/1, as logs/README.md has it."""
     problem, found = d.problem, d.found
     white = {name: p > d.remaining.log_p_limit for name, p in d.remaining.by_series}
     residuals: dict[str, Any] = {}

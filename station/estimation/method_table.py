@@ -13,7 +13,7 @@ at the CG; the split one, whose gust part alone is delayed; or none, because it 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A way to the derivatives: its name in contract.md, what it does and what it needs."""
+    """A way to the derivatives: its name on the command line and in files, what it does and what it needs."""
 
     name: str
     sentence: str

@@ -1,4 +1,4 @@
-"""What users get wrong, and what machines do to them: an exit code of contract.md, one to three lines, no traceback."""
+"""What users get wrong, and what machines do to them: one of its exit codes, one to three lines, no traceback."""
 
 import io
 import os

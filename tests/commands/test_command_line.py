@@ -1,4 +1,4 @@
-"""The command line as a user meets it: exit codes of contract.md, errors of one to three lines, JSON on stdout."""
+"""The command line as a user meets it: exit codes of logs/README.md, errors of one to three lines, JSON on stdout."""
 
 import json
 import os

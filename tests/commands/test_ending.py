@@ -1,4 +1,4 @@
-"""However a flight is ended, it ends cleanly: a complete recording, the exit code of contract.md, no process left."""
+"""However a flight is ended, it ends cleanly: a complete recording, the right exit code, no process left."""
 
 import json
 import signal

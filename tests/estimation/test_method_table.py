@@ -15,7 +15,7 @@ def test_the_table_imports_no_numerics():
     assert done.stdout.strip() == "[]"
 
 
-def test_names_of_the_contract():
+def test_names_are_those_of_the_command_line_and_the_files():
     assert LIVE == ("II", "III", "V", "split", "split+gust", "physical")
     assert LIVE_LATERAL == ("II", "split")
     assert MEASURED == "IV"

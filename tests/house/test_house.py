@@ -144,3 +144,13 @@ def test_no_file_names_the_machine_it_was_written_on() -> None:
         if match := named.search(path.read_text(encoding="utf-8", errors="replace")):
             found.append(f"{path.relative_to(ROOT)}: {match[0]}")
     assert found == []
+
+
+def test_pages_that_code_refers_to_are_in_the_project() -> None:
+    """A docstring that names a page names one that its reader has."""
+    missing = []
+    for path in (p for p in tracked() if p.suffix in (".py", ".toml") and p != Path(__file__).resolve()):
+        for name in re.findall(r"[\w/]+\.md\b", path.read_text()):
+            if not any(str(p.relative_to(ROOT)).endswith(name) for p in tracked()):
+                missing.append(f"{path.relative_to(ROOT)}: {name}")
+    assert missing == []
