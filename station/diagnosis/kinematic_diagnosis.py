@@ -29,6 +29,7 @@ from station.identification.preparation import corrected, flight_record
 from station.model.compatibility import Compatibility
 from station.model.vane_calibration import VaneCalibration
 from station.numerics.regression import NotIdentifiable
+from station.numerics.second_order import vane_lag
 from station.profile import Aircraft
 from station.rows import ParamEstimate, Status, UsageError
 
@@ -192,7 +193,7 @@ def _stated(aircraft: Aircraft) -> tuple[float, float, float]:
     boom = aircraft.boom
     if boom is None:
         return 0.0, 1.0, 0.0
-    return boom.zero, 1 / boom.steady_calibration, boom.vane_damping / (math.pi * boom.vane_frequency)
+    return boom.zero, 1 / boom.steady_calibration, vane_lag(boom.vane_frequency, boom.vane_damping)
 
 
 def _is_beyond(name: str, value: float, sd: float) -> bool:

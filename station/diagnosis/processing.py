@@ -15,7 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from station.profile import Aircraft, Indicial
+from station.numerics.lagrange import cubic
+from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -114,15 +115,6 @@ def passed(omega: Array, band: tuple[float, float]) -> Array:
     return out
 
 
-def indicial(response: Indicial | None, omega: Array, chords_per_s: Array) -> Complex:
-    """Frequency response of 1 - sum a exp(-b t)."""
-    out = np.ones(len(omega), dtype=complex)
-    if response is not None:
-        for a, b in zip(response.a, response.b, strict=True):
-            out = out - a * 1j * omega / (1j * omega + b * chords_per_s)
-    return out
-
-
 def derivative(x: Array, dt: float) -> Array:
     """Central differences of fourth order, of lower order at the ends."""
     out = np.empty_like(x)
@@ -183,13 +175,7 @@ def _cubic(x: Array, whole: NDArray[np.int64], part: Array, out: Array) -> None:
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
             k, f = whole[i, j], part[i, j]
-            up, left, right = f + 1.0, f - 1.0, f - 2.0
-            out[i, j] = (
-                -x[i, k - 1] * f * left * right / 6
-                + x[i, k] * up * left * right / 2
-                - x[i, k + 1] * up * f * right / 2
-                + x[i, k + 2] * up * f * left / 6
-            )
+            out[i, j] = cubic(x[i, k - 1], x[i, k], x[i, k + 1], x[i, k + 2], f)
 
 
 def without_line(x: Array) -> Array:

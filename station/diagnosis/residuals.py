@@ -32,7 +32,6 @@ from station.diagnosis.processing import (
     at_places,
     back,
     derivative,
-    indicial,
     integral,
     passed,
     places_of,
@@ -40,6 +39,8 @@ from station.diagnosis.processing import (
     without_line,
 )
 from station.model.coefficients import force_coefficients, lift_and_drag, pitching_moment
+from station.numerics.indicial import frequency_response, response
+from station.numerics.second_order import second_order_response
 from station.profile import Aircraft, Boom
 from station.simulation.boom import NO_BOOM
 
@@ -200,12 +201,12 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
     chord = aircraft.geometry.chord
-    chords = v0 / (unsteady.reference_chord or chord)
+    steps = 1j * w * (unsteady.reference_chord or chord) / v0
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
     along = transform(at_places(alpha_i, there), s)
     vane_response = _vane_response(boom, w)
-    upwash_spectrum = indicial(unsteady.upwash_motion, w, chords) * along
-    gust_upwash = indicial(unsteady.upwash_gust, w, chords)
+    upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * along
+    gust_upwash = frequency_response(response(unsteady.upwash_gust), steps)
     turned = turned_tail = np.zeros(along.shape, dtype=complex)
     turned_boom: float | Array = 0.0
     if s.gusty:
@@ -243,8 +244,8 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     wing_series = tail_series = np.empty(0)
     if unsteady.memory:
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
-        wing = indicial(unsteady.lift_motion, w, chords) * along
-        wing += indicial(unsteady.lift_gust, w, chords) * (ahead * gust + turned)
+        wing = frequency_response(response(unsteady.lift_motion), steps) * along
+        wing += frequency_response(response(unsteady.lift_gust), steps) * (ahead * gust + turned)
         tail = along + turned_tail + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
         wing_series = at_places(back(wing, s), again)
@@ -338,19 +339,14 @@ def _flexed_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
 
 
 def _vane_response(boom: Boom, omega: Array) -> Complex:
-    return _second_order(boom.vane_frequency, boom.vane_damping, omega)
-
-
-def _second_order(frequency: float, damping: float, omega: Array) -> Complex:
-    wn = 2 * math.pi * frequency
-    return np.asarray(wn**2 / (wn**2 - omega**2 + 2j * damping * wn * omega), dtype=complex)
+    return np.asarray(second_order_response(boom.vane_frequency, boom.vane_damping, 1j * omega))
 
 
 def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
     """What the vane shows of a load that would bend the boom by an angle of 1: a swinging tip also moves."""
     if boom.mode_frequency is None:
         return np.ones(len(omega), dtype=complex)
-    bent = _second_order(boom.mode_frequency, boom.mode_damping, omega)
+    bent = second_order_response(boom.mode_frequency, boom.mode_damping, 1j * omega)
     return np.asarray(bent * (1 - 1j * omega * boom.mode_length / speed), dtype=complex)
 
 

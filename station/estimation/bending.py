@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNAL_INDEX
-from station.numerics.second_order import second_order
+from station.numerics.second_order import follow, second_order
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -39,15 +39,11 @@ _COUNT, _Q1, _Q2, _SEEN, _BENT, _TIP, STATE = 0, 1, 2, 3, 6, 9, 12
 
 @njit(cache=True)
 def _forward(m: Array, s: Array, new: float, begins: bool) -> None:
-    """A second-order system's state (3,): output, its rate, last input; the input straight between ticks, and settled
-    where it `begins`."""
+    """second_order.follow, settled on the input where it `begins`."""
     if begins:
         s[0], s[1], s[2] = new, 0.0, new
-        return
-    angle, swing, old = s[0], s[1], s[2]
-    s[0] = m[0] * angle + m[1] * swing + m[4] * old + m[6] * new
-    s[1] = m[2] * angle + m[3] * swing + m[5] * old + m[7] * new
-    s[2] = new
+    else:
+        follow(m, s, new)
 
 
 @njit(cache=True)

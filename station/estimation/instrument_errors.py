@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si, to_si
 from station.estimation.bending import COLUMNS, Bending, bends
 from station.numerics.angles import wrap
+from station.numerics.indicial import lagged
+from station.numerics.lagrange import uneven_cubic
 from station.profile import Aircraft, Instrument
 from station.rows import Frame, Quality
 
@@ -111,11 +113,7 @@ def _then(times: Array, values: Array, kept: int, bridge: float, t: float) -> tu
         ta, a = times[(i - 1) % length], values[(i - 1) % length]
         td, d = times[(i + 2) % length], values[(i + 2) % length]
         if tb - ta <= bridge and td - tc <= bridge:
-            x = a * (t - tb) * (t - tc) * (t - td) / ((ta - tb) * (ta - tc) * (ta - td))
-            x += b * (t - ta) * (t - tc) * (t - td) / ((tb - ta) * (tb - tc) * (tb - td))
-            x += c * (t - ta) * (t - tb) * (t - td) / ((tc - ta) * (tc - tb) * (tc - td))
-            x += d * (t - ta) * (t - tb) * (t - tc) / ((td - ta) * (td - tb) * (td - tc))
-            return x, 0.0
+            return uneven_cubic((ta, tb, tc, td), (a, b, c, d), t), 0.0
     return b + (c - b) * (t - tb) / (tc - tb), 0.0
 
 
@@ -147,9 +145,7 @@ def _undo(par: Array, times: Array, values: Array, kept: Whole, s: Array, bridge
                 s[j, _OUT], s[j, _IN] = x, x
             elif passed > 0.0:
                 # A first-order lag of an input that is straight between two frames.
-                decay = math.exp(passed / lag)
-                mean = (decay - 1.0) * lag / passed
-                s[j, _OUT] = decay * s[j, _OUT] + (mean - decay) * s[j, _IN] + (1.0 - mean) * x
+                s[j, _OUT] = lagged(s[j, _OUT], s[j, _IN], x, -passed / lag)
                 s[j, _IN] = x
             x = s[j, _OUT]
         if par[j, _CUBIC] != 0.0:

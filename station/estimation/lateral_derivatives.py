@@ -30,6 +30,8 @@ from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TIC
 from station.estimation.derivatives import COLLINEAR, EXCITED, MIN_PERIODS, MIN_R2, SLACK_S
 from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
+from station.numerics.lagrange import cubic
+from station.numerics.second_order import inverse_terms
 from station.numerics.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import Frame, ParamEstimate, Quality, Status
@@ -122,14 +124,8 @@ def carried(ring: Array, count: int, gust: float, lag: float) -> float:
     back = min(max(math.ceil(lag), 2), n - 3)
     if count < back + 1:
         return math.nan
-    x = back - lag
     a, b, c, d = [ring[(count - back + k) % n] for k in (-1, 0, 1, 2)]
-    return float(
-        -a * x * (x - 1.0) * (x - 2.0) / 6.0
-        + b * (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0
-        - c * (x + 1.0) * x * (x - 2.0) / 2.0
-        + d * (x + 1.0) * x * (x - 1.0) / 6.0
-    )
+    return float(cubic(a, b, c, d, back - lag))
 
 
 @njit(cache=True)
@@ -234,8 +230,7 @@ class Lateral:
         self._inertia = all(math.isfinite(inertia) for inertia in inertias)
         fixed = aircraft.reference_speed if aircraft.rate_reference == "fixed" else None
         place = (boom.vane_x, boom.vane_z) if boom else (0.0, 0.0)
-        omega = 2.0 * math.pi * boom.vane_frequency if boom else math.inf
-        vane = (2.0 * boom.vane_damping / omega if boom else 0.0, omega**-2)
+        vane = inverse_terms(boom.vane_frequency, boom.vane_damping) if boom else (0.0, 0.0)
         self._constant = np.array([g.wing_area, g.span, *inertias, i.ixz, fixed or 0.0, *imu_position, *place, *vane])
         self._arm = place[0]
         self._dt = dt

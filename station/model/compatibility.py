@@ -28,10 +28,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
-from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from station.conventions import G0, ned_from_body
 from station.numerics.regression import NotIdentifiable, autocorrelation
+from station.numerics.second_order import shown
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -154,13 +154,7 @@ def _adjoint(x: Array, inputs: Array, direct: Array, dt: float) -> Array:
 
 def through_vane(x: Array, vane: tuple[float, float] | None, dt: float) -> Array:
     """What a vane of natural frequency (Hz) and damping shows of the angle `x` (n,), settled on its first value."""
-    if vane is None:
-        return x
-    omega, damping = 2 * math.pi * vane[0], vane[1]
-    over, under = [omega**2], [1.0, 2 * damping * omega, omega**2]
-    b, a, _ = cont2discrete((over, under), dt, "foh")
-    shown, _ = lfilter(b.ravel(), a, x, zi=lfilter_zi(b.ravel(), a) * x[0])
-    return np.asarray(shown)
+    return x if vane is None else shown(x, *vane, dt)
 
 
 def compatibility(

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, G0, SIGNAL_INDEX
 from station.numerics.atmosphere import GAS_CONSTANT
+from station.numerics.lagrange import cubic, cubic_slope
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Frame
 
@@ -180,19 +181,7 @@ def _later(x: Array, ticks: float, i: int) -> tuple[float, float]:
         return math.nan, math.nan
     f = at - k
     a, b, c, d = x[k - 1], x[k], x[k + 1], x[k + 2]
-    value = (
-        -a * f * (f - 1) * (f - 2) / 6
-        + b * (f + 1) * (f - 1) * (f - 2) / 2
-        - c * (f + 1) * f * (f - 2) / 2
-        + d * (f + 1) * f * (f - 1) / 6
-    )
-    slope = (
-        -a * (3 * f * f - 6 * f + 2) / 6
-        + b * (3 * f * f - 4 * f - 1) / 2
-        - c * (3 * f * f - 2 * f - 2) / 2
-        + d * (3 * f * f - 1) / 6
-    )
-    return value, slope
+    return cubic(a, b, c, d, f), cubic_slope(a, b, c, d, f)
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,14 +20,15 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from station.model.coefficients import force_coefficients, lift_and_drag
 from station.model.inertial_path import BLEND_S, InertialPath
-from station.profile import Aircraft, Indicial
+from station.numerics.indicial import frequency_response, respond_throughout, response
+from station.numerics.second_order import second_order_response
+from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -55,31 +56,6 @@ class _Lines:
     def of(self, series: Array) -> Complex:
         kept = series[self.keep]
         return np.asarray(np.fft.rfft(kept - kept.mean())[self.bins] / math.sqrt(len(kept)))
-
-
-def response(indicial: Indicial | None, jw: Complex, metres_per_s: float, chord: float) -> Complex:
-    """Frequency response of 1 - sum a exp(-b t), t in chords travelled, at jw (m,), rad/s."""
-    out = np.ones_like(jw)
-    if indicial is not None:
-        for a, b in zip(indicial.a, indicial.b, strict=True):
-            out -= a * jw / (jw + b * metres_per_s / chord)
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def _remembered(table: Array, chords: Array, x: Array) -> Array:
-    """x (n,) through an indicial response, `table` (2, m) of a and b, over `chords` (n,) flown in each step; exact for
-    an input that goes straight from one to the next."""
-    out = x.copy()
-    for k in range(table.shape[1]):
-        state = x[0]
-        for i in range(1, x.shape[0]):
-            steps = table[1, k] * chords[i]
-            decay = math.exp(-steps)
-            mean = (1.0 - decay) / steps
-            state = decay * state + (mean - decay) * x[i - 1] + (1.0 - mean) * x[i]
-            out[i] += table[0, k] * (state - x[i])
-    return out
 
 
 class GustModel:
@@ -153,8 +129,7 @@ class GustModel:
         # The same gentle low-pass on all: what lies above the band could only leak into it.
         soft = np.exp(-0.5 * (np.abs(jw) / (2 * np.pi * 8.0)) ** 2)
         self._spectra = {name: soft * np.fft.rfft(_closed(laid_out(x))) for name, x in series.items()}
-        omega = 2 * np.pi * boom.vane_frequency
-        lag = 1 / (1 + 2 * boom.vane_damping * jw / omega + (jw / omega) ** 2)
+        lag = np.asarray(second_order_response(boom.vane_frequency, boom.vane_damping, jw))
         for name in self._spectra:
             if name not in ("vane", "flow"):
                 self._spectra[name] = self._spectra[name] * lag
@@ -164,8 +139,7 @@ class GustModel:
             self._spectra["Cm"] *= np.where(step < 1.0, 10 * step / (2 * np.sin(step) + 4 * np.sin(2 * step)), 1.0)
         self._reference = unsteady.reference_chord or chord
         lift = (unsteady.lift_motion, unsteady.lift_gust) if is_lagging else (None, None)
-        self._indicials = (*lift, unsteady.upwash_motion, unsteady.upwash_gust)
-        self._tables = [np.array([x.a, x.b]) if x is not None else np.zeros((2, 0)) for x in self._indicials]
+        self._responses_of = [response(x) for x in (*lift, unsteady.upwash_motion, unsteady.upwash_gust)]
         self._chords = laid_out(motion["airspeed"] / path.speed) * v * dt / self._reference
         total = boom.upwash_body + boom.upwash_wing
         self._wing_share = boom.upwash_wing / total if total else 0.0
@@ -247,8 +221,8 @@ class GustModel:
         return np.asarray(np.exp(-self._jw * distance / (self.speed * (1 + p[WIND]))))
 
     def _memories(self, p: Array) -> list[Complex]:
-        speed = self.speed * (1 + p[WIND])
-        return [response(indicial, self._jw, speed, self._reference) for indicial in self._indicials]
+        steps = self._jw * self._reference / (self.speed * (1 + p[WIND]))
+        return [np.asarray(frequency_response(of, steps)) for of in self._responses_of]
 
     def _sink(self, p: Array) -> Complex:
         """The motion's velocity along z, over the mean speed: a mean wind that is wrong is a wrong share of the pitch
@@ -259,19 +233,20 @@ class GustModel:
         """Of the wing, and of the tail beyond the table's derivatives, (2, n), rad."""
         s = self._spectra
         motion, sink = self._back(s["motion"] + p[WIND] * s["climb"]), self._back(self._sink(p))
-        lift_motion, lift_gust, upwash_motion, upwash_gust = self._tables
+        lift_motion, lift_gust, upwash_motion, upwash_gust = self._responses_of
 
         def arrived(gust: Complex, distance: float) -> Array:
             return sink + self._back(gust * self._after(distance, p))
 
         met = arrived(self._gust(p)[0], p[LEAD] - self._quarter) / self._air_edge - motion
-        upwash = _remembered(upwash_motion, self._chords, motion) + _remembered(upwash_gust, self._chords, met)
+        upwash = respond_throughout(upwash_motion, self._chords, motion)
+        upwash += respond_throughout(upwash_gust, self._chords, met)
         wing_share = p[UPWASH] * self._wing_share
         flow = (self._back(s["vane"]) - wing_share * upwash) / (1 + p[UPWASH] - wing_share)
         turned = 2 * self._arm / self._chord * self._back(s["q"])
         gust = np.fft.rfft(_closed(flow * self._air_ahead - sink + turned))
         met = arrived(gust, p[LEAD] - self._edge) / self._air_edge - motion
-        wing = _remembered(lift_motion, self._chords, motion) + _remembered(lift_gust, self._chords, met)
+        wing = respond_throughout(lift_motion, self._chords, motion) + respond_throughout(lift_gust, self._chords, met)
         tail = arrived(gust, p[LEAD] + self._late) / self._air_tail
         # The table's rate derivative holds the steady tail; its downwash is late, which q alone does not tell.
         steady = 2 * self._tail / self._chord * self._back(s["rate"])

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from station.conventions import to_si
@@ -42,6 +43,7 @@ from station.model.physical_signals import (
     WX,
     X,
 )
+from station.numerics.indicial import Response, frequency_response
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -79,13 +81,9 @@ CONSTANTS: Final = _DENSITY + 1
 WING: Final = 3 + len(SPANS)
 
 
-@njit(cache=True, error_model="numpy")
-def _memory(amplitudes: Array, rates: Array, terms: int, s: complex) -> complex:
-    """Frequency response of an indicial response; `s`: per chord travelled."""
-    h = 1.0 + 0.0j
-    for j in range(terms):
-        h -= amplitudes[j] * s / (s + rates[j])
-    return h
+@register_jitable
+def _table(con: Array, at: int, terms: int) -> Response:
+    return Response(terms, con[at : at + 4], con[at + 4 : at + 8])
 
 
 @njit(cache=True, error_model="numpy")
@@ -159,9 +157,9 @@ def columns(
         washed = to_tail * np.exp(-s * con[_WASH])
         to_boom = np.exp(-s * tau)
         lead_in = np.exp(s * lead)
-        met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * lead_in
-        f_m = _memory(con[t + 16 : t + 20], con[t + 20 : t + 24], int(con[_NM]), s / chords)
-        f_g = _memory(con[t + 24 : t + 28], con[t + 28 : t + 32], int(con[_NG]), s / chords)
+        met = frequency_response(_table(con, t + 8, int(con[_NK])), s / chords) * lead_in
+        f_m = frequency_response(_table(con, t + 16, int(con[_NM])), s / chords)
+        f_g = frequency_response(_table(con, t + 24, int(con[_NG])), s / chords)
         # What the vane shows of motion and gust, as far as it counts as gust; q at the boom: r q/V = (2 r/c) qhat. What
         # it shows too much makes a gust of which the wing's upwash is part.
         moved = r * x * to_boom
@@ -238,10 +236,10 @@ def noise_spectrum(
         else:
             f[DE, i] = 1.0
             continue
-        w_m = _memory(con[t : t + 4], con[t + 4 : t + 8], int(con[_NW]), s / chords)
-        met = _memory(con[t + 8 : t + 12], con[t + 12 : t + 16], int(con[_NK]), s / chords) * np.exp(s * lead)
-        f_m = _memory(con[t + 16 : t + 20], con[t + 20 : t + 24], int(con[_NM]), s / chords)
-        f_g = _memory(con[t + 24 : t + 28], con[t + 28 : t + 32], int(con[_NG]), s / chords)
+        w_m = frequency_response(_table(con, t, int(con[_NW])), s / chords)
+        met = frequency_response(_table(con, t + 8, int(con[_NK])), s / chords) * np.exp(s * lead)
+        f_m = frequency_response(_table(con, t + 16, int(con[_NM])), s / chords)
+        f_g = frequency_response(_table(con, t + 24, int(con[_NG])), s / chords)
         seen = (1.0 + con[_KF]) * (x - con[_BOOM] / speed * q) + con[_KW] * f_m * x
         gust = -seen / (1.0 + con[_KF] + con[_KW] * f_g * np.exp(-s * (tau - lead))) * np.exp(-s * tau)
         washed = np.exp(-s * (late + con[_WASH]))

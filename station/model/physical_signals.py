@@ -23,8 +23,9 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
-from station.numerics.delay import delayed
-from station.numerics.indicial import Response, respond, response
+from station.numerics.lagrange import delayed
+from station.numerics.indicial import Response, lagged, respond, response
+from station.numerics.second_order import second_order_inverse
 from station.profile import Aircraft
 from station.profile.aircraft import MOST_TERMS
 
@@ -135,9 +136,8 @@ def vane_inverse(frequency_hz: float, damping: float, dt: float, high_hz: float 
     nyquist = 0.5 / dt
     band = np.linspace(0.0, min(1.5 * high_hz, 0.8 * nyquist), 61)
     above = np.linspace(min(2.5 * high_hz, 0.95 * nyquist), nyquist, 41)
-    omega = 2.0 * math.pi * frequency_hz
     s = 2j * np.pi * band
-    inverse = (s * s + 2.0 * damping * omega * s) / omega**2 + 1.0
+    inverse = second_order_inverse(frequency_hz, damping, s)
     taps = np.arange(TAPS) * dt
 
     def rows(f: Array) -> Array:
@@ -173,14 +173,6 @@ def _met(c: Constants, s: State, at: int, ticks: float, headwind: float) -> floa
     then = delayed(s.ground_ring, at, ticks) + headwind
     now = s.ground_ring[at] + headwind
     return float((seen * then + (delayed(s.alpha_ring, at, ticks) - s.alpha_ring[at]) * headwind) / now)
-
-
-@njit(cache=True, error_model="numpy")
-def _lag(state: float, before: float, now: float, x: float) -> float:
-    """First-order lag, exact for an input that goes straight from `before` to `now` in x time constants."""
-    decay = math.exp(-x)
-    mean = (1.0 - decay) / x
-    return decay * state + (mean - decay) * before + (1.0 - mean) * now
 
 
 @njit(cache=True, error_model="numpy")
@@ -295,9 +287,9 @@ def _lift(c: Constants, s: State, at: int, at_edge: float, alpha_i: float, chord
     met = respond(c.gust, s.gust_lags, s.edge_gust, at_edge, chords)
     spans = s.speed * c.dt / c.span
     before = s.met_ring[(at - 1) % RING]
-    s.span_slow = _lag(s.span_slow, before, met, SPAN_SLOW * spans)
-    s.span_middle = _lag(s.span_middle, before, met, SPAN_MIDDLE * spans)
-    s.span_fast = _lag(s.span_fast, before, met, SPAN_FAST * spans)
+    s.span_slow = lagged(s.span_slow, before, met, SPAN_SLOW * spans)
+    s.span_middle = lagged(s.span_middle, before, met, SPAN_MIDDLE * spans)
+    s.span_fast = lagged(s.span_fast, before, met, SPAN_FAST * spans)
     s.incidence, s.edge_gust = alpha_i, at_edge
     s.wing_ring[at], s.met_ring[at] = wing, met
     s.slow_ring[at], s.middle_ring[at], s.fast_ring[at] = s.span_slow, s.span_middle, s.span_fast

@@ -1,12 +1,17 @@
-"""Indicial responses: what an unsteady lift or upwash makes of an input sampled at every tick, or of a spectrum."""
+"""Indicial responses 1 - sum a exp(-b t), t in chords travelled: what unsteady lift or upwash makes of an incidence.
+
+In time the exponentials are first-order lags, exact for an input that is linear between samples; in frequency each is
+a s/(s + b). Source: R. T. Jones, NACA report 681, 1940 (Wagner's and Kuessner's functions as sums of exponentials).
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from station.profile.aircraft import MOST_TERMS, Indicial
@@ -15,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Response(NamedTuple):
-    """1 - sum a exp(-b t), t in chords travelled, of `n` terms; without terms: no delay."""
+    """Amplitudes and rates of `n` terms; without terms: no delay."""
 
     n: int
     a: Annotated[Array, MOST_TERMS]
@@ -30,24 +35,43 @@ def response(indicial: Indicial | None) -> Response:
     return made
 
 
-@njit(cache=True, error_model="numpy")
-def frequency_response(of: Response, s: complex) -> complex:
-    """What it makes of a harmonic; `s`: i omega per chord travelled."""
-    h = 1.0 + 0.0j
+@register_jitable
+def frequency_response(of: Response, s: Any) -> Any:
+    """What it makes of a harmonic; `s`: j omega per chord travelled, a number in compiled code, elsewhere an array
+    too."""
+    h = 1.0 + 0.0 * s
     for j in range(of.n):
-        h -= of.a[j] * s / (s + of.b[j])
+        h = h - of.a[j] * s / (s + of.b[j])
     return h
+
+
+@register_jitable
+def lagged(state: float, before: float, now: float, steps: float) -> float:
+    """A first-order lag's output after `steps` time constants, its input linear from `before` to `now`."""
+    decay = math.exp(-steps)
+    mean = (1.0 - decay) / steps
+    return decay * state + (mean - decay) * before + (1.0 - mean) * now
 
 
 @njit(cache=True)
 def respond(of: Response, lags: Array, before: float, now: float, chords: float) -> float:
     """What it makes of an input that goes straight from `before` to `now` while `chords` are travelled; edits the
-    first-order `lags` (MOST_TERMS,), exactly."""
+    first-order `lags` (MOST_TERMS,)."""
     value = now
     for j in range(of.n):
-        x = of.b[j] * chords
-        decay = math.exp(-x)
-        mean = (1.0 - decay) / x
-        lags[j] = decay * lags[j] + (mean - decay) * before + (1.0 - mean) * now
+        lags[j] = lagged(lags[j], before, now, of.b[j] * chords)
         value += of.a[j] * (lags[j] - now)
     return value
+
+
+@njit(cache=True, error_model="numpy")
+def respond_throughout(of: Response, chords: Array, x: Array) -> Array:
+    """A series x (n,) through an indicial response, over `chords` (n,) travelled in each step; settled on its first
+    value."""
+    out = x.copy()
+    for k in range(of.n):
+        state = x[0]
+        for i in range(1, x.shape[0]):
+            state = lagged(state, x[i - 1], x[i], of.b[k] * chords[i])
+            out[i] += of.a[k] * (state - x[i])
+    return out

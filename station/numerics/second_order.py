@@ -1,11 +1,16 @@
-"""A second-order instrument: its sampled transition, and how late it shows what is slow."""
+"""A second-order instrument, H = wn^2/(s^2 + 2 zeta wn s + wn^2): a vane on its boom, or the boom's bending mode.
+
+Sampled, its input is linear between ticks. `frequency`: wn/2 pi, Hz; `damping`: zeta.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -13,8 +18,8 @@ Array = NDArray[np.float64]
 
 
 def second_order(frequency: float, damping: float, dt: float) -> Array:
-    """A system wn^2/(s^2 + 2 zeta wn s + wn^2) sampled every dt, its input linear between ticks: of the output and its
-    rate the transition (4,), what the last input adds (2,) and the new one (2,). `frequency` in Hz."""
+    """Sampled every dt: of the output and its rate the transition (4,), what the last input adds (2,) and the new one
+    (2,)."""
     omega = 2.0 * math.pi * frequency
     # Exponential of the system with its input and the input's slope.
     system = np.zeros((4, 4))
@@ -26,12 +31,7 @@ def second_order(frequency: float, damping: float, dt: float) -> Array:
     return np.array((*whole[:2, :2].ravel(), *(hold - ramp), *ramp))
 
 
-def vane_lag(frequency: float, damping: float) -> float:
-    """How late a second-order vane (Hz) shows what is slow, s."""
-    return damping / (math.pi * frequency)
-
-
-@njit(cache=True)
+@register_jitable
 def follow(transition: Array, s: Array, new: float) -> float:
     """The output for a new input, the input straight between ticks; edits `s` (3,): output, its rate, last input.
 
@@ -42,3 +42,39 @@ def follow(transition: Array, s: Array, new: float) -> float:
     s[1] = m[2] * angle + m[3] * swing + m[5] * old + m[7] * new
     s[2] = new
     return float(s[0])
+
+
+@njit(cache=True)
+def _sweep(transition: Array, x: Array, out: Array) -> None:
+    s = np.array([x[0], 0.0, x[0]])
+    for k in range(x.shape[0]):
+        out[k] = follow(transition, s, x[k])
+
+
+def shown(x: Array, frequency: float, damping: float, dt: float) -> Array:
+    """What the instrument shows of a series x (n,), settled on its first value."""
+    out = np.empty(len(x))
+    _sweep(second_order(frequency, damping, dt), np.ascontiguousarray(x, dtype=np.float64), out)
+    return out
+
+
+def second_order_inverse(frequency: float, damping: float, s: Any) -> Any:
+    """1/H at s = j omega, rad/s."""
+    omega = 2.0 * math.pi * frequency
+    return (s * s + 2.0 * damping * omega * s) / omega**2 + 1.0
+
+
+def second_order_response(frequency: float, damping: float, s: Any) -> Any:
+    """H at s = j omega, rad/s."""
+    return 1.0 / second_order_inverse(frequency, damping, s)
+
+
+def inverse_terms(frequency: float, damping: float) -> tuple[float, float]:
+    """1/H = 1 + a s + b s^2: a (s) and b (s2)."""
+    omega = 2.0 * math.pi * frequency
+    return 2.0 * damping / omega, omega**-2
+
+
+def vane_lag(frequency: float, damping: float) -> float:
+    """How late the instrument shows what is slow, s."""
+    return damping / (math.pi * frequency)

@@ -18,8 +18,8 @@ from scipy.signal import lfilter
 
 from station.diagnosis import effects as catalogue
 from station.diagnosis.measured_record import Record
-from station.diagnosis.processing import indicial
 from station.diagnosis.residuals import _vane_response
+from station.numerics.indicial import frequency_response, response
 from station.profile import Aircraft, load_aircraft
 from station.simulation.gusts import dryden
 from station.simulation.manoeuvres import elevator_input
@@ -177,8 +177,14 @@ def _vane(t: dict[str, np.ndarray], field: np.ndarray, a: Aircraft) -> np.ndarra
         return fft.rfft(np.concatenate([x, bridge]))
 
     inside = (1 + boom.upwash_body) * spectrum(moving - t["q"] * boom.vane_x / t["airspeed"] + met(boom.vane_x))
-    inside += boom.upwash_wing * indicial(a.unsteady.upwash_motion, w, chords) * spectrum(moving)
-    inside += boom.upwash_wing * indicial(a.unsteady.upwash_gust, w, chords) * spectrum(met(0.25 * a.geometry.chord))
+    inside += (
+        boom.upwash_wing * frequency_response(response(a.unsteady.upwash_motion), 1j * w / chords) * spectrum(moving)
+    )
+    inside += (
+        boom.upwash_wing
+        * frequency_response(response(a.unsteady.upwash_gust), 1j * w / chords)
+        * spectrum(met(0.25 * a.geometry.chord))
+    )
     inside += boom.flexure * spectrum(t["az"])
     return fft.irfft(inside * _vane_response(boom, w), n + pad)[:n] + boom.zero
 

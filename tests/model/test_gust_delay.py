@@ -9,8 +9,9 @@ import pytest
 
 from station.estimation.flight_record import FlightRecord
 from station.model.gust_delay import GustDelay, gust_delay
-from station.model.gust_model import Array, Equation, response
+from station.model.gust_model import Array, Equation
 from station.model.inertial_path import InertialPath, inertial_path
+from station.numerics.indicial import frequency_response, response
 from station.numerics.regression import NotIdentifiable
 from station.profile import Aircraft, Card, Flight, Indicial, Manoeuvre, Multisine, Unsteady, load_aircraft
 from station.profile.uncertainty import Uncertainty
@@ -153,5 +154,5 @@ def test_response_is_the_transform_of_the_indicial_function() -> None:
     rates = np.array(indicial.b) * speed / chord
     slope = sum(a * b * np.exp(-b * t) for a, b in zip(indicial.a, rates, strict=True))
     expected = 1 - sum(indicial.a) + np.trapezoid(slope * np.exp(-1j * omega * t), t)
-    made = response(indicial, np.array([1j * omega]), speed, chord)[0]
+    made = frequency_response(response(indicial), np.array([1j * omega * chord / speed]))[0]
     assert math.isclose(abs(made - expected), 0.0, abs_tol=1e-6)
