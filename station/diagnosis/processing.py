@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import fft, signal
 
+from station.numerics.differentiation import derivative
 from station.numerics.lagrange import cubic
 from station.profile import Aircraft
 
@@ -112,17 +113,6 @@ def passed(omega: Array, band: tuple[float, float]) -> Array:
     """1 below the first frequency (Hz), 0 above the second, half a cosine between."""
     part = np.clip((omega / (2 * np.pi) - band[0]) / (band[1] - band[0]), 0, 1)
     out: Array = 0.5 + 0.5 * np.cos(np.pi * part)
-    return out
-
-
-def derivative(x: Array, dt: float) -> Array:
-    """Central differences of fourth order, of lower order at the ends."""
-    out = np.empty_like(x)
-    out[..., 2:-2] = (8 * (x[..., 3:-1] - x[..., 1:-3]) - (x[..., 4:] - x[..., :-4])) / (12 * dt)
-    for k in (1, -2):
-        out[..., k] = (x[..., k + 1 if k > 0 else -1] - x[..., k - 1]) / (2 * dt)
-    out[..., 0] = (x[..., 1] - x[..., 0]) / dt
-    out[..., -1] = (x[..., -1] - x[..., -2]) / dt
     return out
 
 

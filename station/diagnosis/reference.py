@@ -22,6 +22,7 @@ from station.diagnosis.measured_record import Record
 from station.diagnosis.noise_levels import THRUST_SHARE, Flights, levels, noisy, stated_noise, true_noise
 from station.diagnosis.processing import Setting, bridge_of
 from station.diagnosis.residuals import SERIES, Memo, Spectra, flow_angle, series, series_spectra, spectra
+from station.numerics.differentiation import derivative
 from station.profile import Actuator, Aircraft, Flight, Instrument
 from station.rows import ProfileError, UsageError
 from station.simulation.airframe import constants
@@ -249,7 +250,7 @@ def _deflection(record: Record, elevator: Array) -> Array:
     t = record.dt * np.arange(record.n)
     fine = np.arange(0.0, t[-1] + DT, 0.5 * DT)
     position = np.interp(fine, t, smooth - np.median(smooth))
-    command: Array = position + _QUICK_ACTUATOR.time_constant * np.gradient(position, 0.5 * DT)
+    command: Array = position + _QUICK_ACTUATOR.time_constant * derivative(position, 0.5 * DT)
     return command
 
 

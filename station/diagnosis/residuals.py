@@ -31,7 +31,6 @@ from station.diagnosis.processing import (
     Setting,
     at_places,
     back,
-    derivative,
     integral,
     passed,
     places_of,
@@ -39,6 +38,7 @@ from station.diagnosis.processing import (
     without_line,
 )
 from station.model.coefficients import force_coefficients, lift_and_drag, pitching_moment
+from station.numerics.differentiation import derivative
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
 from station.profile import Aircraft, Boom

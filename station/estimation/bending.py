@@ -24,6 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNAL_INDEX
+from station.numerics.differentiation import backward
 from station.numerics.second_order import follow, second_order
 from station.profile import Aircraft
 
@@ -63,7 +64,7 @@ def straighten(par: Array, s: Array, u: Array) -> float:
     elif s[_COUNT] == 1.0:
         turn = (q - s[_Q1]) / par[_DT]
     else:
-        turn = (3.0 * q - 4.0 * s[_Q1] + s[_Q2]) / (2.0 * par[_DT])
+        turn = backward(q, s[_Q1], s[_Q2], par[_DT])
     s[_COUNT], s[_Q2], s[_Q1] = s[_COUNT] + 1.0, s[_Q1], q
     force = az + turn * (par[_IMU] - par[_HAS_MODE] * par[_X])
     _forward(par[_VANE : _VANE + 8], s[_SEEN : _SEEN + 3], par[_FLEXURE] * force, begins)

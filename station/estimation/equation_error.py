@@ -29,6 +29,7 @@ from station.model.coefficients import (
     specific_force_at_cg,
     thrust_by_drag_polar,
 )
+from station.numerics.differentiation import central
 from station.numerics.regression import invert
 from station.numerics.spectra import carry
 from station.profile import Aircraft
@@ -124,9 +125,9 @@ def sides(constant: Array, history: Array, means: Array, dt: float, row: Array, 
     h = history[1]
     if not (math.isfinite(history[0, _Q]) and math.isfinite(h[_Q])):
         return False
-    pdot = (history[2, _P] - history[0, _P]) / (2.0 * dt)
-    qdot = (history[2, _Q] - history[0, _Q]) / (2.0 * dt)
-    rdot = (history[2, _R] - history[0, _R]) / (2.0 * dt)
+    pdot = central(history[2, _P], history[0, _P], dt)
+    qdot = central(history[2, _Q], history[0, _Q], dt)
+    rdot = central(history[2, _R], history[0, _R], dt)
     p, q, r = h[_P], h[_Q], h[_R]
     ax, _, az = specific_force_at_cg(
         (h[_AX], 0.0, h[_AZ]), (p, q, r), (pdot, qdot, rdot), (constant[_XA], constant[_YA], constant[_ZA])

@@ -30,6 +30,7 @@ from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TIC
 from station.estimation.derivatives import COLLINEAR, EXCITED, MIN_PERIODS, MIN_R2, SLACK_S
 from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
+from station.numerics.differentiation import central
 from station.numerics.lagrange import cubic
 from station.numerics.second_order import inverse_terms
 from station.numerics.spectra import Transform, central_difference_factor, grid
@@ -91,8 +92,8 @@ def sides(constant: Array, history: Array, dt: float, row: Array, out: Array) ->
     h = history[1]
     if not (math.isfinite(history[0, _P]) and math.isfinite(h[_P])):
         return False
-    pdot = (history[2, _P] - history[0, _P]) / (2.0 * dt)
-    rdot = (history[2, _R] - history[0, _R]) / (2.0 * dt)
+    pdot = central(history[2, _P], history[0, _P], dt)
+    rdot = central(history[2, _R], history[0, _R], dt)
     p, q, r, v = h[_P], h[_Q], h[_R], h[_V]
     place = constant[_XA], constant[_YA], constant[_ZA]
     # What the pitch acceleration does to an accelerometer is in the plane of symmetry: 0 stands for it.
@@ -101,7 +102,7 @@ def sides(constant: Array, history: Array, dt: float, row: Array, out: Array) ->
     inertia = constant[_IXX], constant[_IYY], constant[_IZZ], constant[_IXZ]
     roll, yaw = roll_and_yaw_moment(inertia, (p, q, r), pdot, rdot)
     half = constant[_B] / (2.0 * (constant[_V0] if constant[_V0] > 0.0 else v))
-    turned = (history[2, _BETA] - history[0, _BETA]) / (2.0 * dt)
+    turned = central(history[2, _BETA], history[0, _BETA], dt)
     bent = (history[2, _BETA] - 2.0 * h[_BETA] + history[0, _BETA]) / (dt * dt)
     out[0] = h[_BETA] + constant[_LAG] * turned + constant[_BEND] * bent
     out[0] += (p * constant[_ZV] - r * constant[_XV]) / v

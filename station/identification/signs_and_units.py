@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from station.conventions import G0, SIGNALS, to_si
 from station.numerics.atmosphere import GAS_CONSTANT, standard_density
+from station.numerics.differentiation import derivative
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -198,7 +199,7 @@ def _moved(x: Array, dt: float) -> Array:
 
 def _rate(x: Array, dt: float) -> Array:
     """Smoothed rate of change, mean and trend removed."""
-    return _moved(np.gradient(x, dt), dt)
+    return _moved(derivative(x, dt), dt)
 
 
 def _filled(x: Array) -> Array:

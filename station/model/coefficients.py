@@ -22,6 +22,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from station.numerics.differentiation import differentiate
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -223,22 +224,6 @@ def acceleration(motion: Mapping[str, Array], name: str, rate: Array, dt: float)
     """pdot, qdot or rdot as measured; differentiated from its rate where the record has nothing of it."""
     column = motion.get(name)
     return differentiate(rate, dt) if column is None or not np.isfinite(column).any() else column
-
-
-def differentiate(x: Array, dt: float) -> Array:
-    """Slope of the least-squares parabola through five samples, (n,); at the ends that of the first or last five.
-
-    Source: Klein and Morelli 2006, section 11.4. Raises ValueError below five samples.
-    """
-    if len(x) < 5:
-        raise ValueError("a derivative needs at least 5 samples")
-    inner = np.correlate(x, np.array([-2.0, -1.0, 0.0, 1.0, 2.0]), "valid") / (10 * dt)
-    # The same parabola's slope two and one steps from its middle: 2 a t + b with a from the second differences.
-    curve = np.array([2.0, -1.0, -2.0, -1.0, 2.0]) / (7 * dt)
-    head, tail = x[:5] @ curve, x[-5:] @ curve
-    first = [inner[0] - 2 * head, inner[0] - head]
-    last = [inner[-1] + tail, inner[-1] + 2 * tail]
-    return np.concatenate([first, inner, last])
 
 
 def at_centre_of_gravity(

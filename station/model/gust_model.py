@@ -26,6 +26,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from station.model.coefficients import force_coefficients, lift_and_drag
 from station.model.inertial_path import BLEND_S, InertialPath
+from station.numerics.differentiation import differentiate_factor
 from station.numerics.indicial import frequency_response, respond_throughout, response
 from station.numerics.second_order import second_order_response
 from station.profile import Aircraft
@@ -136,7 +137,7 @@ class GustModel:
         if "Cm" in self._spectra and not np.isfinite(motion.get("qdot", np.full(1, np.nan))).all():
             # What the five-point slope that the angular acceleration was made with takes from high frequencies.
             step = np.maximum(np.abs(jw) * dt, 1e-9)
-            self._spectra["Cm"] *= np.where(step < 1.0, 10 * step / (2 * np.sin(step) + 4 * np.sin(2 * step)), 1.0)
+            self._spectra["Cm"] *= np.where(step < 1.0, differentiate_factor(step), 1.0)
         self._reference = unsteady.reference_chord or chord
         lift = (unsteady.lift_motion, unsteady.lift_gust) if is_lagging else (None, None)
         self._responses_of = [response(x) for x in (*lift, unsteady.upwash_motion, unsteady.upwash_gust)]

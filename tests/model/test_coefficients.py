@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from station.model.coefficients import Airframe, at_centre_of_gravity, coefficients, differentiate, thrust_by_drag_polar
+from station.model.coefficients import Airframe, at_centre_of_gravity, coefficients, thrust_by_drag_polar
 from station.numerics.regression import NotIdentifiable, least_squares
 
 AIRFRAME = Airframe(area=10.0, span=8.0, chord=1.25, mass=500.0, ixx=400.0, iyy=700.0, izz=1000.0, ixz=50.0)
@@ -76,11 +76,6 @@ def test_moments_satisfy_euler_s_equation() -> None:
     moment = wdot @ inertia + np.cross(w, w @ inertia)
     measured = np.column_stack([c.Cl * 8, c.Cm * 1.25, c.Cn * 8]) * 15000
     np.testing.assert_allclose(measured, moment, rtol=1e-12, atol=1e-9)
-
-
-def test_derivative_is_exact_for_a_parabola_up_to_the_ends() -> None:
-    x = 3 - 2 * T + 5 * T**2
-    np.testing.assert_allclose(differentiate(x, DT), -2 + 10 * T, atol=1e-9)
 
 
 def test_accelerometer_ahead_of_the_cg_feels_pitching() -> None:

@@ -32,6 +32,7 @@ from station.estimation.results import (
     result_of,
 )
 from station.model.coefficients import force_coefficients, lift_and_drag
+from station.numerics.differentiation import derivative
 from station.numerics.regression import NotIdentifiable, least_squares, smoothed_start
 from station.numerics.turbulence import in_band
 from station.rows import ParamEstimate, Status
@@ -167,7 +168,7 @@ def _setup(record: FlightRecord) -> _Setup:
     if record.has("qdot"):
         slope = qdot
     else:
-        slope = np.gradient(m["q"], record.dt)
+        slope = derivative(m["q"], record.dt)
         measured[:, 4] = slope
     free, initial = _initial(record, body, inputs, slope)
     start = smoothed_start(measured[:, :NX], 2.0, record.dt)
