@@ -14,14 +14,13 @@ from typing import Any, Final
 import numpy as np
 from pymavlink import DFReader
 
+from station.conventions import GAS_CONSTANT, SEA_LEVEL_DENSITY
 from station.rows import LogError
 
 Columns = tuple[str, list[int], dict[str, list[float]]]
 
-_ISA_DENSITY: Final = 1.225
 _ISA_TEMPERATURE: Final = 288.15
 _ISA_PRESSURE: Final = 101_325.0
-_GAS_CONSTANT: Final = 287.05287
 _ISA_EXPONENT: Final = 0.190263
 """Of the troposphere: T/T0 = (p/p0)^0.190263 (ISO 2533)."""
 
@@ -136,8 +135,8 @@ def _true_airspeed(
     standard = _ISA_TEMPERATURE * (pressure / _ISA_PRESSURE) ** _ISA_EXPONENT
     unmeasured = (measured == 273.15) | ~np.isfinite(measured)
     temperature = np.where(unmeasured, standard, measured)
-    density = pressure / (_GAS_CONSTANT * temperature)
-    columns["airspeed"] = (np.array(columns["airspeed"]) * np.sqrt(_ISA_DENSITY / density)).tolist()
+    density = pressure / (GAS_CONSTANT * temperature)
+    columns["airspeed"] = (np.array(columns["airspeed"]) * np.sqrt(SEA_LEVEL_DENSITY / density)).tolist()
     columns["air_temperature"] = np.where(unmeasured, np.nan, measured).tolist()
     if np.all(unmeasured):
         del columns["air_temperature"]

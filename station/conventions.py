@@ -18,6 +18,10 @@ from numpy.typing import NDArray
 
 G0: Final = 9.80665
 """Standard gravity, m/s2 (ISO 80000-3)."""
+GAS_CONSTANT: Final = 287.05287
+"""Of dry air, J/(kg K)."""
+SEA_LEVEL_DENSITY: Final = 1.225
+"""Of the standard atmosphere, kg/m3."""
 
 TICK_HZ: Final = 50
 TICK_NS: Final = 1_000_000_000 // TICK_HZ

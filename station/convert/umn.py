@@ -15,13 +15,13 @@ from typing import Any, Final
 import numpy as np
 from scipy.io import loadmat
 
-from station.conventions import SIGNALS
+from station.conventions import SEA_LEVEL_DENSITY, SIGNALS
 from station.convert.tracks import Column, Record, Track
+from station.numerics.atmosphere import PRESSURE_POWER, SEA_LEVEL_PRESSURE
 from station.profile import Aircraft
 from station.rows import LogError
 
 VARIABLE: Final = "flight_data"
-_SEA_LEVEL_DENSITY: Final = 1.225
 _FIELDS: Final[Mapping[str, str]] = {
     "alpha_vane": "aoa",
     "beta_vane": "aos",
@@ -66,10 +66,10 @@ def read_umn(path: Path, aircraft: Aircraft) -> Record:
     columns["psi"] = (columns["psi"] + np.pi) % (2 * np.pi) - np.pi
     pressure, indicated = 1e3 * _field(path, data, "Ps", n), np.maximum(_field(path, data, "ias", n), 0.0)
     columns["static_pressure"] = pressure
-    columns["dynamic_pressure"] = 0.5 * _SEA_LEVEL_DENSITY * indicated**2
+    columns["dynamic_pressure"] = 0.5 * SEA_LEVEL_DENSITY * indicated**2
     # No air temperature is recorded: the standard atmosphere's density at the static pressure (ISO 2533).
-    density = _SEA_LEVEL_DENSITY * np.maximum(pressure / 101_325.0, 0.1) ** (4.25588 / 5.25588)
-    columns["airspeed"] = indicated * np.sqrt(_SEA_LEVEL_DENSITY / density)
+    density = SEA_LEVEL_DENSITY * np.maximum(pressure / SEA_LEVEL_PRESSURE, 0.1) ** (1 - 1 / PRESSURE_POWER)
+    columns["airspeed"] = indicated * np.sqrt(SEA_LEVEL_DENSITY / density)
     extra = {f"navigation_{n_}": _field(path, data, n_, n) for n_ in _KEPT if hasattr(data, n_)}
     notes = {
         "file": path.name,

@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from station.conventions import SEA_LEVEL_DENSITY
+from station.numerics.atmosphere import air_density, height_at_density, height_at_pressure
 from station.profile import Aircraft
 from station.rows import UsageError
-from station.simulation.airframe import atmosphere
 
 Array = NDArray[np.float64]
 
@@ -234,25 +235,26 @@ def _mean(columns: Mapping[str, Array], name: str, rows: NDArray[np.int64]) -> f
 def _air(
     columns: Mapping[str, Array], rows: NDArray[np.int64], signals: Mapping[str, Array], aircraft: Aircraft
 ) -> tuple[float, float]:
-    """Mean density (kg/m3) and height (m), from static air data, altitude or dynamic pressure, in this order."""
+    """Mean density (kg/m3) by atmosphere.air_density, else of dynamic pressure and airspeed, else sea level's; and
+    height (m)."""
 
     def mean(name: str) -> float:
         found = _mean(columns, name, rows)
-        return float("nan") if found is None else found
+        return math.nan if found is None else found
 
-    pressure, temperature, altitude = mean("static_pressure"), mean("air_temperature"), mean("altitude")
-    if math.isfinite(pressure) and math.isfinite(temperature):
-        density = pressure / (287.05287 * temperature)
-        by_pressure = (1 - (pressure / 101325.0) ** (1 / 5.255876)) * 288.15 / 0.0065
-        height = altitude if math.isfinite(altitude) else by_pressure
-    elif math.isfinite(altitude):
-        density, height = float(atmosphere(altitude)[2]), altitude
-    elif "dynamic_pressure" in signals:
-        density = float(np.mean(2 * signals["dynamic_pressure"] / signals["airspeed"] ** 2))
-        height = (1 - (density / 1.225) ** (1 / 4.255876)) * 288.15 / 0.0065
-    else:
-        density, height = aircraft.air_density or 1.225, 0.0
-    return aircraft.air_density or density, height
+    pressure, altitude = mean("static_pressure"), mean("altitude")
+    stated = math.nan if aircraft.air_density is None else aircraft.air_density
+    density = float(air_density(stated, pressure, mean("air_temperature"), altitude))
+    shown = math.nan
+    if "dynamic_pressure" in signals:
+        shown = float(np.mean(2 * signals["dynamic_pressure"] / signals["airspeed"] ** 2))
+    if math.isnan(density):
+        density = shown if math.isfinite(shown) else SEA_LEVEL_DENSITY
+    if math.isfinite(altitude):
+        return density, altitude
+    if math.isfinite(pressure):
+        return density, height_at_pressure(pressure)
+    return density, height_at_density(shown) if math.isfinite(shown) else 0.0
 
 
 def _along(signals: dict[str, Array]) -> None:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from station.conventions import G0
+from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.diagnosis.corrections import corrected, gain_of, instrument_of, own_motion
 from station.diagnosis.nonlinearity import Nonlinear
 from station.diagnosis.processing import (
@@ -230,7 +230,7 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         bend, load = _bending(boom, w, v0), motion.az
         if boom.mode_frequency is not None:
             load = load - motion.qdot * boom.vane_x
-        given = 1 + bend * (boom.tip_load / 1000 * 0.5 * (aircraft.air_density or 1.225) * v0**2)
+        given = 1 + bend * (boom.tip_load / 1000 * 0.5 * (aircraft.air_density or SEA_LEVEL_DENSITY) * v0**2)
         shown = shown * given + transform(boom.flexure * load, s) * bend
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
 
@@ -334,7 +334,7 @@ def _flexed_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
     if not s.gusty or not boom.flexure:
         return 1.0
     a = s.nominal
-    force = 0.5 * (a.air_density or 1.225) * speed**2 * a.geometry.wing_area
+    force = 0.5 * (a.air_density or SEA_LEVEL_DENSITY) * speed**2 * a.geometry.wing_area
     return np.asarray(1 - boom.flexure * force * a.value("CL_alpha") / a.inertia.mass)
 
 

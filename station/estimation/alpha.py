@@ -23,8 +23,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.numerics.lagrange import delayed
 from station.numerics.indicial import Response, respond, response
+from station.numerics.lagrange import delayed
 from station.numerics.named_state import Vector
 from station.numerics.second_order import follow, second_order, vane_lag
 from station.profile import Aircraft, Indicial

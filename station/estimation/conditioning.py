@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, SIGNAL_INDEX, SIGNALS, TICK_HZ
-from station.numerics.atmosphere import GAS_CONSTANT, standard_density
+from station.numerics.atmosphere import air_density
 from station.rows import Frame
 
 Array = NDArray[np.float64]
@@ -111,16 +111,11 @@ def step(
 
 @njit(cache=True)
 def dynamic_pressure(u: Array, density: float) -> float:
-    """Pa: measured if there is one, else rho V^2/2 with `density` (NaN: not known) or that of static air data or
-    altitude; NaN where nothing tells it."""
+    """Pa: measured if there is one, else rho V^2/2 by atmosphere.air_density, `density` being the profile's (NaN:
+    none); NaN where nothing tells it."""
     if u[QBAR] > 0.0:
         return float(u[QBAR])
-    if math.isnan(density):
-        if u[STATIC] > 0.0 and u[TEMPERATURE] > 0.0:
-            density = u[STATIC] / (GAS_CONSTANT * u[TEMPERATURE])
-        elif math.isfinite(u[ALTITUDE]):
-            density = standard_density(u[ALTITUDE])
-    return float(0.5 * density * u[AIRSPEED] ** 2)
+    return float(0.5 * air_density(density, u[STATIC], u[TEMPERATURE], u[ALTITUDE]) * u[AIRSPEED] ** 2)
 
 
 class Conditioner:

@@ -22,7 +22,7 @@ from station.model.coefficients import (
     coefficients,
     thrust_by_drag_polar,
 )
-from station.numerics.atmosphere import GAS_CONSTANT, standard_density
+from station.numerics.atmosphere import air_densities
 from station.numerics.regression import NotIdentifiable
 from station.numerics.turbulence import HIGH_HZ, LOW_HZ, classified
 from station.profile import Aircraft
@@ -235,16 +235,11 @@ def _bridged(column: Array, dt: float) -> Array:
 
 
 def _dynamic_pressure(motion: Mapping[str, Array], aircraft: Aircraft) -> Array:
-    """Pa: as measured, else rho V^2/2 with the density of the profile, of the static air data or of the altitude."""
+    """Pa: as measured, else rho V^2/2 by atmosphere.air_density."""
     v = motion["airspeed"]
     measured = motion.get("dynamic_pressure", np.full(len(v), np.nan))
-    density = np.full(len(v), np.nan)
-    if aircraft.air_density is not None:
-        density[:] = aircraft.air_density
-    elif "static_pressure" in motion and "air_temperature" in motion:
-        density = motion["static_pressure"] / (GAS_CONSTANT * motion["air_temperature"])
-    elif "altitude" in motion:
-        density = np.array([standard_density(height) for height in motion["altitude"].tolist()])
+    air = (motion.get(name, np.full(len(v), np.nan)) for name in ("static_pressure", "air_temperature", "altitude"))
+    density = air_densities(np.nan if aircraft.air_density is None else aircraft.air_density, *air)
     filled: Array = np.where(measured > 0, measured, 0.5 * density * v * v)
     if not np.isfinite(filled).any():
         raise NotIdentifiable("the record has neither dynamic pressure nor signals that give the air density")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, SIGNALS, to_si
-from station.numerics.atmosphere import GAS_CONSTANT, standard_density
+from station.numerics.atmosphere import air_density
 from station.numerics.differentiation import derivative
 from station.profile import Aircraft
 
@@ -210,8 +210,9 @@ def _filled(x: Array) -> Array:
 
 def _density(x: Mapping[str, Array], aircraft: Aircraft) -> float:
     """kg/m3; where unknown, that of the middle of the troposphere."""
-    if aircraft.air_density is not None:
-        return aircraft.air_density
-    if "static_pressure" in x and "air_temperature" in x:
-        return float(np.mean(x["static_pressure"]) / (GAS_CONSTANT * np.mean(x["air_temperature"])))
-    return standard_density(float(np.mean(x["altitude"])) if "altitude" in x else 5000.0)
+
+    def mean(name: str, otherwise: float = math.nan) -> float:
+        return float(np.mean(x[name])) if name in x else otherwise
+
+    stated = math.nan if aircraft.air_density is None else aircraft.air_density
+    return float(air_density(stated, mean("static_pressure"), mean("air_temperature"), mean("altitude", 5000.0)))

@@ -26,7 +26,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, G0, SIGNAL_INDEX
-from station.numerics.atmosphere import GAS_CONSTANT
+from station.numerics.atmosphere import air_density
 from station.numerics.lagrange import cubic, cubic_slope
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Frame
@@ -89,9 +89,8 @@ def step(par: Array, s: Array, ring: Array, u: Array, age: Array, dt: float) -> 
     ay = u[_AY] if math.isfinite(u[_AY]) else 0.0
     psi = u[_PSI] if math.isfinite(u[_PSI]) else math.atan2(u[_VE], u[_VN])
     qbar = u[_QBAR]
-    density = par[_RHO]
-    if not math.isfinite(density):
-        density = u[_STATIC] / (GAS_CONSTANT * u[_TEMP])
+    # Not by altitude: the standard atmosphere's temperature is too coarse to judge a sensor by.
+    density = air_density(par[_RHO], u[_STATIC], u[_TEMP], math.nan)
     mass = u[_MASS] if u[_MASS] > 0.0 else par[_M]
 
     # Attitude and velocity as rates and accelerations have them; a gap leaves them where they were and spoils the mean.

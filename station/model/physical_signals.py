@@ -23,8 +23,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import lstsq
 
-from station.numerics.lagrange import delayed
 from station.numerics.indicial import Response, lagged, respond, response
+from station.numerics.lagrange import delayed
 from station.numerics.second_order import second_order_inverse
 from station.profile import Aircraft
 from station.profile.aircraft import MOST_TERMS

@@ -19,6 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
+from station.numerics.atmosphere import SCALE_HEIGHT, TROPOPAUSE, atmosphere
 from station.profile import Aircraft, Indicial
 from station.rows import ProfileError
 from station.simulation.trigonometry import arctangent, sine_cosine
@@ -121,21 +122,6 @@ class Trim:
 HOLD_SPEED: Final = 0.20
 HOLD_HEIGHT: Final = 0.004
 HOLD_LAG: Final = 3.0
-TROPOPAUSE: Final = 11_000.0
-SCALE_HEIGHT: Final = 287.05287 * 216.65 / G0
-"""Over which pressure and density fall by e above the tropopause, m."""
-
-
-def standard_air(height: float) -> tuple[float, float, float]:
-    """Pressure (Pa), temperature (K) and density (kg/m3) of the standard atmosphere below 20 km. ISO 2533."""
-    temperature = 288.15 - 0.0065 * min(height, TROPOPAUSE)
-    pressure = 101325.0 * (temperature / 288.15) ** 5.255876
-    if height > TROPOPAUSE:
-        pressure *= math.exp((TROPOPAUSE - height) / SCALE_HEIGHT)
-    return pressure, temperature, pressure / (287.05287 * temperature)
-
-
-atmosphere = njit(cache=True, error_model="numpy")(standard_air)
 
 
 def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float) -> tuple[float, float, float]:
@@ -156,7 +142,7 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
 
     Raises ProfileError if there is none.
     """
-    density = aircraft.air_density or standard_air(height)[2]
+    density = aircraft.air_density or atmosphere(height)[2]
     weight = aircraft.inertia.mass * G0
     scale = 0.5 * density * speed**2 * aircraft.geometry.wing_area
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from station.conventions import G0
 from station.profile import Aircraft, Flight
-from station.simulation.airframe import find_trim, standard_air
+from station.numerics.atmosphere import atmosphere
+from station.simulation.airframe import find_trim
 from station.simulation.three_degrees import ORIGIN
 
 
@@ -29,7 +30,7 @@ class LevelFlight:
 def level_flight(aircraft: Aircraft, flight: Flight) -> dict[str, float]:
     """Every signal in SI, with bias, gain and nonlinearity of the profile's instruments; the boom does not bend."""
     trim = find_trim(aircraft, flight.speed, flight.altitude)
-    pressure, temperature, density = standard_air(flight.altitude)
+    pressure, temperature, density = atmosphere(flight.altitude)
     boom = aircraft.boom
     vane = boom.zero + trim.alpha / boom.steady_calibration if boom else trim.alpha
     true = {

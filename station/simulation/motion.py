@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ
+from station.numerics.atmosphere import atmosphere
 from station.simulation import airframe as ac
 from station.simulation.boom import VaneConstants, bending, flow_angle, second_order_step, upwash_step
 from station.simulation.gusts import gust_at
@@ -174,7 +175,7 @@ def record(
 ) -> None:
     """Everything there is to know at one instant, in the order of COLUMNS."""
     q, theta, height = x[ac.Q], x[ac.THETA], x[ac.HEIGHT]
-    pressure, temperature, _ = ac.atmosphere(height)
+    pressure, temperature, _ = atmosphere(height)
     north = x[ac.DISTANCE] * math.cos(site.heading) + site.wind_north * time
     east = x[ac.DISTANCE] * math.sin(site.heading) + site.wind_east * time
     latitude = site.latitude + north / site.radius_north
