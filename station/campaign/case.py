@@ -19,11 +19,11 @@ from station.conventions import SIGNAL_INDEX, TICK_HZ
 from station.estimation import tick
 from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
-from station.estimation.methods import NOISE
 from station.estimation.physical_method import SEGMENT
 from station.model import regressor_error, unsteady_lift
 from station.model.physical_columns import constants, why_not
 from station.numerics import spectra
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
 from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
 from station.simulation import airframe as ac
@@ -166,8 +166,8 @@ def _estimation(campaign: Campaign, known: Aircraft, has_physical: bool) -> Esti
         sears_k=SEARS_K,
         sears=SEARS,
         paths=regressor_error.lengths(known),
-        noisy=regressor_error.deviations(known, NOISE),
-        vane_noise=NOISE["alpha_vane"],
+        noisy=regressor_error.deviations(known, DEFAULT_NOISE),
+        vane_noise=DEFAULT_NOISE["alpha_vane"],
         warm_up=campaign.warm_up,
         step=campaign.step,
         segment=1.0 / campaign.step if campaign.segments else math.inf,
@@ -180,7 +180,7 @@ def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
     body = known.boom.upwash_body if known.boom else 0.0
     return physical.Constants(
         regressors=constants(known),
-        noise=(NOISE["alpha_vane"] / (1.0 + body)) ** 2,
+        noise=(DEFAULT_NOISE["alpha_vane"] / (1.0 + body)) ** 2,
         segment=round(SEGMENT / campaign.step / _TICK_S) if campaign.segments else math.inf,
     )
 

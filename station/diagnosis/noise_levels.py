@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from station.conventions import G0, to_si
 from station.diagnosis.corrections import instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import Setting
 from station.diagnosis.residuals import VANE, series
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -27,18 +27,8 @@ THRUST_SHARE: Final = 0.05
 THRUST_S: Final = 1.0
 """Where thrust is not recorded: by how much of its trim it changes unseen, and how slowly. A propeller's thrust changes
 with the speed by about as much as that, and so do small corrections by hand."""
-STATED: Final[Mapping[str, float]] = {
-    "alpha_vane": to_si(0.05, "deg"),
-    "q": to_si(0.03, "deg/s"),
-    "theta": to_si(0.03, "deg"),
-    "ax": 0.002 * G0,
-    "az": 0.004 * G0,
-    "airspeed": to_si(0.3, "ft/s"),
-    "v_down": to_si(0.1, "ft/s"),
-    "v_along": to_si(0.1, "ft/s"),
-    "elevator": to_si(0.02, "deg"),
-}
-"""Noise where a rig states none: a good flight-test installation."""
+JUDGED: Final = ("alpha_vane", "q", "theta", "ax", "az", "airspeed", "v_down", "v_along", "elevator")
+"""Signals whose noise the residuals hold."""
 SMOOTHED: Final = 0.5
 _ALIAS: Final = {"v_along": "v_north"}
 _BANDS: Final = ((0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.98))
@@ -62,7 +52,8 @@ class Flights:
 
 def stated_noise(record: Record) -> dict[str, float]:
     """What the record's rig states, or a good installation has."""
-    return {name: record.stated.get(_ALIAS.get(name, name)) or STATED[name] for name in STATED}
+    of = {name: _ALIAS.get(name, name) for name in JUDGED}
+    return {name: record.stated.get(signal) or DEFAULT_NOISE[signal] for name, signal in of.items()}
 
 
 def true_noise(noise: Mapping[str, float], aircraft: Aircraft) -> dict[str, float]:

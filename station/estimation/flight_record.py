@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from station.conventions import ANGLES_THAT_WRAP, FRESH_AGE_S, SIGNALS, to_si
+from station.conventions import ANGLES_THAT_WRAP, FRESH_AGE_S, SIGNALS
 from station.model.coefficients import (
     Airframe,
     Coefficients,
@@ -23,6 +23,7 @@ from station.model.coefficients import (
     thrust_by_drag_polar,
 )
 from station.numerics.atmosphere import air_densities
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.regression import NotIdentifiable
 from station.numerics.turbulence import HIGH_HZ, LOW_HZ, classified
 from station.profile import Aircraft
@@ -49,19 +50,6 @@ LEAST_S: Final = 2.0
 LEAST_SHARE: Final = 0.5
 """and the share of its rows that must have a gust."""
 LEAST_ROWS: Final = 10
-NOISE: Final = {
-    "alpha_vane": to_si(0.05, "deg"),
-    "beta_vane": to_si(0.05, "deg"),
-    "elevator": to_si(0.02, "deg"),
-    "aileron": to_si(0.02, "deg"),
-    "rudder": to_si(0.02, "deg"),
-    "q": to_si(0.03, "deg/s"),
-    "theta": to_si(0.03, "deg"),
-    "airspeed": to_si(0.3, "ft/s"),
-    "ax": to_si(0.002, "g"),
-    "az": to_si(0.004, "g"),
-}
-"""Standard deviations where the rig states none."""
 MIN_SPEED: Final = 8.0
 
 
@@ -130,7 +118,7 @@ class FlightRecord:
             coefficients=coefficients(motion, airframe, alpha, dt),
             airframe=airframe,
             aircraft=aircraft,
-            noise={**NOISE, **{k: v for k, v in (noise or {}).items() if v > 0}},
+            noise={**DEFAULT_NOISE, **{k: v for k, v in (noise or {}).items() if v > 0}},
             remarks=tuple(remarks),
         )
 

@@ -23,9 +23,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si, to_si
+from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si
 from station.estimation.bending import COLUMNS, Bending, bends
 from station.numerics.angles import wrap
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.indicial import lagged
 from station.numerics.lagrange import uneven_cubic
 from station.profile import Aircraft, Instrument
@@ -40,7 +41,6 @@ LONGEST_LAG_S: Final = 1.0
 """The noise of one that lags more, undone, would drown it."""
 DITHER: Final = 4.0
 """Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
-_SURFACE_NOISE: Final = to_si(0.02, "deg")
 HELD_S: Final = 1.0
 """A value that is not renewed is missing after this."""
 
@@ -262,7 +262,7 @@ class Corrector:
         self._par = np.zeros((len(errors), _PARAMETERS))
         steps = 0
         for j, (name, e) in enumerate(errors.items()):
-            dither = DITHER * (noise.get(name, 0.0) or _SURFACE_NOISE)
+            dither = DITHER * (noise.get(name, 0.0) or DEFAULT_NOISE.get(name, 0.0))
             self._par[j] = e.latency, e.lag, e.gain, e.bias, e.cubic, e.backlash, dither, name in ANGLES_THAT_WRAP
             reach = (e.latency + (_REACH * SLOPE_STEP_S if e.lag > 0 else 0.0)) / dt
             # Between two samples the cubic also takes the one after them.

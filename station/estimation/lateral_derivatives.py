@@ -26,10 +26,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS, to_si
+from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS
 from station.estimation.derivatives import COLLINEAR, EXCITED, MIN_PERIODS, MIN_R2, SLACK_S
 from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.differentiation import central
 from station.numerics.lagrange import cubic
 from station.numerics.second_order import inverse_terms
@@ -45,14 +46,7 @@ MEASURED: Final = ("beta_vane", "p", "r", "ay", "aileron", "rudder", "q")
 EQUATIONS: Final = ("CY", "Cl", "Cn")
 SURFACES: Final = ("aileron", "rudder")
 MOTIONS: Final = {"beta": "sideslip", "p": "roll rate", "r": "yaw rate"}
-NOISE: Final = {
-    "beta_vane": to_si(0.05, "deg"),
-    "p": to_si(0.015, "deg/s"),
-    "r": to_si(0.015, "deg/s"),
-    "aileron": to_si(0.02, "deg"),
-    "rudder": to_si(0.02, "deg"),
-}
-"""Standard deviations in a frame where the rig gives none, in the order of the regressors."""
+REGRESSORS: Final = ("beta_vane", "p", "r", "aileron", "rudder")
 DROWNED: Final = 0.2
 """Share of noise in what a regressor has beyond the others, above which its derivative is noise's."""
 LACKING_S: Final = 1.0
@@ -235,7 +229,7 @@ class Lateral:
         self._constant = np.array([g.wing_area, g.span, *inertias, i.ixz, fixed or 0.0, *imu_position, *place, *vane])
         self._arm = place[0]
         self._dt = dt
-        self._noise = np.array([noise.get(name, 0.0) or usual for name, usual in NOISE.items()])
+        self._noise = np.array([noise.get(name, 0.0) or DEFAULT_NOISE[name] for name in REGRESSORS])
         self._half = 0.0
         """b/2V."""
         self._minimum = MIN_PERIODS / card.low

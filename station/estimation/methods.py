@@ -22,19 +22,11 @@ from station.estimation.method_table import LIVE, LIVE_LATERAL, MEASURED, METHOD
 from station.estimation.physical_method import Physical
 from station.estimation.published.cross_spectra import VaneSpectra
 from station.model.physical_signals import LENGTH_M
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
 from station.numerics.turbulence import BOUND, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
-
-NOISE: Final = {
-    "alpha_vane": to_si(0.05, "deg"),
-    "elevator": to_si(0.02, "deg"),
-    "q": to_si(0.03, "deg/s"),
-    "theta": to_si(0.03, "deg"),
-    "v_down": to_si(0.1, "ft/s"),
-}
-"""Standard deviations where the rig gives none."""
 
 GAP_TICKS: Final = 5
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
@@ -90,7 +82,7 @@ class Estimator:
                 raise UsageError(f"{name} is no live method: choose from {', '.join(LIVE)}")
         self._dt = dt = 1.0 / TICK_HZ
         given = {k: v for k, v in (noise or {}).items() if v > 0}
-        self._noise = {**NOISE, **given}
+        self._noise = {**DEFAULT_NOISE, **given}
         self._methods = methods
         self._force = force
         names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY

@@ -7,13 +7,15 @@ from typing import Final
 
 import numpy as np
 
-from station.estimation.flight_record import NOISE
 from station.log import Table
+from station.numerics.default_noise import DEFAULT_NOISE
 
 REPEATING: Final = 0.6
 """Share of rows that repeat the value before, above which a noisy signal is held between its samples."""
 MOVING: Final = ("alpha_vane", "q", "az")
 """Signals that noise and motion change from row to row."""
+AT_EVERY_ROW: Final = ("alpha_vane", "beta_vane", "elevator", "aileron", "rudder", "q", "theta", "airspeed", "ax", "az")
+"""Signals sampled as fast as rows come, in which spikes are sought."""
 FROZEN_S: Final = 0.15
 JUMP: Final = 5.0
 """Over the usual step from row to row: what two of MOVING do when a recorder that had stopped resumes."""
@@ -75,7 +77,7 @@ def despiked(table: Table) -> tuple[Table, list[str]]:
     half = WINDOW // 2
     columns, remarks = dict(table.columns), []
     for name, column in table.columns.items():
-        if name not in NOISE:
+        if name not in AT_EVERY_ROW:
             continue
         around = np.lib.stride_tricks.sliding_window_view(column, WINDOW)
         middle = np.median(around, axis=1)
@@ -86,7 +88,7 @@ def despiked(table: Table) -> tuple[Table, list[str]]:
         # Of the five, the three nearest to their median.
         spread = np.sort(np.abs(around - middle[:, None]), axis=1)[:, half]
         usual = float(np.quantile(deviation[known], USUAL_SHARE))
-        threshold = np.maximum(np.maximum(SPIKE * usual, SPIKE_NOISE * NOISE[name]), SPIKE_SPREAD * spread)
+        threshold = np.maximum(np.maximum(SPIKE * usual, SPIKE_NOISE * DEFAULT_NOISE[name]), SPIKE_SPREAD * spread)
         lone = known & (deviation > threshold)
         if not lone.any():
             continue

@@ -12,7 +12,6 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import to_si
 from station.estimation.flight_record import FlightRecord
 from station.model.compatibility import Compatibility, compatibility, through_vane
 from station.model.gust_delay import GustDelay, gust_delay
@@ -34,7 +33,6 @@ MOSTLY: Final = 0.5
 """A signal present in a smaller share of the rows is omitted."""
 LEAST_HZ: Final = 25.0
 """For the gust's arrival."""
-VELOCITY_NOISE: Final = to_si(0.1, "ft/s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,5 +134,4 @@ def _delay(record: FlightRecord, motion: Mapping[str, Array], rows: slice) -> Gu
     moment = record.coefficients.Cm[rows]
     if np.isfinite(moment).all():
         measured["Cm"] = moment
-    noise = {"v_down": VELOCITY_NOISE, **record.noise}
-    return gust_delay(motion, path, measured, record.aircraft, noise, record.dt)
+    return gust_delay(motion, path, measured, record.aircraft, record.noise, record.dt)

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 from station.conventions import G0, TICK_HZ, from_si, to_si
 from station.model import consistency as c
 from station.model.consistency import Window
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.turbulence import BOUND, gust_sigma
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Code, Event, Frame
@@ -152,7 +153,7 @@ class Disagreement:
     ) -> None:
         """`imu_position`: m from the CG. `noise`: of the vane, rad, by signal's name."""
         self._window = Window(aircraft, imu_position, 1.0 / TICK_HZ)
-        self._noise = (noise or {}).get("alpha_vane", 0.0) or to_si(0.05, "deg")
+        self._noise = (noise or {}).get("alpha_vane", 0.0) or DEFAULT_NOISE["alpha_vane"]
         self._checks = {name: _Told() for name in CHECKS}
         self._ticks = 0
         self._copy = (aircraft, imu_position)

@@ -19,7 +19,6 @@ from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from station.conventions import to_si
 from station.model.physical_signals import (
     DK,
     DKL,
@@ -43,6 +42,7 @@ from station.model.physical_signals import (
     WX,
     X,
 )
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.indicial import Response, frequency_response
 from station.profile import Aircraft
 
@@ -317,15 +317,6 @@ LEARNT: Final = (1.0, 1.0, 1.0, 1.0, 1.0, 0.67, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.
 """How much of each nuisance's prior standard deviation turbulence is let move: there the rest, which stands for errors
 of another shape than the nuisance's own, is only considered. In calm air everything is learnt. The mean wind's share is
 `set_air`'s."""
-NOISE: Final = {
-    "alpha_vane": to_si(0.05, "deg"),
-    "theta": to_si(0.03, "deg"),
-    "q": to_si(0.03, "deg/s"),
-    "az": to_si(0.004, "g"),
-    "v_down": to_si(0.1, "ft/s"),
-    "elevator": to_si(0.02, "deg"),
-}
-"""Standard deviations where none are given, SI."""
 
 
 def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> Array:
@@ -352,7 +343,7 @@ def constants(aircraft: Aircraft, noise: Mapping[str, float] | None = None) -> A
         *(known.upwash_rate, known.lift_rate, known.lift_rate, known.span_lag, 0.0),
     )
     con[LEARNT_AT : LEARNT_AT + N] = LEARNT
-    sd = {**NOISE, **(noise or {})}
+    sd = {**DEFAULT_NOISE, **(noise or {})}
     vane = sd["alpha_vane"] / (1.0 + boom.upwash_body)
     con[NOISE_AT : NOISE_AT + len(SOURCES)] = [(sd[name] / vane) ** 2 for name in SOURCES]
     con[_SPAN] = g.span
