@@ -21,10 +21,9 @@ from station.estimation.lateral_derivatives import Lateral
 from station.estimation.method_table import LIVE, LIVE_LATERAL, MEASURED, METHODS
 from station.estimation.physical_method import Physical
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.model.physical_signals import LENGTH_M
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
-from station.numerics.turbulence import BOUND, Turbulence, gust_sigma
+from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
 
@@ -289,7 +288,7 @@ class Estimator:
         if not (late_s > 0.0 and math.isfinite(level)):
             return 0.0
         gust = gust_sigma(level, speed, self._noise["alpha_vane"], self._dt) / max(speed, 1.0)
-        return gust * math.sqrt(3.0 * late_s * speed / LENGTH_M)
+        return gust * math.sqrt(3.0 * late_s * speed / TURBULENCE_LENGTH)
 
     def _late(self, late_s: float) -> str:
         """A word on a vane that shows gusts much later than they are at the CG."""

@@ -15,15 +15,13 @@ from station.conventions import G0, TICK_HZ, from_si, to_si
 from station.model import consistency as c
 from station.model.consistency import Window
 from station.numerics.default_noise import DEFAULT_NOISE
-from station.numerics.turbulence import BOUND, gust_sigma
+from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, gust_sigma
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Code, Event, Frame
 
 SURE: Final = 4.0
 """Standard deviations beyond the tolerance."""
 TWICE: Final = 2
-GUST_LENGTH: Final = to_si(1750, "ft")
-"""L of MIL-F-8785C: the mean over T s of vertical gusts has L/VT of their variance, their integral time being L/2V."""
 FAR: Final = 2.5
 """A gain beyond it, or below its reciprocal, is no calibration."""
 CHANGED: Final = 0.25
@@ -229,7 +227,7 @@ class Disagreement:
                 mean, sd = self._window.level(y, x, moving, count)
                 if name == "alpha_vane.bias":
                     metres = max(self._window.speed, 1.0) * count * c.STEP_S
-                    sd = math.hypot(sd, gust * math.sqrt(GUST_LENGTH / metres))
+                    sd = math.hypot(sd, gust * math.sqrt(TURBULENCE_LENGTH / metres))
                 value = Value(mean, sd) if math.isfinite(mean + sd) else None
                 if value is not None and (best is None or self._beyond(name, value) > self._beyond(name, best)):
                     best = value

@@ -29,6 +29,7 @@ from station.model.inertial_path import BLEND_S, InertialPath
 from station.numerics.differentiation import differentiate_factor
 from station.numerics.indicial import frequency_response, respond_throughout, response
 from station.numerics.second_order import second_order_response
+from station.numerics.turbulence import TURBULENCE_LENGTH
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -42,8 +43,6 @@ EDGES_S: Final = (2.0, 0.5)
 SMOOTH_S: Final = 0.1
 LEAD, UPWASH, WIND, SLOPES = range(4)
 """Fitted: lead, m; upwash; error of the mean wind along the path, as a share of the speed; then the slopes."""
-GUST_M: Final = 533.4
-"""Length of turbulence (MIL-F-8785C above 2000 ft), over which the mean wind is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +145,7 @@ class GustModel:
         self._wing_share = boom.upwash_wing / total if total else 0.0
         self.start = np.array([boom.gust_x, total, 0.0])
         self.gustiness = float(np.std(headwind)) / v
-        share = 2 / (float(flown[-1]) / GUST_M + 2)
+        share = 2 / (float(flown[-1]) / TURBULENCE_LENGTH + 2)
         self.wind_sd = self.gustiness * math.sqrt(share / (1 - share)) + 1e-6
         keep = slice(round(EDGES_S[0] / dt), n - round(EDGES_S[1] / dt))
         frequencies: Array = np.asarray(np.fft.rfftfreq(keep.stop - keep.start, dt), dtype=np.float64)

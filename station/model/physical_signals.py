@@ -26,6 +26,7 @@ from scipy.linalg import lstsq
 from station.numerics.indicial import Response, lagged, respond, response
 from station.numerics.lagrange import delayed
 from station.numerics.second_order import second_order_inverse
+from station.numerics.turbulence import TURBULENCE_LENGTH
 from station.profile import Aircraft
 from station.profile.aircraft import MOST_TERMS
 
@@ -54,9 +55,6 @@ SPAN_MIDDLE: Final = 4.0
 SPAN_FAST: Final = 9.0
 """Corner of the lift's lag behind a gust that varies along the span, V/b. A sum of the three follows a lag of any
 corner from the slow one on to 0.3 % of the gust's lift at 2 Hz; of two, it missed those between by 1.6 %."""
-
-LENGTH_M: Final = 533.4
-"""Of the turbulence (MIL-F-8785C above 2000 ft): how long gusts last that the mean wind is averaged over."""
 
 
 class Constants(NamedTuple):
@@ -300,7 +298,7 @@ def _lift(c: Constants, s: State, at: int, at_edge: float, alpha_i: float, chord
 @njit(cache=True, error_model="numpy")
 def wind_sd(c: Constants, s: State) -> float:
     """Standard error of the mean wind along the path, m/s: that of the mean of a first-order process."""
-    lasting = LENGTH_M / max(s.speed, 1.0)
+    lasting = TURBULENCE_LENGTH / max(s.speed, 1.0)
     seconds = min(s.count * c.dt, 2.0 * WIND_S)
     share = 2.0 / (seconds / lasting + 2.0)
     # The gusts' mean square is about that mean, which takes its share of it.

@@ -29,8 +29,10 @@ NOMINAL_NOISE: Final = to_si(0.05, "deg")
 NOMINAL_SPEED: Final = to_si(110, "kt")
 NOISE_SHARE: Final = 2.0 * (HIGH_HZ - LOW_HZ)
 """Of white noise sampled every dt seconds, the share of the variance that is in the band, over dt."""
+TURBULENCE_LENGTH: Final = to_si(1750, "ft")
+"""L of MIL-F-8785C above 2000 ft, m: integral scale of gusts along the path L, of vertical ones L/2."""
 IN_BAND: Final = 0.0759
-"""Standard deviation of Dryden gusts (L = 1750 ft) in the band over that of all, at NOMINAL_SPEED."""
+"""Standard deviation of Dryden gusts of that length in the band over that of all, at NOMINAL_SPEED."""
 BOUND: Final = 1.2
 """What a gust is taken to be where it must not be taken for too little, over what `gust_sigma` gives."""
 CLASSES: Final = ("calm", "light", "moderate", "severe")

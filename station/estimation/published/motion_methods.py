@@ -34,7 +34,7 @@ from station.estimation.results import (
 from station.model.coefficients import force_coefficients, lift_and_drag
 from station.numerics.differentiation import derivative
 from station.numerics.regression import NotIdentifiable, least_squares, smoothed_start
-from station.numerics.turbulence import in_band
+from station.numerics.turbulence import TURBULENCE_LENGTH, in_band
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -248,7 +248,7 @@ def _longitudinal(record: FlightRecord, axes: Axes, kind: Literal["oe", "fe"]) -
     else:
         speed = setup.body.reference_speed
         level = max(record.turbulence()[1], 0.05) / in_band(speed) if record.dt < 1 / 15 else to_si(5, "ft/s")
-        rate = math.sqrt(2 * speed / GUST_LENGTH)
+        rate = math.sqrt(2 * speed / TURBULENCE_LENGTH)
         amplitudes = (level * rate, level / speed * rate, 0.1 * level / speed * rate, 0.1 * level / speed * rate)
         fit = model.filter_error(setup.measured, initial, amplitudes, SETTLED)
     m = len(setup.free)
@@ -272,7 +272,6 @@ def _all_parameters(free: Sequence[str], values: Array, errors: Array) -> dict[s
 SETTLED: Final = Convergence(step=0.01, noise=1e-3, searches=30)
 """For filter error, whose iterations take long."""
 OUTPUT_NAMES: Final = ("airspeed", "alpha", "theta", "q", "qdot", "ax", "az")
-GUST_LENGTH: Final = to_si(1750, "ft")
 
 
 def method_vi(record: FlightRecord, axes: Axes) -> MethodResult:
@@ -283,7 +282,7 @@ def method_vi(record: FlightRecord, axes: Axes) -> MethodResult:
     level = record.turbulence()[1]
     speed = setup.body.reference_speed
     sigma = max(level, 0.01) / in_band(speed) if math.isfinite(level) else to_si(5, "ft/s")
-    share = min(2 * record.dt * speed / GUST_LENGTH, 1.0)
+    share = min(2 * record.dt * speed / TURBULENCE_LENGTH, 1.0)
     m = len(setup.free)
     process = np.zeros(NX + m)
     process[0], process[1] = sigma**2 * share, (sigma / speed) ** 2 * share
