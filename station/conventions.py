@@ -27,6 +27,10 @@ TICK_HZ: Final = 50
 TICK_NS: Final = 1_000_000_000 // TICK_HZ
 FRESH_AGE_S: Final = 0.011
 """A value this much older than its frame, half a tick and some rounding, still counts as measured at its time."""
+BRIDGED_S: Final = 0.1
+"""A gap up to here is bridged by interpolation: at 0.5 Hz, a slow short period, it is 18 deg of phase."""
+MIN_SPEED: Final = 8.0
+"""m/s: below it there are no flow angles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +110,17 @@ class Stream:
 def _streams(*rows: tuple[str, str, float]) -> Mapping[str, Stream]:
     return MappingProxyType({n: Stream(n, tuple(s.split()), hz, max(0.2, 10 / hz)) for n, s, hz in rows})
 
+
+MAX_AGE_S: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        **dict.fromkeys(SIGNALS, 0.2),
+        # Integrated between their measurements, which are compared with the past.
+        **dict.fromkeys(("phi", "theta", "psi", "v_north", "v_east", "v_down"), 1.0),
+        # They change slowly.
+        **dict.fromkeys(("static_pressure", "air_temperature", "altitude", "thrust", "mass"), 5.0),
+    }
+)
+"""How old a value may be and still be used, live as in a record: filters run on over it; then it is missing."""
 
 STREAMS: Final = _streams(
     ("vanes", "alpha_vane beta_vane", 200.0),

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import SEA_LEVEL_DENSITY
+from station.conventions import MIN_SPEED, SEA_LEVEL_DENSITY
 from station.numerics.atmosphere import air_density, height_at_density, height_at_pressure
 from station.profile import Aircraft
 from station.rows import UsageError
@@ -24,7 +24,6 @@ SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
 BRIDGED_S: Final = 0.25
-SLOWEST: Final = 8.0
 HELD_SAMPLES: Final = 3
 _EXCITED: Final = math.radians(0.3)
 """Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
@@ -179,7 +178,7 @@ def _piece(
             missing.append(s)
         else:
             signals[s] = values
-    if signals["airspeed"].min() < SLOWEST:
+    if signals["airspeed"].min() < MIN_SPEED:
         raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
     if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
         raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import FRESH_AGE_S, SIGNAL_INDEX, SIGNALS, TICK_HZ
+from station.conventions import FRESH_AGE_S, MAX_AGE_S, MIN_SPEED, SIGNAL_INDEX, SIGNALS, TICK_HZ
 from station.numerics.atmosphere import air_density
 from station.rows import Frame
 
@@ -42,13 +42,6 @@ index."""
 
 HOLD_TICKS: Final = 10
 FROZEN_TICKS: Final = 13
-MIN_SPEED: Final = 8.0
-"""m/s: below it there are no flow angles."""
-_LIMIT_S: Final = {
-    **dict.fromkeys(INPUTS, 0.2),
-    **dict.fromkeys(("phi", "theta", "psi", "v_north", "v_east", "v_down"), 1.0),
-    **dict.fromkeys(("static_pressure", "air_temperature", "altitude", "thrust", "mass"), 5.0),
-}
 
 _pick: Final[Any] = itemgetter(*(SIGNAL_INDEX[name] for name in INPUTS))
 _pack: Final = struct.Struct(f"{3 * len(INPUTS)}d").pack_into
@@ -123,7 +116,7 @@ class Conditioner:
 
     def __init__(self, noise: dict[str, float]) -> None:
         n = len(INPUTS)
-        self._limit = np.array([_LIMIT_S[name] for name in INPUTS])
+        self._limit = np.array([MAX_AGE_S[name] for name in INPUTS])
         self._low = np.array([SIGNALS[name].low for name in INPUTS])
         self._high = np.array([SIGNALS[name].high for name in INPUTS])
         self._watch = np.array([noise.get(name, 0.0) for name in INPUTS])

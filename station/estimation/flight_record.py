@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, detrend, sosfiltfilt
 
-from station.conventions import ANGLES_THAT_WRAP, FRESH_AGE_S, SIGNALS
+from station.conventions import ANGLES_THAT_WRAP, BRIDGED_S, FRESH_AGE_S, MIN_SPEED, SIGNALS
 from station.model.coefficients import (
     Airframe,
     Coefficients,
@@ -32,8 +32,6 @@ from station.rows import Quality
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FILL_S: Final = 0.1
-"""Gaps up to this length are interpolated over."""
 STRICT: Final = ("alpha_vane", "q", "ax", "az", "elevator")
 """Signals that must be measured at the row's own time: a held one counts as missing."""
 NEEDED: Final = (*STRICT, "airspeed")
@@ -50,7 +48,6 @@ LEAST_S: Final = 2.0
 LEAST_SHARE: Final = 0.5
 """and the share of its rows that must have a gust."""
 LEAST_ROWS: Final = 10
-MIN_SPEED: Final = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +196,7 @@ def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tupl
     grid = t[0] + dt * np.arange(int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1)
     remarks.append(f"time steps vary from {steps.min():.4g} to {steps.max():.4g} s: interpolated every {dt:.4g} s")
     after = np.clip(np.searchsorted(t, grid, "left"), 1, len(t) - 1)
-    far = (t[after] - t[after - 1]) > FILL_S + dt
+    far = (t[after] - t[after - 1]) > BRIDGED_S + dt
     made = {}
     for name, column in columns.items():
         value = np.interp(grid, t, column)
@@ -209,7 +206,7 @@ def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tupl
 
 
 def _bridged(column: Array, dt: float) -> Array:
-    """Gaps up to FILL_S filled by a straight line; longer ones, and those at the ends, left."""
+    """Gaps up to BRIDGED_S filled by a straight line; longer ones, and those at the ends, left."""
     bad = ~np.isfinite(column)
     if not bad.any() or bad.all():
         return column
@@ -217,7 +214,7 @@ def _bridged(column: Array, dt: float) -> Array:
     filled = column.copy()
     good = np.flatnonzero(~bad)
     for start, end in edges.reshape(-1, 2):
-        if start > 0 and end < len(column) and (end - start) * dt <= FILL_S + 1e-9:
+        if start > 0 and end < len(column) and (end - start) * dt <= BRIDGED_S + 1e-9:
             filled[start:end] = np.interp(np.arange(start, end), good, column[good])
     return filled
 

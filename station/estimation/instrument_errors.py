@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si
+from station.conventions import ANGLES_THAT_WRAP, BRIDGED_S, MAX_AGE_S, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si
 from station.estimation.bending import COLUMNS, Bending, bends
 from station.numerics.angles import wrap
 from station.numerics.default_noise import DEFAULT_NOISE
@@ -41,18 +41,15 @@ LONGEST_LAG_S: Final = 1.0
 """The noise of one that lags more, undone, would drown it."""
 DITHER: Final = 4.0
 """Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
-HELD_S: Final = 1.0
-"""A value that is not renewed is missing after this."""
 
 SLOPE: Final = np.array([86.0, -142.0, -193.0, -126.0, 0.0, 126.0, 193.0, 142.0, -86.0]) / 1188.0
 """Slope, per step, at the middle of nine points."""
 SLOPE_STEP_S: Final = 0.02
 _REACH: Final = SLOPE.size // 2
-_BRIDGED_S: Final = 0.1
 _SAME_S: Final = 1e-6
 _FRESH, _HELD, _MISSING = int(Quality.FRESH), int(Quality.HELD), int(Quality.MISSING)
 
-_LATENCY, _LAG, _GAIN, _BIAS, _CUBIC, _PLAY, _DITHER, _WRAPS, _PARAMETERS = range(9)
+_LATENCY, _LAG, _GAIN, _BIAS, _CUBIC, _PLAY, _DITHER, _WRAPS, _MAX_AGE, _PARAMETERS = range(10)
 # state of a signal: time of the last output, undone lag's output and input, and two plays.
 _AT, _OUT, _IN, _LOOSE, _TIGHT, _STATE = range(6)
 
@@ -123,7 +120,7 @@ def _undo(par: Array, times: Array, values: Array, kept: Whole, s: Array, bridge
     for j in range(par.shape[0]):
         at = t + par[j, _LATENCY]
         x, age = _then(times[j], values[j], kept[j], bridge, at)
-        if not age <= HELD_S:
+        if not age <= par[j, _MAX_AGE]:
             out[0, j], out[1, j], out[2, j] = math.nan, math.nan, _MISSING
             continue
         lag = par[j, _LAG]
@@ -263,7 +260,8 @@ class Corrector:
         steps = 0
         for j, (name, e) in enumerate(errors.items()):
             dither = DITHER * (noise.get(name, 0.0) or DEFAULT_NOISE.get(name, 0.0))
-            self._par[j] = e.latency, e.lag, e.gain, e.bias, e.cubic, e.backlash, dither, name in ANGLES_THAT_WRAP
+            self._par[j, :_DITHER] = e.latency, e.lag, e.gain, e.bias, e.cubic, e.backlash
+            self._par[j, _DITHER:] = dither, name in ANGLES_THAT_WRAP, MAX_AGE_S[name]
             reach = (e.latency + (_REACH * SLOPE_STEP_S if e.lag > 0 else 0.0)) / dt
             # Between two samples the cubic also takes the one after them.
             steps = max(steps, math.ceil(reach - 1e-6) + (1 if abs(reach - round(reach)) > 1e-6 else 0))
@@ -271,7 +269,7 @@ class Corrector:
         """Frames by which what comes out stands behind what goes in."""
         self.early_s = max(0.0, *(-e.latency for e in errors.values()), 0.0)
         """For so long nothing is known at first of signals that are shown too early; not below 0."""
-        self._spans = (0.5 * dt, max(_BRIDGED_S, 2.5 * dt), steps * dt + _SAME_S)
+        self._spans = (0.5 * dt, max(BRIDGED_S, 2.5 * dt), steps * dt + _SAME_S)
         self._times = np.zeros((len(errors), length))
         self._values = np.zeros((len(errors), length))
         self._kept = np.zeros(len(errors), dtype=np.int64)

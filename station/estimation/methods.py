@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
+from station.conventions import BRIDGED_S, LONGITUDINAL, LONGITUDINAL_BODY, SIGNALS, TICK_HZ, TICK_NS, to_si
 from station.estimation import conditioning as cond
 from station.estimation import lateral_derivatives as lateral
 from station.estimation import tick
@@ -27,7 +27,7 @@ from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, Turbulence, gu
 from station.profile import Aircraft, Card
 from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
 
-GAP_TICKS: Final = 5
+GAP_TICKS: Final = round(BRIDGED_S * TICK_HZ)
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
 UNEXPLAINED: Final = to_si(0.15, "deg")
 """In calm air the vane must show what the motion predicts, to this rms beyond its noise over tick.UNEXPLAINED_S."""
