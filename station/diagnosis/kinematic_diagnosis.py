@@ -173,7 +173,7 @@ def _estimates(j: Judged, aircraft: Aircraft) -> dict[str, ParamEstimate]:
         status = Status.ESTIMATED if part.is_calm else Status.UNESTIMATED
         why = "" if part.is_calm else f"gusts: the motion explains {max(part.r2, 0.0):.0%} of the reading"
         for name, value, sd in (
-            ("alpha_vane.bias", part.zero.value - zero, part.zero.sd),
+            ("alpha_vane.bias", part.bias.value - zero, part.bias.sd),
             ("alpha_vane.scale", part.scale.value / scale - 1, part.scale.sd / scale),
             ("alpha_vane.delay", part.delay.value - lag, part.delay.sd),
         ):

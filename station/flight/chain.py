@@ -7,11 +7,12 @@ import numpy as np
 from station.conventions import LONGITUDINAL, TICK_HZ
 from station.estimation.instrument_errors import Corrector, corrector, known
 from station.estimation.method_table import LIVE
-from station.estimation.methods import NOISE, Estimator
+from station.estimation.methods import Estimator
 from station.estimation.physical_method import UPDATE_TICKS, Physical
 from station.flight.loop import Chain
 from station.model.disagreement import Disagreement
 from station.model.physical_signals import SIGNALS
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft, Card, Profiles, Rig
 
 
@@ -44,7 +45,7 @@ def compile_kernels(profiles: Profiles, part: str) -> None:
     aircraft, card = profiles.aircraft, profiles.card.model_copy(update={"warm_up": 0.0})
     place, noise = profiles.rig.imu_position, profiles.rig.frame_noise_si()
     if part == "physical":
-        made = Physical(aircraft, card, {**NOISE, **noise}, LONGITUDINAL, 1.0 / TICK_HZ)
+        made = Physical(aircraft, card, {**DEFAULT_NOISE, **noise}, LONGITUDINAL, 1.0 / TICK_HZ)
         samples = np.random.default_rng(0).standard_normal((2 * UPDATE_TICKS, SIGNALS + 4))
         for k, row in enumerate(samples):
             made.add(row[:SIGNALS], row[SIGNALS:], k / TICK_HZ, 50.0, 1.0, 0.1)

@@ -26,10 +26,10 @@ class GustArrival:
 
 
 def vane_parameters(part: VaneCalibration) -> tuple[ParamEstimate, ...]:
-    """Zero (rad), scale and delay (s) of the vane; unestimated where gusts hide the motion."""
+    """Bias ("zero", rad), scale and delay (s) of the vane; unestimated where gusts hide the motion."""
     why = "" if part.is_calm else f"gusts: the motion explains {max(part.r2, 0.0):.0%} of the reading"
     status = Status.ESTIMATED if part.is_calm else Status.UNESTIMATED
-    named = {"zero": part.zero, "scale": part.scale, "delay": part.delay}
+    named = {"zero": part.bias, "scale": part.scale, "delay": part.delay}
     return tuple(ParamEstimate(name, p.value, p.sd, status, why) for name, p in named.items())
 
 

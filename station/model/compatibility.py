@@ -10,9 +10,9 @@ driven by the measured rates and specific forces less their biases, and compared
 
 Output error: biases, scales, wind and the initial state by Levenberg-Marquardt, residual variances estimated along.
 Standard errors are corrected for coloured residuals and hold the noise of rates and accelerations, which the equations
-carry on. Weak priors of the size that an instrument's error may have keep what a record does not tell from running
-away; such a number is called unestimated. Attitude is the reference: a bias of it is not told from the accelerometers'.
-Gusts stay in the residuals. Flow angles are compared as the vane shows them. SI, rad; body axes.
+carry on. Weak priors, of the size that an instrument's error may have, bound what a record does not identify; such a
+parameter is reported as unestimated. Attitude is the reference: its bias is not distinguishable from the
+accelerometers'. Gusts remain in the residuals. Flow angles are compared as the vane shows them. SI, rad; body axes.
 
 Source: Klein and Morelli 2006, sections 10.1-10.3 (equations, output error), 6.3 (coloured residuals).
 """
@@ -30,6 +30,8 @@ from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
 
 from station.conventions import G0, ned_from_body
+from station.model.inertial_path import air_velocity
+from station.numerics.differentiation import white_variance
 from station.numerics.regression import NotIdentifiable, autocorrelation
 from station.numerics.second_order import shown
 from station.rows import ParamEstimate, Status
@@ -39,6 +41,8 @@ Array = NDArray[np.float64]
 INPUTS: Final = ("p", "q", "r", "ax", "ay", "az")
 OUTPUTS: Final = ("airspeed", "beta", "alpha", "phi", "theta", "psi", "v_north", "v_east", "v_down")
 STATES: Final = 6
+VELOCITIES: Final = 3
+"""States before the attitude."""
 PRIORS: Final = {
     **dict.fromkeys(("p_bias", "q_bias", "r_bias"), 0.02),
     **dict.fromkeys(("ax_bias", "ay_bias", "az_bias"), 0.5),
@@ -49,7 +53,7 @@ PRIORS: Final = {
     "alpha_scale": 0.3,
     **dict.fromkeys(("wind_north", "wind_east", "wind_down"), 20.0),
 }
-"""Standard deviation of what each may be, SI: around 0, scales around 1."""
+"""Prior standard deviations, SI: of biases and wind about 0, of scales about 1."""
 NEEDS: Final = {
     "airspeed_scale": "airspeed",
     "beta_bias": "beta",
@@ -60,19 +64,19 @@ NEEDS: Final = {
     "wind_east": "v_east",
     "wind_down": "v_down",
 }
-TOLD: Final = 0.5
-"""A number whose standard deviation is above this share of its prior's is not told by the record."""
+IDENTIFIED: Final = 0.5
+"""A parameter whose standard deviation exceeds this share of its prior's is not identified by the record."""
 EXPLAINED: Final = 0.8
 NOISY: Final = 3.0
-"""Residual over the white noise of the signal, up to which it is only noise."""
+"""Ratio of the residual to the signal's white noise, up to which the residual counts as noise."""
 MIN_S: Final = 3.0
 MAX_S: Final = 120.0
-"""Open-loop integration of real gyros goes astray beyond."""
+"""Open-loop integration of real gyros drifts too far beyond."""
 ITERATIONS: Final = 200
 SETTLED: Final = 0.1
-"""Gain of -2 log likelihood below which a step changes nothing."""
+"""Decrease of -2 log likelihood below which the iteration has converged."""
 FLOOR: Final = {"airspeed": 0.02, "beta": 1e-4, "alpha": 1e-4, "phi": 1e-4, "theta": 1e-4, "psi": 1e-4}
-"""Least residual standard deviation that is believed; 0.02 m/s for velocities."""
+"""Lower bounds of the residual standard deviations; 0.02 m/s for velocities."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +137,7 @@ def _adjoint(x: Array, inputs: Array, direct: Array, dt: float) -> Array:
     for i in range(n - 1, 0, -1):
         later = later + direct[i]
         for j in range(6):
-            size = 1e-2 if j < 3 else 1e-4
+            size = 1e-2 if j < VELOCITIES else 1e-4
             moved[:] = x[i - 1]
             moved[j] += size
             _rates(moved, inputs[i - 1], zero, up)
@@ -217,14 +221,7 @@ class _Reconstruction:
         state += [early("phi"), early("theta"), early("psi")]
         values = np.array([1.0 if name.endswith("scale") else 0.0 for name in self.names])
         zero = np.zeros(self._n)
-        side = m.get("beta", zero)
-        body = np.column_stack(
-            [
-                m["airspeed"] * np.cos(m["alpha"]) * np.cos(side),
-                m["airspeed"] * np.sin(side),
-                m["airspeed"] * np.sin(m["alpha"]) * np.cos(side),
-            ]
-        )
+        body = air_velocity(m["airspeed"], m["alpha"], m.get("beta", zero))
         attitude = np.column_stack([m.get("phi", zero), m["theta"], m.get("psi", zero)])
         earth = np.einsum("nij,nj->ni", ned_from_body(*attitude.T), body)
         for i, name in enumerate(("v_north", "v_east", "v_down")):
@@ -282,14 +279,14 @@ class _Reconstruction:
         """Levenberg-Marquardt steps, the residual variances renewed at each. Raises NotIdentifiable."""
         p = self._start()
         centre = np.array([1.0 if name.endswith("scale") else 0.0 for name in self.names])
-        # A state that no output shows, heading for one, stays where it began.
+        # A state that no output shows, the heading for one, keeps its initial value.
         tightness = np.concatenate([1 / self._prior**2, [1e-4] * 3, [0.1] * 3])
         centre = np.concatenate([centre, p[-STATES:]])
         residual = self._residuals(p)
         damping = 1e-3
         for iteration in range(1, ITERATIONS + 1):
             if not np.isfinite(residual).all():
-                raise NotIdentifiable("the reconstruction runs away: rates or accelerations do not fit the attitude")
+                raise NotIdentifiable("the reconstruction diverges: rates or accelerations contradict the attitude")
             weight = 1 / self._variances(residual)
             jacobian = self._jacobian(p)
             information = np.einsum("kni,knj,k->ij", jacobian, jacobian, weight) + np.diag(tightness)
@@ -298,30 +295,30 @@ class _Reconstruction:
             gain = 0.0
             for _ in range(10):
                 trial = p + np.linalg.solve(information + damping * np.diag(np.diag(information)), score)
-                left = self._residuals(trial)
-                if np.isfinite(left).all():
-                    gain = cost - self._cost(trial, left, weight, tightness, centre)
+                remaining = self._residuals(trial)
+                if np.isfinite(remaining).all():
+                    gain = cost - self._cost(trial, remaining, weight, tightness, centre)
                 if gain > 0:
-                    p, residual = trial, left
+                    p, residual = trial, remaining
                     damping /= 5
                     break
                 damping *= 5
             if gain < SETTLED:
                 return self._result(p, residual, tightness, iteration)
-        raise NotIdentifiable("the reconstruction does not settle: the record is not one consistent motion")
+        raise NotIdentifiable("the reconstruction does not converge: the record is not one consistent motion")
 
     def _unexplained(self, residual: Array) -> dict[str, str]:
-        """Numbers that gusts or noise are taken for, and why: air data that the motion explains badly.
+        """Parameters that gusts or noise bias, and why: those of air data that the motion explains poorly.
 
-        Merely noisy ones still have a bias, but a flow angle's scale is then sought on motion that the noise of rates
-        and accelerations made, which shrinks it.
+        Where it is noise alone the bias is still estimated; a flow angle's scale is not, for it would be fitted to
+        motion that the noise of rates and accelerations made, which reduces it.
         """
         found = {}
-        for (name, measured), left in zip(self._measured.items(), residual, strict=True):
-            share = max(1 - float(np.mean(left**2)) / max(float(np.var(measured)), 1e-30), 0.0)
+        for (name, measured), remaining in zip(self._measured.items(), residual, strict=True):
+            share = max(1 - float(np.mean(remaining**2)) / max(float(np.var(measured)), 1e-30), 0.0)
             if name not in ("airspeed", "beta", "alpha") or share >= EXPLAINED:
                 continue
-            if np.mean(left**2) <= NOISY**2 * _white_variance(measured):
+            if np.mean(remaining**2) <= NOISY**2 * white_variance(measured):
                 if name != "airspeed":
                     found[f"{name}_scale"] = f"{name} hardly moves beyond its noise: the motion explains {share:.0%}"
                 continue
@@ -345,7 +342,7 @@ class _Reconstruction:
         # (n, states, parameters): what a change of the state at one instant does to the score at that instant.
         direct = np.einsum("skn,knj->nsj", np.array(slopes), weighted)
         by_input = _adjoint(x, self._inputs - bias, direct, self._dt)
-        variances = np.array([_white_variance(self._inputs[:, j]) for j in range(len(INPUTS))])
+        variances = np.array([white_variance(self._inputs[:, j]) for j in range(len(INPUTS))])
         return np.asarray(np.einsum("nai,naj,a->ij", by_input, by_input, variances))
 
     def _cost(self, p: Array, residual: Array, weight: Array, tightness: Array, centre: Array) -> float:
@@ -367,13 +364,13 @@ class _Reconstruction:
         unexplained = self._unexplained(residual)
         for name in ("alpha", "beta"):
             why, mean = unexplained.get(f"{name}_scale"), float(np.mean(self._measured.get(name, 0.0)))
-            # A bias beside a scale that nothing tells: on a steady angle one passes for the other.
+            # A bias is confounded with a scale that is not identified: on a steady angle one passes for the other.
             if why and abs(mean) * PRIORS[f"{name}_scale"] > sd[self.names.index(f"{name}_bias")]:
                 unexplained[f"{name}_bias"] = why
         found = []
         for name, value, error, prior in zip(self.names, p.tolist(), sd.tolist(), self._prior.tolist(), strict=False):
             status, why = Status.ESTIMATED, ""
-            if error > TOLD * prior:
+            if error > IDENTIFIED * prior:
                 status, why = (
                     Status.UNESTIMATED,
                     "not identifiable in this record: vary attitude, load factor and speed",
@@ -390,11 +387,6 @@ class _Reconstruction:
         corrected = {n: _undone(c, n, value_of) for n, c in self._measured.items()}
         rms = {n: float(np.sqrt(np.mean(r**2))) for n, r in zip(self._measured, residual, strict=True)}
         return Compatibility(tuple(found), true, corrected, rms, iterations, self._n * self._dt)
-
-
-def _white_variance(x: Array) -> float:
-    """Of the white noise on a smooth signal, from its third differences; 0 for a constant."""
-    return float(np.mean(np.diff(x, 3) ** 2)) / 20.0 if len(x) > 3 else 0.0
 
 
 def _outputs(x: Array) -> dict[str, Array]:

@@ -31,7 +31,7 @@ NEEDED: Final = ("theta", "v_down", "airspeed", "q", "az")
 @dataclass(frozen=True, slots=True)
 class InertialPath:
     """(n,) each, at the CG: attitude (n, 3), velocity over ground (n, 3), velocity through the mean air in body axes
-    (n, 3), and its angles and size. `wind` (3,) NED, m/s; its components that no stream tells are 0."""
+    (n, 3), its flow angles and magnitude. `wind` (3,) NED, m/s; components that no stream measures are 0."""
 
     attitude: Array
     velocity: Array
@@ -76,7 +76,7 @@ def inertial_path(
 ) -> InertialPath:
     """From signals (n,) at the CG on a uniform grid, all finite; `alpha`, `beta` (n,) of the air, at the CG.
 
-    `wind_down`: the mean vertical wind where it is known; measured, it also holds the vane's zero error times speed.
+    `wind_down`: the mean vertical wind where it is known; estimated, it also holds the vane's bias times the speed.
 
     Missing phi, p, r and ay count as 0, a missing heading as the track's, missing horizontal velocities as the air's.
     Raises NotIdentifiable where attitude or vertical velocity is lacking.

@@ -1,13 +1,13 @@
-"""Zero, scale and delay of a vane against the inertial flow angle at its place.
+"""Bias, scale and delay of a vane against the inertial flow angle at its place.
 
-    vane(t) = zero + scale (a(t - delay) - (q x/V)(t - delay)) + e(t)                        (x: vane ahead of the CG)
+    vane(t) = bias + scale (a(t - delay) - (q x/V)(t - delay)) + e(t)                        (x: vane ahead of the CG)
 
 a is the inertial angle of attack, from attitude and velocity through the mean air (inertial_path.py), so e holds gusts,
 sensor noise and whatever is not linear. Where the motion explains most of the reading (calm air), least squares with
 the errors of coloured residuals. Elsewhere a is in part the aircraft's answer to the gusts in e, which would take the
 scale down: then generalised least squares with e as an autoregressive process. A gust reaches the vane before the
-aircraft answers, so what is left after the prediction from the past has nothing to do with a(t). The delay is found by
-scan and Gauss-Newton. The mean vertical wind is taken as 0: a steady updraught w adds scale w/V to the zero. SI, rad.
+aircraft responds, so the innovation, after the prediction from the past, is independent of a(t). The delay is found by
+scan and Gauss-Newton. The mean vertical wind is taken as 0: a steady updraught w adds scale w/V to the bias. SI, rad.
 
 Sources: Klein and Morelli 2006, section 5.2 (coloured residuals) and chapter 10 (calibration against reconstructed flow
 angles); Cochrane and Orcutt 1949; Ljung 1999, section 13.4 (prediction errors in closed loop).
@@ -50,17 +50,17 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class VaneCalibration:
-    """What turns the reading into the inertial angle: (reading - zero)/scale, `delay` earlier, with q x/V added."""
+    """What turns the reading into the inertial angle: (reading - bias)/scale, `delay` earlier, with q x/V added."""
 
-    zero: Value
+    bias: Value
     scale: Value
     delay: Value
     rms_before: float
     """Reading against the flow angle that the motion makes at the vane, rad."""
     rms_after: float
-    """The same after zero, scale and delay."""
+    """The same after bias, scale and delay."""
     r2: float
-    """Share of the flow angle's variance that the calibrated reading gives."""
+    """Share of the flow angle's variance that the calibrated reading explains."""
     is_calm: bool
     """False: found in spite of gusts, by generalised least squares."""
     expected: Array
@@ -72,7 +72,7 @@ class VaneCalibration:
 def calibrate_vane(reading: Array, inertial: Array, rate_term: Array, dt: float, noise: float = 0.0) -> VaneCalibration:
     """Calibrate `reading` by `inertial` (n,), rad, on a uniform grid, all finite.
 
-    `rate_term`: q x/V (n,), rad; 0 where x is not known, which the delay then takes up (in slow motion q x/V is a delay
+    `rate_term`: q x/V (n,), rad; 0 where x is not known, which the delay then absorbs (in slow motion q x/V is a delay
     of x/V). `noise`: of the inertial angle, rad. Raises NotIdentifiable for a record too short, without motion, or in
     which the delay does not settle.
     """
@@ -86,16 +86,16 @@ def calibrate_vane(reading: Array, inertial: Array, rate_term: Array, dt: float,
     flow = inertial - rate_term
     search = _Search(reading, flow, dt)
     is_calm = True
-    zero, scale, delay = search.calm()
-    corrected = _corrected(reading, zero.value, scale.value, delay.value, dt)
+    bias, scale, delay = search.calm()
+    corrected = _corrected(reading, bias.value, scale.value, delay.value, dt)
     r2, after = _explained(corrected, flow)
     if r2 < CALM_R2:
         is_calm = False
-        zero, scale, delay = search.gusty()
-        corrected = _corrected(reading, zero.value, scale.value, delay.value, dt)
+        bias, scale, delay = search.gusty()
+        corrected = _corrected(reading, bias.value, scale.value, delay.value, dt)
         r2, after = _explained(corrected, flow)
     return VaneCalibration(
-        zero=zero,
+        bias=bias,
         scale=scale,
         delay=delay,
         rms_before=float(np.sqrt(np.mean((reading - flow) ** 2))),
@@ -107,9 +107,9 @@ def calibrate_vane(reading: Array, inertial: Array, rate_term: Array, dt: float,
     )
 
 
-def _corrected(reading: Array, zero: float, scale: float, delay: float, dt: float) -> Array:
+def _corrected(reading: Array, bias: float, scale: float, delay: float, dt: float) -> Array:
     t = np.arange(len(reading)) * dt
-    return np.asarray(np.interp(t + delay, t, (reading - zero) / scale, np.nan, np.nan))
+    return np.asarray(np.interp(t + delay, t, (reading - bias) / scale, np.nan, np.nan))
 
 
 def _explained(corrected: Array, flow: Array) -> tuple[float, float]:
@@ -135,7 +135,7 @@ class _Search:
         return np.column_stack([np.ones(len(self._z)), self._angle(self._t - delay)])
 
     def _residual(self, delay: float, whitener: Array) -> tuple[Array, Array]:
-        """Zero and scale at a delay, and what they leave, not whitened."""
+        """Bias and scale at a delay, and their residual, not whitened."""
         x = self._level(delay)
         found = np.linalg.lstsq(_whitened(x, whitener), _whitened(self._z, whitener))[0]
         return np.asarray(found, dtype=np.float64), np.asarray(self._z - x @ found, dtype=np.float64)
@@ -153,12 +153,12 @@ class _Search:
             whitener = _autoregression(self._residual(delay, whitener)[1])
             if delay == before:
                 break
-        zero, scale, place = self._refined(delay, whitener)
-        # The likelihood has several hills; how far apart those of like height are counts to the delay's error.
+        bias, scale, place = self._refined(delay, whitener)
+        # The likelihood has several maxima; the distance between those of similar height counts to the delay's error.
         costs = self._costs(whitener)
         likelihood = (costs / costs.min()) ** (-0.5 * len(self._z))
         spread = float(np.sqrt(np.sum(likelihood * (self._scan - place.value) ** 2) / np.sum(likelihood)))
-        return zero, scale, Value(place.value, math.hypot(place.sd, spread))
+        return bias, scale, Value(place.value, math.hypot(place.sd, spread))
 
     def _best(self, whitener: Array) -> float:
         best = int(np.argmin(self._costs(whitener)))
@@ -167,14 +167,14 @@ class _Search:
         return float(self._scan[best])
 
     def _costs(self, whitener: Array) -> Array:
-        """What zero and scale leave of the whitened reading at each delay of the scan."""
+        """Residual sum of squares of the whitened reading at each delay of the scan."""
         z = _whitened(self._z, whitener)
         costs = []
         for delay in self._scan:
             x = _whitened(self._level(float(delay)), whitener)
             found = np.linalg.lstsq(x, z)[0]
-            left = z - x @ found
-            costs.append(float(left @ left) if found[1] > 0 else math.inf)
+            residual = z - x @ found
+            costs.append(float(residual @ residual) if found[1] > 0 else math.inf)
         return np.array(costs)
 
     def _refined(self, delay: float, whitener: Array) -> tuple[Value, Value, Value]:
@@ -188,8 +188,8 @@ class _Search:
             delay += float(np.clip(found[2], -SCAN_S, SCAN_S))
         fit = least_squares(x, z)
         sd = fit.se_coloured.tolist()
-        zero, slope_, _ = fit.estimate.tolist()
-        return Value(zero, sd[0]), Value(slope_, sd[1]), Value(delay, sd[2])
+        bias, slope_, _ = fit.estimate.tolist()
+        return Value(bias, sd[0]), Value(slope_, sd[1]), Value(delay, sd[2])
 
 
 def _whitened(x: Array, coefficients: Array) -> Array:

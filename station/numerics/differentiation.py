@@ -12,6 +12,7 @@ Source: Klein and Morelli 2006, section 11.4.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -53,6 +54,14 @@ def differentiate(x: Array, dt: float) -> Array:
 def differentiate_factor(omega_dt: Array) -> Array:
     """What makes good what `differentiate` loses at each omega dt (rad, above 0)."""
     return np.asarray(10 * omega_dt / (2 * np.sin(omega_dt) + 4 * np.sin(2 * omega_dt)))
+
+
+def white_variance(x: Array, order: int = 3) -> float:
+    """Of the white noise on a smooth signal (n,), from its differences of that order, which have binomial(2 order,
+    order) times the noise's variance; 0 below order + 1 samples."""
+    if len(x) <= order:
+        return 0.0
+    return float(np.mean(np.diff(x, order) ** 2)) / math.comb(2 * order, order)
 
 
 @register_jitable

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
 
@@ -44,8 +46,11 @@ class Fit:
     """(n,) measured minus model."""
 
 
-MAX_CONDITION = 1e8
+MAX_CONDITION: Final = 1e8
 """Condition number of the scaled regressors beyond which they are called collinear."""
+SMOOTHED_LEAST: Final = 12
+LEAST_PIVOT: Final = 1e-10
+"""Of a matrix with unit diagonal, below which it is singular."""
 
 
 def least_squares(regressors: Array, measured: Array) -> Fit:
@@ -105,12 +110,12 @@ def smoothed_start(x: Array, cutoff_hz: float, dt: float) -> Array:
     The three samples after the first are low-passed by one half of a symmetric filter folded onto the later side, and
     a straight line through them is continued to the first sample. The filter falls from 1 at the cut-off to 0 along
     half a cosine (Graham, NASA TR R-179, 1963), its half-length half the record, the width of the fall
-    pi / (half-length). Raises NotIdentifiable below 12 samples.
+    pi / (half-length). Raises NotIdentifiable below SMOOTHED_LEAST samples.
     """
     x = np.asarray(x, dtype=float)
     n = len(x)
     half = int(np.floor(n / 2.0 - 0.1 + 0.5))
-    if n < 12:
+    if n < SMOOTHED_LEAST:
         raise NotIdentifiable(f"{n} samples are too few to smooth an end of the record")
     stop_hz = cutoff_hz + np.pi / (half * dt)
     t = np.arange(1, half + 1) * dt
@@ -122,6 +127,23 @@ def smoothed_start(x: Array, cutoff_hz: float, dt: float) -> Array:
     # Line through abscissae 1, 2, 3 taken at 0.
     start: Array = near.mean(axis=0) - (near[2] - near[0])
     return start
+
+
+@register_jitable
+def _eliminate(work: Array, n: int) -> bool:
+    """Gauss-Jordan on n rows: the first n columns become the unit matrix. False if a pivot is too small."""
+    for k in range(n):
+        pivot = work[k, k]
+        if not pivot > LEAST_PIVOT:
+            return False
+        for j in range(2 * n):
+            work[k, j] /= pivot
+        for i in range(n):
+            if i != k:
+                f = work[i, k]
+                for j in range(2 * n):
+                    work[i, j] -= f * work[k, j]
+    return True
 
 
 @njit(cache=True, error_model="numpy")
@@ -140,17 +162,8 @@ def invert(m: Array, n: int, inverse: Array) -> bool:
         for j in range(n):
             work[i, j] = m[i, j] * scale[i] * scale[j]
         work[i, n + i] = 1.0
-    for k in range(n):
-        pivot = work[k, k]
-        if not pivot > 1e-10:
-            return False
-        for j in range(2 * n):
-            work[k, j] /= pivot
-        for i in range(n):
-            if i != k:
-                f = work[i, k]
-                for j in range(2 * n):
-                    work[i, j] -= f * work[k, j]
+    if not _eliminate(work, n):
+        return False
     for i in range(n):
         for j in range(n):
             inverse[i, j] = work[i, n + j] * scale[i] * scale[j]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.profile import Aircraft, Flight
 from station.numerics.atmosphere import atmosphere
+from station.profile import Aircraft, Flight
 from station.simulation.airframe import find_trim
 from station.simulation.three_degrees import ORIGIN
 

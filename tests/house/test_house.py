@@ -24,11 +24,7 @@ STATE: Final = "a compiled kernel whose state and parameters are still passed on
 STEPS: Final = "a compiled kernel in one piece: its parts share a dozen local arrays"
 EXEMPT: Final = {
     "station/commands/identify.py:identify": OPTIONS,
-    "station/diagnosis/residuals.py": STEPS,
     "station/estimation/lateral_derivatives.py": STEPS,
-    "station/model/compatibility.py": STEPS,
-    "station/model/physical_columns.py": STEPS,
-    "station/simulation/airframe.py": STEPS,
     "station/campaign/physical_pass.py:add": STATE,
     "station/estimation/conditioning.py:step": STATE,
     "station/estimation/instrument_errors.py:_sweep": STATE,

@@ -39,7 +39,7 @@ def test_calm_air_gives_it_all_within_its_errors() -> None:
         assert abs(made.scale.value - SCALE) < 3 * made.scale.sd < 0.01
         assert abs(made.delay.value - LATENCY - VANE_LAG) < 3 * made.delay.sd + 1e-3
         assert made.delay.sd < 0.002
-        assert abs(made.zero.value - ZERO) < 4 * made.zero.sd < 0.001
+        assert abs(made.bias.value - ZERO) < 4 * made.bias.sd < 0.001
         assert made.rms_after < 2 * NOISE
         assert made.rms_before > 0.03
 
@@ -64,7 +64,7 @@ def test_exact_numbers_come_back(delay: float) -> None:
     t = np.arange(3000) * DT
     reading = -0.02 + 0.8 * 0.05 * np.sin(0.8 * (t - delay) + 0.05 * (t - delay) ** 2)
     made = calibrate_vane(reading, _sweep(), np.zeros(3000), DT)
-    assert made.zero.value == pytest.approx(-0.02, abs=1e-6)
+    assert made.bias.value == pytest.approx(-0.02, abs=1e-6)
     assert made.scale.value == pytest.approx(0.8, rel=1e-4)
     assert made.delay.value == pytest.approx(delay, abs=1e-5)
     assert made.r2 == pytest.approx(1.0, abs=1e-5)

@@ -32,7 +32,7 @@ from station.estimation.results import (
     result_of,
 )
 from station.model.coefficients import force_coefficients, lift_and_drag
-from station.numerics.differentiation import derivative
+from station.numerics.differentiation import derivative, white_variance
 from station.numerics.regression import NotIdentifiable, least_squares, smoothed_start
 from station.numerics.turbulence import TURBULENCE_LENGTH, in_band
 from station.rows import ParamEstimate, Status
@@ -172,8 +172,7 @@ def _setup(record: FlightRecord) -> _Setup:
         measured[:, 4] = slope
     free, initial = _initial(record, body, inputs, slope)
     start = smoothed_start(measured[:, :NX], 2.0, record.dt)
-    # Second differences contain hardly any motion, and six times the variance of the noise.
-    noise = np.array([np.var(np.diff(column, 2)) / 6 for column in measured.T])
+    noise = np.array([white_variance(column, 2) for column in measured.T])
     floor = np.array([1e-3, 1e-5, 1e-5, 1e-5, 1e-4, 1e-3, 1e-3]) ** 2
     return _Setup(body, free, initial, inputs, measured, start, np.maximum(noise, floor))
 
