@@ -142,6 +142,11 @@ class Event(Row, frozen=True, gc=False):
     def level(self) -> Level:
         return LEVELS[self.code]
 
+    @property
+    def times(self) -> int:
+        """How many like events; the count of a test point is its number."""
+        return 1 if self.code in (Code.POINT_START, Code.POINT_END) else self.count
+
 
 class TimeSync(Row, frozen=True, gc=False):
     """A two-way exchange with a device (MAVLink TIMESYNC): station minus device clock, and the round trip."""

@@ -40,6 +40,33 @@ RECENT_NS: Final = 3_000_000_000
 _MAX_EVENTS: Final = 200
 
 
+class Recommendation:
+    """Which method to believe first for the longitudinal derivatives: it follows the data, looked at once a second.
+
+    The one rule for whoever shows it, the terminal, the JSON lines and the page.
+    """
+
+    def __init__(self, derivatives: tuple[str, ...] = LONGITUDINAL) -> None:
+        self.method = "split"
+        self._derivatives = derivatives
+        self._given: dict[str, MethodEstimate] = {}
+        self._turbulence = "unknown"
+
+    def update(self, row: Row) -> None:
+        """Take an estimate, or health, which comes once a second."""
+        if isinstance(row, MethodEstimate):
+            self._given[row.method] = row
+        elif isinstance(row, AlphaEstimate):
+            self._turbulence = row.turbulence
+        elif isinstance(row, Health):
+            given = {
+                name: sum(p.status is Status.ESTIMATED and p.name in self._derivatives for p in method.parameters)
+                for name, method in self._given.items()
+                if method.applicable
+            }
+            self.method = recommended(given, self._turbulence) or "split"
+
+
 class Board:
     """The newest of everything, for the terminal screen, the plain lines and the JSON lines."""
 
@@ -52,8 +79,6 @@ class Board:
         """Lateral derivatives, where a method gives any."""
         self.lateral_method = "split"
         """The method to believe first for them; looked at once a second."""
-        self.recommended = "split"
-        """The method to believe first; looked at once a second."""
         self.address = address
         self.start_ns: int | None = None
         self.alpha: AlphaEstimate | None = None
@@ -72,6 +97,7 @@ class Board:
         self.log_path = Path()
         self.log_bytes = 0
         self.view_dropped = 0
+        self._recommendation = Recommendation()
         self._clock = clock
         self._events: deque[tuple[int, Event]] = deque(maxlen=_MAX_EVENTS)
         self._told = 0
@@ -109,21 +135,23 @@ class Board:
         if self.start_ns is None:
             self.start_ns = row.t_ns
 
+    @property
+    def recommended(self) -> str:
+        """The method to believe first."""
+        return self._recommendation.method
+
     def _take_alpha(self, row: AlphaEstimate) -> None:
         self.alpha = row
+        self._recommendation.update(row)
 
     def _take_method(self, row: MethodEstimate) -> None:
         self.methods[row.method] = row
+        self._recommendation.update(row)
 
     def _take_health(self, row: Health) -> None:
         self.health = row
         self._choose_lateral()
-        given = {
-            name: sum(p.status is Status.ESTIMATED and p.name in self.derivatives for p in method.parameters)
-            for name, method in self.methods.items()
-            if method.applicable
-        }
-        self.recommended = recommended(given, self.alpha.turbulence if self.alpha else "unknown") or "split"
+        self._recommendation.update(row)
         self.ever_complete = self.ever_complete or (bool(row.streams) and all(s.alive for s in row.streams))
 
     def _choose_lateral(self) -> None:

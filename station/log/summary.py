@@ -143,7 +143,7 @@ def summarise(path: Path) -> Summary:
             elif isinstance(row, MethodEstimate):
                 methods[row.method] = None
             elif isinstance(row, Event):
-                out.event_counts[row.code] = out.event_counts.get(row.code, 0) + row.count
+                out.event_counts[row.code] = out.event_counts.get(row.code, 0) + row.times
                 if len(out.events) < _KEPT:
                     event = EventSummary((t_ns - first) * 1e-9, row.source, row.code, row.count, row.detail)
                     out.events.append(event)

@@ -122,19 +122,19 @@ STATES: Final[Mapping[str, Mapping[str, int]]] = {
 }
 
 
-def derivative_plot(name: str, setup: Setup) -> Plot:
-    """Axes of one derivative: every live method with its bounds, and the profile's value."""
+def derivative_plot(name: str, setup: Setup, recommended: str = "split") -> Plot:
+    """Axes of one derivative: every live method with its bounds, the recommended one bold, and the profile's value."""
     lines = [Line("profile", _GREY, 1.0)]
     for m in setup.methods:
         # The legend hides lines of one name together.
-        bounds = band(METHODS[m].colour, BAND if m == setup.recommended else f"other {BAND}")
-        lines += [*bounds, Line(m, METHODS[m].colour, 2.5 if m == setup.recommended else 1.25)]
+        bounds = band(METHODS[m].colour, BAND if m == recommended else f"other {BAND}")
+        lines += [*bounds, Line(m, METHODS[m].colour, 2.5 if m == recommended else 1.25)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
 
-def without_rival_bounds(setup: Setup) -> list[bool]:
+def without_other_bounds(setup: Setup, recommended: str) -> list[bool]:
     """Which lines of a derivative's plot to show where it is small: all but the bounds of other methods."""
-    shown = [(m == setup.recommended, m == setup.recommended, True) for m in setup.methods]
+    shown = [(m == recommended, m == recommended, True) for m in setup.methods]
     return [True, *(line for method in shown for line in method)]
 
 
@@ -156,7 +156,6 @@ class Setup(msgspec.Struct, frozen=True):
     mode: str
     port: int
     web_port: int
-    recommended: str = "split"
     methods: tuple[str, ...] = LIVE
     derivatives: tuple[str, ...] = LONGITUDINAL
     lateral_methods: tuple[str, ...] = ()
@@ -321,7 +320,7 @@ def _links(rows: Batch, setup: Setup) -> Iterator[Points]:
         yield Points(plot.path, t, table)
 
 
-def states(rows: Batch, setup: Setup) -> Iterator[tuple[str, int, str]]:
+def states(rows: Batch, setup: Setup, recommended: str) -> Iterator[tuple[str, int, str]]:
     """What holds from when on: (which of STATES, ns since the start, state)."""
     for event in rows.events:
         if event.code in (Code.POINT_START, Code.POINT_END):
@@ -330,7 +329,7 @@ def states(rows: Batch, setup: Setup) -> Iterator[tuple[str, int, str]]:
     for a in rows.alphas[-1:]:
         yield "alpha", a.t_ns - rows.start_ns, "valid" if a.valid else "not valid"
         yield "turbulence", a.t_ns - rows.start_ns, a.turbulence
-    for row in [row for row in rows.methods if row.method == setup.recommended][-1:]:
+    for row in [row for row in rows.methods if row.method == recommended][-1:]:
         known = sum(not math.isnan(estimated(row, name)[0]) for name in setup.derivatives)
         share = "none" if known == 0 else "all" if known == len(setup.derivatives) else "some"
         yield "derivatives", row.t_ns - rows.start_ns, f"{share} estimated"
@@ -351,5 +350,5 @@ def is_routine(event: Event) -> bool:
 
 def event_text(event: Event) -> str:
     """An event in one line, without its time, for the page and the terminal."""
-    times = f" x{event.count}" if event.count > 1 and event.source != "operator" else ""
+    times = f" x{event.times}" if event.times > 1 else ""
     return f"{event.source} {event.code}{times}" + (f": {event.detail}" if event.detail else "")

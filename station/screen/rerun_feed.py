@@ -289,8 +289,7 @@ def setup_for(
     open_page: bool = False,
 ) -> Setup:
     """What the page shows beside the rows, from the flight's profiles."""
-    from station.model.physical_columns import why_not  # these bring numba: not for the child
-    from station.numerics.turbulence import NOMINAL_SPEED, Thresholds
+    from station.numerics.turbulence import NOMINAL_SPEED, Thresholds  # brings numba: not for the child
 
     speed = profiles.card.flight.speed if profiles else NOMINAL_SPEED
     noise = profiles.rig.frame_noise_si().get("alpha_vane", 0.0) if profiles else 0.0
@@ -300,7 +299,6 @@ def setup_for(
         mode,
         port,
         web_port,
-        recommended="physical" if profiles and not why_not(profiles.aircraft) else "split",
         lateral_methods=LIVE_LATERAL if profiles and profiles.card.asks_lateral else (),
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.clock import Clock, SystemClock
+from station.flight.board import Recommendation
 from station.rows import LogError, Rows
 from station.screen import lateral_plots, plots
 from station.screen.plots import Batch, Plot, Points, Setup
@@ -56,18 +57,15 @@ class Page:
         self._recording = recording
         self._setup = setup
         self._states: dict[str, str] = {}
-        self._derivatives = tuple(plots.derivative_plot(name, setup) for name in setup.derivatives)
+        self._recommendation = Recommendation(setup.derivatives)
+        self._bold = self._recommendation.method
+        self._derivatives = self._of_derivatives()
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
         drawn = (*plots.FIXED, *self._derivatives, *self._links, *lateral_plots.drawn(setup))
         self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < 60}
         for plot in drawn:
-            style = rr.SeriesLines(
-                colors=np.array([line.colour for line in plot.lines], dtype=np.uint32),
-                widths=[line.width for line in plot.lines],
-                names=[line.name for line in plot.lines],
-            )
-            recording.log(_path(plot.path), style, static=True)
+            self._style(plot)
         for what, known in plots.STATES.items():
             if known:
                 labels = rr.StateConfiguration(
@@ -75,10 +73,37 @@ class Page:
                 )
                 recording.log(f"state/{what}", labels, static=True)
 
+    def _of_derivatives(self) -> tuple[Plot, ...]:
+        return tuple(plots.derivative_plot(name, self._setup, self._bold) for name in self._setup.derivatives)
+
+    def _style(self, plot: Plot) -> None:
+        """Colours, widths and names of a plot's lines; of derivatives only the bold method's bounds are visible."""
+        import rerun as rr
+
+        is_derivative = plot in self._derivatives
+        style = rr.SeriesLines(
+            colors=np.array([line.colour for line in plot.lines], dtype=np.uint32),
+            widths=[line.width for line in plot.lines],
+            names=[line.name for line in plot.lines],
+            visible_series=plots.without_other_bounds(self._setup, self._bold) if is_derivative else None,
+        )
+        self._recording.log(_path(plot.path), style, static=True)
+
+    def _recommend(self, rows: Batch) -> None:
+        """Draw the method to believe first bold, once a second that of the data."""
+        for row in (*rows.alphas[-1:], *rows.methods, *rows.healths[-1:]):
+            self._recommendation.update(row)
+        if self._recommendation.method != self._bold:
+            self._bold = self._recommendation.method
+            self._derivatives = self._of_derivatives()
+            for plot in self._derivatives:
+                self._style(plot)
+
     def show(self, rows: Batch) -> None:
         """Send the new points of every line, the events and the changes of state."""
         import rerun as rr
 
+        self._recommend(rows)
         for points in itertools.chain(plots.points(rows, self._setup), lateral_plots.points(rows, self._setup)):
             held = self._held.setdefault(points.path, [])
             held.append(points)
@@ -92,7 +117,7 @@ class Page:
             level = plots.LEVEL_NAMES[event.level]
             colour = plots.LEVEL_COLOURS[event.level]
             self._recording.log(plots.EVENTS, rr.TextLog(plots.event_text(event), level=level, color=colour))
-        for what, t_ns, state in plots.states(rows, self._setup):
+        for what, t_ns, state in plots.states(rows, self._setup, self._bold):
             if self._states.get(what) != state:
                 self._states[what] = state
                 self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
@@ -122,8 +147,8 @@ class Page:
         """Flight on the left, answers on the right; every method's bounds, links and air on tabs of their own."""
         import rerun.blueprint as rrb
 
-        view, shown = self._view, plots.without_rival_bounds(self._setup)
-        key = self._derivatives[0]
+        view, key = self._view, self._derivatives[0]
+        every = [True] * len(key.lines)
         flight = rrb.Horizontal(
             rrb.Vertical(
                 view(plots.ALPHA),
@@ -134,7 +159,7 @@ class Page:
                 row_shares=[3.2, 1.6, 1.4, 1.6, 1.2],
             ),
             rrb.Vertical(
-                rrb.Grid(*(view(plot, only=shown, legend=plot is key) for plot in self._derivatives), grid_columns=3),
+                rrb.Grid(*(view(plot, legend=plot is key) for plot in self._derivatives), grid_columns=3),
                 rrb.Horizontal(view(plots.TURBULENCE), view(self._links[0])),
                 rrb.Horizontal(
                     _event_log(),
@@ -149,7 +174,11 @@ class Page:
         return rrb.Blueprint(
             rrb.Tabs(
                 flight,
-                rrb.Grid(*(view(plot, legend=True) for plot in self._derivatives), grid_columns=2, name="Derivatives"),
+                rrb.Grid(
+                    *(view(plot, only=every, legend=True) for plot in self._derivatives),
+                    grid_columns=2,
+                    name="Derivatives",
+                ),
                 *self._lateral_tab(),
                 rrb.Grid(*(view(plot) for plot in self._links), grid_columns=2, name="Links"),
                 rrb.Vertical(view(plots.GUST_SPEED), view(plots.WIND), view(plots.TURBULENCE), name="Air"),

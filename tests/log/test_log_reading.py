@@ -264,6 +264,13 @@ def test_events_are_counted_with_their_counts(tmp_path: Path) -> None:
     assert [e.t_s for e in summary.events] == [0.0, 1.0, 2.0]
 
 
+def test_test_points_are_counted_and_not_their_numbers_added(tmp_path: Path) -> None:
+    codes = ((Code.POINT_START, 1), (Code.POINT_END, 1), (Code.POINT_START, 2), (Code.POINT_END, 2))
+    rows = [Event(10**9 * (k + 1), "operator", code, number) for k, (code, number) in enumerate(codes)]
+    write_log(tmp_path / "a.mcap", ABOUT, rows)
+    assert summarise(tmp_path / "a.mcap").event_counts == {"POINT_START": 2, "POINT_END": 2}
+
+
 def test_kinds_left_out_are_not_read(whole: tuple[Path, list[Rows]]) -> None:
     path, rows = whole
     assert list(read_rows(path, (Tick,))) == [r for r in rows if isinstance(r, Tick)]

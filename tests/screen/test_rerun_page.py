@@ -16,6 +16,7 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib.image
 import msgspec
@@ -24,7 +25,9 @@ import psutil
 import pytest
 import websocket
 
+from station.clock import ManualClock
 from station.conventions import LATERAL, LONGITUDINAL, SIGNALS, TICK_NS
+from station.flight.board import Board
 from station.rows import (
     AlphaEstimate,
     Code,
@@ -44,7 +47,7 @@ from station.rows import (
 from station.screen import lateral_plots, plots
 from station.screen.plots import Setup
 from station.screen.rerun_feed import QUEUE_TICKS
-from station.screen.rerun_page import View, write_rrd
+from station.screen.rerun_page import Page, View, write_rrd
 
 BOOK = dict(zip(LONGITUDINAL, (5.64, 20.0, 0.62, -1.05, -34.2, -1.88), strict=True))
 BIAS = {"II": 0.85, "III": 1.12, "V": 1.08, "split": 0.98, "split+gust": 1.0}
@@ -224,6 +227,43 @@ def test_only_derivatives_to_be_believed_are_drawn(status: Status, applicable: b
     else:
         assert np.isnan(values[at - 2 : at + 1]).all()
     assert values[names.index("II")] == 4.0
+
+
+class Styled:
+    """A recording that keeps the widths of each derivative's lines."""
+
+    def __init__(self) -> None:
+        self.widths: dict[str, list[float]] = {}
+
+    def log(self, path: str, entity: Any, static: bool = False) -> None:
+        if "1/rad" in path and static:
+            self.widths[path] = entity.widths.as_arrow_array().to_pylist()
+
+    def set_time(self, *_: object, **__: object) -> None: ...
+
+    def send_columns(self, *_: object, **__: object) -> None: ...
+
+
+def test_the_page_draws_bold_the_method_that_the_terminal_recommends() -> None:
+    """And both follow the data: physical where it gives as much, split+gust in turbulence, else split."""
+    recording, board = Styled(), Board(None, ManualClock(0))
+    page = Page(recording, SETUP)  # type: ignore[arg-type]
+    lines = plots.derivative_plot("CL_alpha", SETUP).lines
+    found = (ParamEstimate("CL_alpha", 5.0, 0.25, Status.ESTIMATED),)
+    none = (ParamEstimate("CL_alpha", 5.0, 0.25, Status.UNESTIMATED),)
+    for at, (air, physical, expected) in enumerate(
+        (("calm", none, "split"), ("calm", found, "physical"), ("light", none, "split+gust"), ("calm", none, "split"))
+    ):
+        t_ns = START_NS + at * 10**9
+        alpha = next(r for r in with_alpha(turbulence=air) if isinstance(r, AlphaEstimate))
+        given = {"split": found, "split+gust": found, "physical": physical}
+        rows = [alpha, *(MethodEstimate(t_ns, m, p) for m, p in given.items()), health(t_ns, 32.0)]
+        board.update(rows)
+        page.show(plots.batch(rows, START_NS))
+        assert board.recommended == expected
+        for widths in recording.widths.values():
+            bold = [line.name for line, width in zip(lines, widths, strict=True) if width > 2]
+            assert bold == [expected]
 
 
 def test_a_plot_of_a_lateral_derivative_shows_its_own_lines_only() -> None:
