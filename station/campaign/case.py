@@ -33,7 +33,7 @@ from station.simulation.gusts import STEP, dryden, field_constants, field_start
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import STANDARD, Sensor
-from station.simulation.three_degrees import indicial_tables, reach, site
+from station.simulation.three_degrees import reach, site
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
     boom = flown.boom or NO_BOOM
     air = Air(
         constants=constants,
-        tables=indicial_tables(flown),
+        tables=ac.indicial_tables(flown),
         vane=vane_constants(boom, DT),
         site=site(flight, (0.0, 0.0, 0.0)),
         field=field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),

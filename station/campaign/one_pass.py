@@ -29,8 +29,9 @@ from station.numerics.named_state import Element
 from station.simulation import airframe as ac
 from station.simulation.boom import SecondOrder, VaneConstants
 from station.simulation.distortion import distort
-from station.simulation.gusts import FieldConstants, fill
-from station.simulation.motion import COLUMNS, EVERY, Site, Tables, advance, at_rest, places
+from station.simulation.gusts import Field, FieldConstants, fill
+from station.simulation.longitudinal import DISTANCE
+from station.simulation.motion import COLUMNS, EVERY, Flown, Site, advance, at_rest, places
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -50,7 +51,7 @@ class Air(NamedTuple):
     """What is flown."""
 
     constants: ac.Constants
-    tables: Tables
+    tables: ac.Tables
     vane: VaneConstants
     site: Site
     field: FieldConstants
@@ -360,14 +361,15 @@ def fly_and_measure(
     Fills shown (ticks, signals) and the angle of attack at the CG, true_alpha (ticks,).
     """
     truth = np.empty((sensors.ticks + sensors.distortion.shape[0] // 2, len(COLUMNS)))
-    field = np.zeros((wind.shape[0], 3))
+    field = Field(np.zeros((wind.shape[0], 3)), air.first)
     if air.field.sigmas[2] > 0.0:
-        fill(air.field, wind, state.copy(), air.first, field)
-    memory = at_rest(air.constants, air.tables, air.behind, field, air.first)
-    advance(air.constants, air.tables, air.vane, air.site, memory, air.command, field, air.first, EVERY, truth)
+        fill(air.field, wind, state.copy(), air.first, field.values)
+    memory = at_rest(air.constants, air.tables, air.behind, field)
+    flown = Flown(air.constants, air.tables, air.vane, air.site)
+    advance(flown, memory, air.command, field, EVERY, truth)
     measure(sensors, truth, white, shown)
     true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]
-    return float(memory.x[ac.DISTANCE])
+    return float(memory.x[DISTANCE])
 
 
 def compile_fits(e: Estimation) -> None:

@@ -131,6 +131,12 @@ def second_order_step(c: SecondOrder, state: NDArray[np.float64], new: float) ->
     return float(state[0])
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def settle(state: NDArray[np.float64], value: float) -> None:
+    """Put a system at rest under a constant input."""
+    state[0], state[1], state[2] = value, 0.0, value
+
+
 @njit(cache=True, error_model="numpy")
 def flow_angle(v: VaneConstants, u: float, w: float, q: float, ug: float, wg: float, wing: float) -> float:
     """The angle (rad) that a vane without dynamics would show.
@@ -155,7 +161,7 @@ def bending(
         return v.flexure * az + v.tip_load * pressure * flow
     load = v.flexure * (az - qdot * v.x) + v.tip_load * pressure * flow
     if begins:
-        state[0], state[1], state[2] = load, 0.0, load
+        settle(state, load)
     bend = second_order_step(v.mode, state, load)
     out: float = bend - v.mode_length * state[1] / speed
     return out

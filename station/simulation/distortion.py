@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.simulation.boom import SecondOrder, second_order_step
+from station.simulation.boom import SecondOrder, second_order_step, settle
 
 Array = NDArray[np.float64]
 
@@ -52,5 +52,5 @@ def distort(weights: Array, vane: SecondOrder, part: Array, out: Array) -> None:
         for j in range(weights.shape[0]):
             added += weights[j] * (part[max(k + reach - j, 0)] - part[0])
         if k == 0:
-            state[0], state[2] = added, added
+            settle(state, added)
         out[k] += second_order_step(vane, state, added)

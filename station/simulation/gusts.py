@@ -26,6 +26,9 @@ _FT: Final = to_si(1.0, "ft")
 STEP: Final = 0.25
 """Spacing of the field's points, m. Linear interpolation between them loses 0.1 % of the variance at 10 Hz."""
 _BLOCK: Final = 2048
+_LOW: Final = 1000.0
+"""ft: up to which the low-altitude model holds; twice as high turbulence is isotropic, of scale length _ISOTROPIC."""
+_ISOTROPIC: Final = 1750.0
 _RAMP: Final = 1.0
 """Turbulence that begins in flight grows to its full strength over this many seconds of flight."""
 
@@ -56,16 +59,16 @@ def dryden(height: float, sigma_w: float) -> Dryden:
     Low-altitude model below 1,000 ft, 1,750 ft isotropic above 2,000 ft, linear between. MIL-F-8785C 3.7.
     """
     h = height / _FT
-    if h >= 2000:
-        length_w = length_u = 1750.0
+    if h >= 2 * _LOW:
+        length_w = length_u = _ISOTROPIC
         ratio = 1.0
     else:
-        low = min(max(h, 10.0), 1000.0)
+        low = min(max(h, 10.0), _LOW)
         shape = 0.177 + 0.000823 * low
         length_w, length_u, ratio = low, low / shape**1.2, shape**-0.4
-        blend = max(0.0, (h - 1000.0) / 1000.0)
-        length_w += blend * (1750.0 - length_w)
-        length_u += blend * (1750.0 - length_u)
+        blend = max(0.0, (h - _LOW) / _LOW)
+        length_w += blend * (_ISOTROPIC - length_w)
+        length_u += blend * (_ISOTROPIC - length_u)
         ratio += blend * (1.0 - ratio)
     return Dryden(length_u * _FT, length_u * _FT, length_w * _FT, ratio * sigma_w, ratio * sigma_w, sigma_w)
 
@@ -77,7 +80,7 @@ def sigma_at(height: float, level: str) -> float:
     it severe; linear between. MIL-F-8785C 3.7.2 and 3.7.3.
     """
     low, high = LEVELS[level]
-    return low + min(max(height / _FT / 1000.0 - 1.0, 0.0), 1.0) * (high - low)
+    return low + min(max(height / _FT / _LOW - 1.0, 0.0), 1.0) * (high - low)
 
 
 def dryden_of(flight: Flight) -> Dryden:
@@ -158,14 +161,27 @@ def fill(
         state[0] = c.decay * state[0] + c.kick * noise[k, 0]
 
 
+class Field(NamedTuple):
+    """The gusts over a stretch of the way."""
+
+    values: NDArray[np.float64]
+    """(n, 3): u_g, v_g, w_g at consecutive points, m/s."""
+    first: int
+    """Index of the first point; a point's distance is its index times STEP."""
+
+
+ALONG, SIDEWAYS, UP = range(3)
+"""Components of a gust: u_g, v_g, w_g."""
+
+
 @njit(cache=True, error_model="numpy")
-def gust_at(field: NDArray[np.float64], first: int, distance: float, component: int) -> float:
-    """A component of the gust (0 u, 1 v, 2 w) at a distance, m; `first` is the index of the field's first point."""
+def gust_at(field: Field, distance: float, component: int) -> float:
+    """A component of the gust at a distance through the air mass, m."""
     position = distance / STEP
     i = math.floor(position)
     part = position - i
-    j = min(max(int(i) - first, 0), field.shape[0] - 2)
-    value: float = field[j, component] + part * (field[j + 1, component] - field[j, component])
+    j = min(max(int(i) - field.first, 0), field.values.shape[0] - 2)
+    value: float = field.values[j, component] + part * (field.values[j + 1, component] - field.values[j, component])
     return value
 
 
@@ -182,10 +198,8 @@ class GustField:
 
     def __init__(self, constants: FieldConstants, behind: float, seed: np.random.SeedSequence) -> None:
         """`behind`: how far behind the origin the field begins, m."""
-        self.first = field_start(behind)
-        """Index of the first point kept; a point's distance is its index times STEP."""
-        self.values: NDArray[np.float64] = np.empty((0, 3))
-        """(n, 3): u_g, v_g, w_g at consecutive points, m/s."""
+        self.now = Field(np.empty((0, 3)), field_start(behind))
+        """The part that is kept."""
         self._constants = constants
         self._calm = constants.sigmas[2] == 0
         self._rng = np.random.default_rng(seed)
@@ -193,8 +207,9 @@ class GustField:
 
     def cover(self, low: float, high: float) -> None:
         """Hold the field from distance `low` to `high` at least; `low` never goes back."""
-        drop = math.floor(low / STEP) - 2 - self.first
-        end = self.first + len(self.values)
+        values, first = self.now
+        drop = math.floor(low / STEP) - 2 - first
+        end = first + len(values)
         missing = math.ceil(high / STEP) + 3 - end
         if missing <= 0:
             return
@@ -202,6 +217,5 @@ class GustField:
         block = np.zeros((n, 3))
         if not self._calm:
             fill(self._constants, self._rng.standard_normal((n, 5)), self._state, end, block)
-        keep = self.values[max(0, drop) :]
-        self.first += len(self.values) - len(keep)
-        self.values = np.concatenate((keep, block))
+        keep = values[max(0, drop) :]
+        self.now = Field(np.concatenate((keep, block)), first + len(values) - len(keep))

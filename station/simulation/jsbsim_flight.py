@@ -17,19 +17,22 @@ from numpy.typing import NDArray
 from station.conventions import SIGNALS, to_si
 from station.profile import Actuator, Aircraft, Flight, Manoeuvre
 from station.rows import ProfileError
-from station.simulation import airframe as ac
+from station.simulation import longitudinal as eq
+from station.simulation.airframe import HOLD_HEIGHT, HOLD_LAG, HOLD_SPEED, indicial_tables
 from station.simulation.boom import NO_BOOM, vane_constants
-from station.simulation.gusts import GustField, dryden_of, field_constants, gust_at
+from station.simulation.gusts import dryden_of, gust_at
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import DT, TRUTH, Memory, vanes_now
+from station.simulation.motion import DONE, DT, TRUTH, memory_of, vanes_now
 from station.simulation.sensors import lagged
-from station.simulation.three_degrees import ORIGIN, elevator_play, indicial_tables, site
+from station.simulation.three_degrees import ORIGIN, elevator_play, gusts_of, site
 
 MODEL: Final = "DHC6"
 FINER: Final = 4
 """JSBSim's steps in one of ours: it integrates with the accelerations of the step before."""
 _FT, _KNOT, _POUND, _SLUG, _PSF = (to_si(1.0, unit) for unit in ("ft", "kt", "lbf", "slug", "psf"))
 _BLOCK: Final = 400
+_BEHIND: Final = 2.0
+"""Gusts are kept so far behind the CG, m."""
 SETTLING_S: Final = 60.0
 _TRAVEL: Final = {"elevator": (0.454, 0.244), "aileron": (0.33, 0.28), "rudder": (0.28, 0.28)}
 """rad to the negative and to the positive side, as JSBSim's FCS has them; ours: aileron positive rolls left."""
@@ -54,6 +57,7 @@ _READ: Final[Mapping[str, tuple[str, float]]] = {
     "moment": ("moments/m-aero-lbsft", _POUND * _FT),
     "left": ("propulsion/engine[0]/thrust-lbs", _POUND), "right": ("propulsion/engine[1]/thrust-lbs", _POUND),
 }  # fmt: skip
+_NO_FLOW: Final = eq.Flow(*(math.nan for _ in eq.Flow._fields))
 _PILOT_SEES: Final = ("airspeed", "altitude", "phi", "psi", "p", "r")
 
 # The pilot: power as the longitudinal simulation's thrust; ailerons for the wings, rad per rad and per rad/s.
@@ -151,22 +155,9 @@ class JsbsimFlight:
         self._nose = aircraft.gust_edge
         self._ahead = max(boom.gust_x, self._nose) + 1.0
         self._site = site(flight, imu_position)
-        self._field = GustField(
-            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
-            2.0,
-            np.random.SeedSequence(flight.seed if seed is None else seed),
-        )
-        self._field.cover(-1.0, self._ahead)
+        self._field = gusts_of(flight, _BEHIND, self._ahead, seed)
         self._is_windy = dryden_of(flight).sigma_w > 0
-        self._memory = Memory(
-            np.zeros(ac.LAGS),
-            np.zeros((2, 1)),
-            np.zeros(3, dtype=np.int64),
-            np.zeros(self._tables.upwash_motion.shape[1]),
-            np.zeros(self._tables.upwash_gust.shape[1]),
-            np.zeros((3, 3)),
-            np.zeros(3),
-        )
+        self._memory = memory_of(np.zeros(eq.LAGS), 1, self._tables, 0.0)
         actuators = {"elevator": aircraft.elevator, "aileron": aircraft.aileron, "rudder": aircraft.rudder}
         self._trim = {name: _COMMANDS[name][2] * float(self._sim[_POSITIONS[name]]) for name in actuators}
         plays = {"elevator": elevator_play(aircraft)}
@@ -185,7 +176,7 @@ class JsbsimFlight:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, and TRUTH; each (n,)."""
         names = (*SIGNALS, *TRUTH)
         out = np.empty((len(names), n))
-        begin = int(self._memory.marks[0])
+        begin = int(self._memory.marks[DONE])
         for k in range(n):
             row = self._row()
             out[:, k] = [row[name] for name in names]
@@ -212,24 +203,26 @@ class JsbsimFlight:
 
     def _gust(self, metres: float) -> tuple[float, float, float]:
         """u_g, v_g, w_g that far ahead of the CG, m/s."""
-        field, at = self._field, self._distance + metres
-        return tuple(float(gust_at(field.values, field.first, at, i)) for i in range(3))  # type: ignore[return-value]
+        at = self._distance + metres
+        return tuple(float(gust_at(self._field.now, at, i)) for i in range(3))  # type: ignore[return-value]
 
     def _row(self) -> dict[str, float]:
         """All there is to know now."""
         s, m, v = self._now, self._memory, self._vane
-        time = int(m.marks[0]) * DT
-        aux = np.zeros(ac.AUX_SIZE)
+        time = int(m.marks[DONE]) * DT
         inertial = math.atan2(s["w"], s["u"])
         ug, _, wg = self._gust(self._nose)
         force = np.array([s["fx"], s["fy"], s["fz"]]) / s["mass"]
-        aux[ac.AIRSPEED], aux[ac.PRESSURE] = s["airspeed"], s["dynamic_pressure"]
-        aux[ac.ALPHA_INERTIAL], aux[ac.GUST_LE] = inertial, math.atan2(s["w"] + wg, s["u"] + ug) - inertial
-        aux[ac.FORCE_Z] = force[2]
-        m.x[ac.U], m.x[ac.W], m.x[ac.Q], m.x[ac.DISTANCE] = s["u"], s["w"], s["q"], self._distance
+        m.x[eq.U], m.x[eq.W], m.x[eq.Q], m.x[eq.DISTANCE] = s["u"], s["w"], s["q"], self._distance
         moving = (s["qdot"], s["v"] + s["r"] * v.x - s["p"] * v.z, s["p"] * self._vane_y)
-        field = self._field
-        vanes = vanes_now(self._chord, self._tables, v, m, field.values, field.first, moving, aux)
+        flow = _NO_FLOW._replace(
+            airspeed=s["airspeed"],
+            pressure=s["dynamic_pressure"],
+            force_z=float(force[2]),
+            alpha_inertial=inertial,
+            gust_edge=math.atan2(s["w"] + wg, s["u"] + ug) - inertial,
+        )
+        vanes = vanes_now(self._chord, self._tables, v, m, self._field.now, moving, flow)
         spin, turn = np.array([s["p"], s["q"], s["r"]]), np.array([s["pdot"], s["qdot"], s["rdot"]])
         felt = force + np.cross(turn, self._imu) + np.cross(spin, np.cross(spin, self._imu))
         place, flight = self._site, self._flight
@@ -254,7 +247,7 @@ class JsbsimFlight:
 
     def _step(self) -> None:
         """Controls and gusts as they will be DT later, JSBSim as far."""
-        s, sim, k = self._now, self._sim, int(self._memory.marks[0])
+        s, sim, k = self._now, self._sim, int(self._memory.marks[DONE])
         before = {n: part.surface for n, part in self._surfaces.items()}
         commands = self._commands(k)
         for name, part in self._surfaces.items():
@@ -275,7 +268,7 @@ class JsbsimFlight:
         velocity = 0.5 * np.array([s["v_north"] + new["v_north"], s["v_east"] + new["v_east"]])
         self._way = self._way + velocity * DT
         self._distance = begin + float(velocity @ np.array([math.cos(heading), math.sin(heading)])) * DT
-        self._memory.marks[0] += 1
+        self._memory.marks[DONE] += 1
 
     def _commands(self, k: int) -> dict[str, float]:
         """What the pilot asks for at the end of step k, rad; sets the power too."""
@@ -289,8 +282,8 @@ class JsbsimFlight:
     def _piloted(self) -> dict[str, float]:
         """Where the pilot alone wants the surfaces, rad; sets the power."""
         s, flight = self._now, self._flight
-        wanted = ac.HOLD_SPEED * (flight.speed - s["airspeed"]) + ac.HOLD_HEIGHT * (flight.altitude - s["altitude"])
-        self._held += (wanted * s["mass"] / self._thrust - self._held) * DT / ac.HOLD_LAG
+        wanted = HOLD_SPEED * (flight.speed - s["airspeed"]) + HOLD_HEIGHT * (flight.altitude - s["altitude"])
+        self._held += (wanted * s["mass"] / self._thrust - self._held) * DT / HOLD_LAG
         for i, power in enumerate(self._power):
             self._sim[f"fcs/throttle-cmd-norm[{i}]"] = min(max(power * (1 + self._held), 0.0), 1.0)
         turned = math.remainder(s["psi"] - flight.heading, 2 * math.pi)

@@ -1,6 +1,6 @@
 """Six degrees of freedom: the longitudinal equations with sideslip, roll and yaw added to them.
 
-The longitudinal part is `aircraft.rates` itself, so that without lateral motion the flight is the three-degree-of-
+The longitudinal part is `longitudinal.rates` itself, so that without lateral motion the flight is the three-degree-of-
 freedom one. Side force, rolling and yawing moment are linear in sideslip, rates and surfaces, per rad, rates normalised
 with b/2V, in body axes (Klein and Morelli 2006; rigid body: Stevens and Lewis 2003). Side gusts act at the CG; the air
 does not roll. A pilot levels the wings and holds the heading with slow ailerons.
@@ -19,12 +19,30 @@ from numpy.typing import NDArray
 from station.conventions import G0
 from station.profile import Actuator, Aircraft, Flight, Manoeuvre
 from station.rows import ProfileError
-from station.simulation import airframe as ac
-from station.simulation.boom import NO_BOOM, VaneConstants, vane_constants
-from station.simulation.gusts import GustField, dryden_of, field_constants, gust_at
+from station.simulation import longitudinal as eq
+from station.simulation.airframe import Constants
+from station.simulation.gusts import SIDEWAYS, Field, gust_at
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import COLUMNS, DT, Memory, Site, Tables, at_rest, places, record, stage_rates, vanes_now
-from station.simulation.three_degrees import BLOCK, SPEED_MARGIN, elevator_play, indicial_tables, reach, site
+from station.simulation.motion import (
+    AHEAD,
+    AT_TAIL,
+    COLUMNS,
+    DONE,
+    DT,
+    STAGES,
+    SURFACE,
+    WEIGHTS,
+    Flown,
+    Memory,
+    Site,
+    at_rest,
+    places,
+    record,
+    remember,
+    stage_rates,
+    vanes_now,
+)
+from station.simulation.three_degrees import BLOCK, SPEED_MARGIN, flown_by, gusts_of, reach
 from station.simulation.trigonometry import sine_cosine
 
 SIDE, ROLL, YAW, BANK, TURN, NORTH, EAST, AILERON, RUDDER, HELD, SIZE = range(11)
@@ -47,7 +65,7 @@ HOLD_LAG: Final = 2.0
 _P, _R, _AX, _AY, _AZ, _PHI, _PSI = places("p", "r", "ax", "ay", "az", "phi", "psi")
 _V_NORTH, _V_EAST, _LATITUDE, _LONGITUDE = places("v_north", "v_east", "latitude", "longitude")
 _AILERON, _RUDDER, _PDOT, _RDOT = places("aileron", "rudder", "pdot", "rdot")
-_TRUE = len(COLUMNS)
+_BETA, _CY, _CROLL, _CN = (LATERAL_COLUMNS.index(name) for name in LATERAL_TRUTH)
 
 
 class Lateral(NamedTuple):
@@ -64,6 +82,25 @@ class Lateral(NamedTuple):
     """(2, 3): lag (s), rate limit (rad/s) and travel (rad) of aileron and rudder."""
     hold_bank: float
     hold_heading: float
+
+
+class Both(NamedTuple):
+    """The longitudinal and the lateral state, or their derivatives."""
+
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+
+
+class SideFlow(NamedTuple):
+    """Quantities on the way from the lateral state to its derivative."""
+
+    beta: float
+    """Sideslip at the CG, rad."""
+    cy: float
+    cl: float
+    cn: float
+    force_y: float
+    """Specific force at the CG, m/s2."""
 
 
 def has_lateral(aircraft: Aircraft) -> bool:
@@ -104,48 +141,46 @@ def lateral_constants(aircraft: Aircraft, hold: bool = True) -> Lateral:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def add_lateral(
-    c: ac.Constants,
-    side: Lateral,
-    heading: float,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    commands: tuple[float, float],
-    side_air: float,
-    dx: NDArray[np.float64],
-    dy: NDArray[np.float64],
-    aux: NDArray[np.float64],
-    lateral: NDArray[np.float64],
-) -> None:
-    """The lateral state's derivative into `dy`, and what it changes of the longitudinal one's in `dx`.
+def _side_flow(c: Constants, side: Lateral, y: NDArray[np.float64], side_air: float, flow: eq.Flow) -> SideFlow:
+    """Sideslip, coefficients and side force. `side_air`: sideways velocity relative to the air, m/s."""
+    beta = math.asin(side_air / flow.airspeed)
+    per_rate = 0.5 * side.span / (c.reference_speed if c.fixed_rate_reference > 0.0 else flow.airspeed)
+    p, r, da, dr = y[ROLL], y[YAW], y[AILERON], y[RUDDER]
+    of_y, of_l, of_n = side.slopes[0], side.slopes[1], side.slopes[2]
+    cy = of_y[0] * beta + (of_y[1] * p + of_y[2] * r) * per_rate + of_y[3] * da + of_y[4] * dr
+    cl = of_l[0] * beta + (of_l[1] * p + of_l[2] * r) * per_rate + of_l[3] * da + of_l[4] * dr
+    cn = of_n[0] * beta + (of_n[1] * p + of_n[2] * r) * per_rate + of_n[3] * da + of_n[4] * dr
+    return SideFlow(beta, cy, cl, cn, flow.pressure * c.area * cy / c.mass)
 
-    dx and aux as `aircraft.rates` leaves them; `commands`: aileron and rudder, rad; `side_air`: sideways velocity
-    relative to the air, m/s. `lateral` (5): beta, CY, Cl, Cn, side specific force.
+
+@njit(cache=True, error_model="numpy", inline="always")
+def add_lateral(
+    c: Constants, side: Lateral, heading: float, state: Both, commands: tuple[float, float], side_air: float,
+    slope: Both, flow: eq.Flow,
+) -> SideFlow:  # fmt: skip
+    """The lateral state's derivative into `slope`, and what it changes of the longitudinal one's there.
+
+    The latter and `flow` as `longitudinal.rates` leaves them; `heading`: where the flight began, rad; `commands`:
+    aileron and rudder, rad; `side_air`: sideways velocity relative to the air, m/s.
     """
-    u, w, q, theta = x[ac.U], x[ac.W], x[ac.Q], x[ac.THETA]
+    x, y, dx, dy = state.along, state.across, slope.along, slope.across
+    u, w, q, theta = x[eq.U], x[eq.W], x[eq.Q], x[eq.THETA]
     v, p, r = y[SIDE], y[ROLL], y[YAW]
-    speed = aux[ac.AIRSPEED]
-    beta = math.asin(side_air / speed)
-    per_rate = 0.5 * side.span / (c.reference_speed if c.fixed_rate_reference > 0.0 else speed)
-    lateral[0] = beta
-    for i in range(3):
-        s = side.slopes[i]
-        lateral[1 + i] = s[0] * beta + (s[1] * p + s[2] * r) * per_rate + s[3] * y[AILERON] + s[4] * y[RUDDER]
-    force = aux[ac.PRESSURE] * c.area
-    lateral[4] = force * lateral[1] / c.mass
-    rolling, yawing = force * side.span * lateral[2], force * side.span * lateral[3]
+    seen = _side_flow(c, side, y, side_air, flow)
+    force = flow.pressure * c.area
+    rolling, yawing = force * side.span * seen.cl, force * side.span * seen.cn
 
     sin_t, cos_t = sine_cosine(theta)
     sin_b, cos_b = sine_cosine(y[BANK])
-    dx[ac.U] += r * v
-    dx[ac.W] += G0 * cos_t * (cos_b - 1.0) - p * v
-    dx[ac.Q] += ((side.izz - side.ixx) * p * r - side.ixz * (p * p - r * r)) / c.iyy
-    dx[ac.THETA] = q * cos_b - r * sin_b
+    dx[eq.U] += r * v
+    dx[eq.W] += G0 * cos_t * (cos_b - 1.0) - p * v
+    dx[eq.Q] += ((side.izz - side.ixx) * p * r - side.ixz * (p * p - r * r)) / c.iyy
+    dx[eq.THETA] = q * cos_b - r * sin_b
     across = v * sin_b + w * cos_b
-    dx[ac.DISTANCE] = u * cos_t + across * sin_t
-    dx[ac.HEIGHT] = u * sin_t - across * cos_t
+    dx[eq.DISTANCE] = u * cos_t + across * sin_t
+    dx[eq.HEIGHT] = u * sin_t - across * cos_t
 
-    dy[SIDE] = lateral[4] + p * w - r * u + G0 * cos_t * sin_b
+    dy[SIDE] = seen.force_y + p * w - r * u + G0 * cos_t * sin_b
     product = side.ixx * side.izz - side.ixz * side.ixz
     mixed = side.ixz * (side.ixx - c.iyy + side.izz)
     spin = mixed * p * q - (side.izz * (side.izz - c.iyy) + side.ixz * side.ixz) * q * r
@@ -157,8 +192,8 @@ def add_lateral(
     dy[TURN] = turning
     to_the_right = v * cos_b - w * sin_b
     sin_h, cos_h = math.sin(heading + y[TURN]), math.cos(heading + y[TURN])
-    dy[NORTH] = dx[ac.DISTANCE] * cos_h - to_the_right * sin_h
-    dy[EAST] = dx[ac.DISTANCE] * sin_h + to_the_right * cos_h
+    dy[NORTH] = dx[eq.DISTANCE] * cos_h - to_the_right * sin_h
+    dy[EAST] = dx[eq.DISTANCE] * sin_h + to_the_right * cos_h
     for i in range(2):
         lag, rate, travel = side.actuators[i]
         wanted = commands[i] + (y[HELD] if i == 0 else 0.0)
@@ -166,28 +201,22 @@ def add_lateral(
         dy[AILERON + i] = min(max((wanted - y[AILERON + i]) / lag, -rate), rate)
     # A positive aileron rolls left.
     dy[HELD] = (side.hold_bank * (y[BANK] + side.hold_heading * y[TURN]) - y[HELD]) / HOLD_LAG
+    return seen
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _record_lateral(
-    site: Site,
-    time: float,
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    dx: NDArray[np.float64],
-    dy: NDArray[np.float64],
-    aux: NDArray[np.float64],
-    lateral: NDArray[np.float64],
-    row: NDArray[np.float64],
+    site: Site, time: float, state: Both, slope: Both, flow: eq.Flow, seen: SideFlow, row: NDArray[np.float64]
 ) -> None:
     """What lateral motion changes of a row that `motion.record` wrote, and its own truth."""
-    p, q, r = y[ROLL], x[ac.Q], y[YAW]
-    pdot, qdot, rdot = dy[ROLL], dx[ac.Q], dy[YAW]
+    y, dy = state.across, slope.across
+    p, q, r = y[ROLL], state.along[eq.Q], y[YAW]
+    pdot, qdot, rdot = dy[ROLL], slope.along[eq.Q], dy[YAW]
     i, j, k = site.imu_x, site.imu_y, site.imu_z
     row[_P], row[_R] = p, r
-    row[_AX] = aux[ac.FORCE_X] + qdot * k - rdot * j + p * (q * j + r * k) - (q * q + r * r) * i
-    row[_AY] = lateral[4] + rdot * i - pdot * k + q * (p * i + r * k) - (p * p + r * r) * j
-    row[_AZ] = aux[ac.FORCE_Z] + pdot * j - qdot * i + r * (p * i + q * j) - (p * p + q * q) * k
+    row[_AX] = flow.force_x + qdot * k - rdot * j + p * (q * j + r * k) - (q * q + r * r) * i
+    row[_AY] = seen.force_y + rdot * i - pdot * k + q * (p * i + r * k) - (p * p + r * r) * j
+    row[_AZ] = flow.force_z + pdot * j - qdot * i + r * (p * i + q * j) - (p * p + q * q) * k
     row[_PHI] = y[BANK]
     heading = site.heading + y[TURN]
     row[_PSI] = heading - 2.0 * math.pi * math.floor((heading + math.pi) / (2.0 * math.pi))
@@ -198,81 +227,58 @@ def _record_lateral(
     row[_LONGITUDE] = site.longitude + east / (site.radius_east * math.cos(0.5 * (latitude + site.latitude)))
     row[_AILERON], row[_RUDDER] = y[AILERON], y[RUDDER]
     row[_PDOT], row[_RDOT] = pdot, rdot
-    row[_TRUE], row[_TRUE + 1], row[_TRUE + 2], row[_TRUE + 3] = lateral[0], lateral[1], lateral[2], lateral[3]
+    row[_BETA], row[_CY], row[_CROLL], row[_CN] = seen.beta, seen.cy, seen.cl, seen.cn
 
 
 @njit(cache=True, error_model="numpy")
 def advance_lateral(
-    c: ac.Constants,
-    side: Lateral,
-    tables: Tables,
-    vane: VaneConstants,
-    site: Site,
-    memory: Memory,
-    y: NDArray[np.float64],
-    commands: NDArray[np.float64],
-    field: NDArray[np.float64],
-    first: int,
+    flown: Flown, side: Lateral, memory: Memory, y: NDArray[np.float64], commands: NDArray[np.float64], field: Field,
     out: NDArray[np.float64],
-) -> None:
+) -> None:  # fmt: skip
     """Step on by len(out) steps of DT: classical Runge-Kutta of fourth order.
 
     y (SIZE): the lateral state, changed in place. commands (3, 2n + 1): elevator, aileron and rudder at steps and
     half-steps. out (n, len(LATERAL_COLUMNS)): the instants before the steps.
     """
-    x, marks = memory.x, memory.marks
+    c, x, marks = flown.constants, memory.x, memory.marks
     n = x.shape[0]
-    dx, total_x, trial_x = np.zeros(n), np.zeros(n), np.zeros(n)
-    dy, total_y, trial_y = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
-    aux, lateral = np.zeros(ac.AUX_SIZE), np.zeros(5)
-    ring = memory.wake.shape[1]
+    now, trial, slope = Both(x, y), Both(np.zeros(n), np.zeros(SIZE)), Both(np.zeros(n), np.zeros(SIZE))
+    total = Both(np.zeros(n), np.zeros(SIZE))
     for k in range(out.shape[0]):
-        air = ac.air_at(c, x[ac.HEIGHT])
-        trial_x[:], trial_y[:] = x, y
-        total_x[:], total_y[:] = 0.0, 0.0
-        for stage in range(4):
-            at = 2 * k + (stage + 1) // 2
-            side_air = trial_y[SIDE] + gust_at(field, first, trial_x[ac.DISTANCE], 1)
-            entry = stage_rates(c, tables, trial_x, commands[0, at], field, first, air, memory, side_air, dx, aux)
-            add_lateral(
-                c,
-                side,
-                site.heading,
-                trial_x,
-                trial_y,
-                (commands[1, at], commands[2, at]),
-                side_air,
-                dx,
-                dy,
-                aux,
-                lateral,
-            )
-            if stage == 0:
-                s = x[ac.DISTANCE]
-                marks[2] = entry
-                memory.last[2] = aux[ac.SURFACE]
-                sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
-                moving = (dx[ac.Q], sideways, y[ROLL] * side.vane_y)
-                vanes = vanes_now(c.memory_chord, tables, vane, memory, field, first, moving, aux)
-                here = (gust_at(field, first, s, 0), gust_at(field, first, s, 2))
-                record(c, site, marks[0] * DT, x, dx, aux, here, vanes, out[k])
-                _record_lateral(site, marks[0] * DT, x, y, dx, dy, aux, lateral, out[k])
-                marks[0] += 1
-                marks[1] += 1
-                memory.wake[0, marks[1] % ring] = s
-                memory.wake[1, marks[1] % ring] = aux[ac.WING]
-            weight = DT / 6.0 if stage == 0 or stage == 3 else DT / 3.0
-            ahead = DT if stage == 2 else 0.5 * DT
-            for i in range(n):
-                total_x[i] += weight * dx[i]
-                trial_x[i] = x[i] + ahead * dx[i]
-            for i in range(SIZE):
-                total_y[i] += weight * dy[i]
-                trial_y[i] = y[i] + ahead * dy[i]
+        air = eq.air_at(c, x[eq.HEIGHT])
+        # By loops: numba takes seconds to compile the check of two arrays' shapes.
         for i in range(n):
-            x[i] += total_x[i]
+            trial.along[i], total.along[i] = x[i], 0.0
         for i in range(SIZE):
-            y[i] += total_y[i]
+            trial.across[i], total.across[i] = y[i], 0.0
+        for stage in range(STAGES):
+            at = 2 * k + (stage + 1) // 2
+            side_air = trial.across[SIDE] + gust_at(field, trial.along[eq.DISTANCE], SIDEWAYS)
+            flow, gust, entry = stage_rates(
+                flown, memory, field, air, trial.along, commands[0, at], side_air, slope.along
+            )
+            asked = (commands[1, at], commands[2, at])
+            seen = add_lateral(c, side, flown.site.heading, trial, asked, side_air, slope, flow)
+            if stage == 0:
+                marks[AT_TAIL] = entry
+                memory.last[SURFACE] = flow.surface
+                vane = flown.vane
+                sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
+                moving = (slope.along[eq.Q], sideways, y[ROLL] * side.vane_y)
+                vanes = vanes_now(c.memory_chord, flown.tables, vane, memory, field, moving, flow)
+                record(flown, marks[DONE] * DT, x, slope.along, flow, gust, vanes, out[k])
+                _record_lateral(flown.site, marks[DONE] * DT, now, slope, flow, seen, out[k])
+                remember(memory, x[eq.DISTANCE], flow.wing)
+            for i in range(n):
+                total.along[i] += WEIGHTS[stage] * slope.along[i]
+                trial.along[i] = x[i] + AHEAD[stage] * slope.along[i]
+            for i in range(SIZE):
+                total.across[i] += WEIGHTS[stage] * slope.across[i]
+                trial.across[i] = y[i] + AHEAD[stage] * slope.across[i]
+        for i in range(n):
+            x[i] += total.along[i]
+        for i in range(SIZE):
+            y[i] += total.across[i]
 
 
 class LateralSimulation:
@@ -291,27 +297,19 @@ class LateralSimulation:
         hold: bool = True,
     ) -> None:
         """As Simulation's; `hold` also levels the wings. Raises ProfileError."""
-        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft))
+        self.flown = flown_by(aircraft, flight, imu_position, hold)
         self.lateral = lateral_constants(aircraft, hold)
-        self._tables = indicial_tables(aircraft)
-        self._vane = vane_constants(aircraft.boom or NO_BOOM, DT)
-        self._site = site(flight, imu_position)
         self._manoeuvres = tuple(manoeuvres)
         self._behind, self._ahead = reach(aircraft)
-        self._field = GustField(
-            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
-            self._behind,
-            np.random.SeedSequence(flight.seed if seed is None else seed),
-        )
-        self._field.cover(-self._behind, self._ahead)
-        self._memory = at_rest(self.constants, self._tables, self._behind, self._field.values, self._field.first)
+        self._field = gusts_of(flight, self._behind, self._ahead, seed)
+        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now)
         self._state = np.zeros(SIZE)
         self._commands: NDArray[np.float64] = np.empty((3, 0))
         self._block = -1
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, TRUTH and LATERAL_TRUTH."""
-        begin = int(self._memory.marks[0])
+        begin = int(self._memory.marks[DONE])
         out = np.empty((n, len(LATERAL_COLUMNS)))
         done = 0
         while done < n:
@@ -319,16 +317,12 @@ class LateralSimulation:
             m = min(n - done, BLOCK - offset)
             self._prepare(number)
             advance_lateral(
-                self.constants,
+                self.flown,
                 self.lateral,
-                self._tables,
-                self._vane,
-                self._site,
                 self._memory,
                 self._state,
                 np.ascontiguousarray(self._commands[:, 2 * offset : 2 * (offset + m) + 1]),
-                self._field.values,
-                self._field.first,
+                self._field.now,
                 out[done : done + m],
             )
             done += m
@@ -340,8 +334,8 @@ class LateralSimulation:
         if number != self._block:
             half_steps = (np.arange(2 * BLOCK + 1, dtype=np.float64) + 2 * number * BLOCK) * (0.5 * DT)
             self._commands = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
-            self._commands[0] += self.constants.trim_elevator
+            self._commands[0] += self.flown.constants.trim_elevator
             self._block = number
-        s = float(self._memory.x[ac.DISTANCE])
-        far = SPEED_MARGIN * self.constants.trim_speed * BLOCK * DT
+        s = float(self._memory.x[eq.DISTANCE])
+        far = SPEED_MARGIN * self.flown.constants.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)

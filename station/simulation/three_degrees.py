@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.profile import Aircraft, Flight, Manoeuvre
-from station.simulation import airframe as ac
+from station.simulation.airframe import constants, indicial_tables
 from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import GustField, dryden_of, field_constants
+from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
-from station.simulation.motion import COLUMNS, DT, Site, Tables, advance, at_rest
+from station.simulation.motion import COLUMNS, DONE, DT, Flown, Site, advance, at_rest
 
 ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
@@ -49,20 +50,12 @@ class Simulation:
     ) -> None:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
         one, commanded from trim at every half step (rad), is flown in place of the manoeuvres. Raises ProfileError."""
-        self.constants = ac.constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft))
-        self._tables = indicial_tables(aircraft)
-        self._vane = vane_constants(aircraft.boom or NO_BOOM, DT)
-        self._site = site(flight, imu_position)
+        self.flown = flown_by(aircraft, flight, imu_position, hold)
         self._manoeuvres = tuple(manoeuvres)
         self._deflection = deflection
         self._behind, self._ahead = reach(aircraft)
-        self._field = GustField(
-            field_constants(dryden_of(flight), flight.speed, flight.gust_start),
-            self._behind,
-            np.random.SeedSequence(flight.seed if seed is None else seed),
-        )
-        self._field.cover(-self._behind, self._ahead)
-        self._memory = at_rest(self.constants, self._tables, self._behind, self._field.values, self._field.first)
+        self._field = gusts_of(flight, self._behind, self._ahead, seed)
+        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now)
         self._commands: NDArray[np.float64] = np.empty(0)
         self._block = 0
         """Number of the block of elevator commands at hand, plus 1."""
@@ -70,7 +63,7 @@ class Simulation:
     @property
     def steps_done(self) -> int:
         """How many steps of DT have been given; the next one is at steps_done * DT seconds of flight."""
-        return int(self._memory.marks[0])
+        return int(self._memory.marks[DONE])
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, and TRUTH; each (n,)."""
@@ -82,18 +75,7 @@ class Simulation:
             offset = (begin + done) % BLOCK
             m = min(n - done, BLOCK - offset)
             command = self._commands[2 * offset : 2 * (offset + m) + 1]
-            advance(
-                self.constants,
-                self._tables,
-                self._vane,
-                self._site,
-                self._memory,
-                command,
-                self._field.values,
-                self._field.first,
-                1,
-                out[done : done + m],
-            )
+            advance(self.flown, self._memory, command, self._field.now, 1, out[done : done + m])
             done += m
         columns = np.ascontiguousarray(out.T)
         return {"time": (begin + np.arange(n)) * DT, **dict(zip(COLUMNS, columns, strict=True))}
@@ -107,26 +89,38 @@ class Simulation:
                 added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
             else:
                 added = self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
-            self._commands = self.constants.trim_elevator + added
+            self._commands = self.flown.constants.trim_elevator + added
             self._block = number + 1
-        s = float(self._memory.x[ac.DISTANCE])
-        far = SPEED_MARGIN * self.constants.trim_speed * BLOCK * DT
+        s = float(self._memory.x[DISTANCE])
+        far = SPEED_MARGIN * self.flown.constants.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)
+
+
+def flown_by(aircraft: Aircraft, flight: Flight, imu_position: tuple[float, float, float], hold: bool) -> Flown:
+    """The aircraft trimmed at the flight's speed and altitude, and where it flies. Raises ProfileError."""
+    return Flown(
+        constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft)),
+        indicial_tables(aircraft),
+        vane_constants(aircraft.boom or NO_BOOM, DT),
+        site(flight, imu_position),
+    )
+
+
+def gusts_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> GustField:
+    """The flight's field, from `behind` to `ahead` of the origin at first, m; `seed` in place of the flight's."""
+    field = GustField(
+        field_constants(dryden_of(flight), flight.speed, flight.gust_start),
+        behind,
+        np.random.SeedSequence(flight.seed if seed is None else seed),
+    )
+    field.cover(-behind, ahead)
+    return field
 
 
 def elevator_play(aircraft: Aircraft) -> float:
     """Width of the play between the elevator's drive and its surface, rad."""
     errors = aircraft.instruments.get("elevator")
     return errors.backlash if errors else 0.0
-
-
-def indicial_tables(aircraft: Aircraft) -> Tables:
-    """The aircraft's four indicial responses."""
-    u = aircraft.unsteady
-    responses = (u.lift_motion, u.lift_gust, u.upwash_motion, u.upwash_gust)
-    tables = Tables(*(ac.indicial_table(response) for response in responses))
-    span = u.gust_span / (u.reference_chord or aircraft.geometry.chord)
-    return tables._replace(lift_gust=ac.span_averaged(tables.lift_gust, span))
 
 
 def reach(aircraft: Aircraft) -> tuple[float, float]:

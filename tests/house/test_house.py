@@ -37,13 +37,6 @@ EXEMPT: Final = {
     "station/model/physical_columns.py:design": STATE,
     "station/model/physical_fit.py:_accumulate": STATE,
     "station/model/physical_fit.py:fit": STATE,
-    "station/simulation/airframe.py:rates": STATE,
-    "station/simulation/motion.py:stage_rates": STATE,
-    "station/simulation/motion.py:record": STATE,
-    "station/simulation/motion.py:advance": STATE,
-    "station/simulation/six_degrees.py:add_lateral": STATE,
-    "station/simulation/six_degrees.py:_record_lateral": STATE,
-    "station/simulation/six_degrees.py:advance_lateral": STATE,
 }
 """Modules above 400 lines, and functions above 80 lines or with more than 8 arguments, each with its reason."""
 

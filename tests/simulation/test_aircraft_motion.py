@@ -9,10 +9,12 @@ import pytest
 from scipy.linalg import expm
 from scipy.special import hankel2, jv
 
+from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Doublet, Flight, Indicial, load_aircraft
 from station.rows import ProfileError
 from station.simulation import Simulation
 from station.simulation import airframe as ac
+from station.simulation import longitudinal as eq
 
 FT = 0.3048
 SPEED, HEIGHT = 185.66 * FT, 2500 * FT
@@ -25,12 +27,11 @@ def quasi_steady(aircraft: Aircraft) -> Aircraft:
 
 
 def derivative(c: ac.Constants, x: np.ndarray, command: float | None = None, gust=CALM, past=0.0, tables=None):
-    dx, aux = np.zeros_like(x), np.zeros(ac.AUX_SIZE)
-    motion, gusts = tables or (NO_LAG, NO_LAG)
-    air = ac.air_at(c, x[ac.HEIGHT])
-    at = x[ac.ELEVATOR]
-    ac.rates(c, motion, gusts, x, c.trim_elevator if command is None else command, air, gust, past, 0.0, at, dx, aux)
-    return dx, aux
+    dx = np.zeros_like(x)
+    responses = ac.Tables(*(tables or (NO_LAG, NO_LAG)), NO_LAG, NO_LAG)
+    asked = c.trim_elevator if command is None else command
+    met = eq.Met(eq.air_at(c, x[eq.HEIGHT]), eq.Gust(*gust), 0.0, past, x[eq.ELEVATOR], asked)
+    return dx, eq.rates(c, responses, x, met, dx)
 
 
 def jacobian(c: ac.Constants, x: np.ndarray, n: int) -> np.ndarray:
@@ -45,32 +46,32 @@ def jacobian(c: ac.Constants, x: np.ndarray, n: int) -> np.ndarray:
 def test_trim_at_2500_ft_and_110_kt() -> None:
     aircraft = load_aircraft("twin_otter")
     c = ac.constants(aircraft, SPEED, HEIGHT)
-    dx, aux = derivative(c, ac.trimmed_state(c, 0))
-    assert aux[ac.PRESSURE] / 47.880259 == pytest.approx(38.05, rel=1e-3)
-    assert c.mass * 9.80665 / (aux[ac.PRESSURE] * c.area) == pytest.approx(0.684, abs=1e-3)
-    weight_borne_by_thrust = c.trim_thrust * math.sin(c.trim_alpha) / (aux[ac.PRESSURE] * c.area)
-    assert aux[ac.CL] + weight_borne_by_thrust == pytest.approx(0.6844, abs=5e-4)
-    assert np.abs(dx[[ac.U, ac.W, ac.Q, ac.THETA, ac.HEIGHT, ac.ELEVATOR, ac.THRUST]]).max() < 1e-10
+    dx, flow = derivative(c, eq.trimmed_state(c, 0))
+    assert flow.pressure / 47.880259 == pytest.approx(38.05, rel=1e-3)
+    assert c.mass * 9.80665 / (flow.pressure * c.area) == pytest.approx(0.684, abs=1e-3)
+    weight_borne_by_thrust = c.trim_thrust * math.sin(c.trim_alpha) / (flow.pressure * c.area)
+    assert flow.cl + weight_borne_by_thrust == pytest.approx(0.6844, abs=5e-4)
+    assert np.abs(dx[[eq.U, eq.W, eq.Q, eq.THETA, eq.HEIGHT, eq.ELEVATOR, eq.THRUST]]).max() < 1e-10
     assert math.radians(2) < c.trim_alpha < math.radians(4)
-    assert aux[ac.FORCE_Z] == pytest.approx(-9.80665 * math.cos(c.trim_alpha), rel=1e-9)
-    assert aux[ac.FORCE_X] == pytest.approx(9.80665 * math.sin(c.trim_alpha), rel=1e-9)
+    assert flow.force_z == pytest.approx(-9.80665 * math.cos(c.trim_alpha), rel=1e-9)
+    assert flow.force_x == pytest.approx(9.80665 * math.sin(c.trim_alpha), rel=1e-9)
 
 
 def test_standard_atmosphere() -> None:
-    pressure, temperature, density = ac.atmosphere(HEIGHT)
+    pressure, temperature, density = atmosphere(HEIGHT)
     assert density / 515.378818 == pytest.approx(0.002208, rel=2e-4)
-    assert ac.atmosphere(5000.0)[0] == pytest.approx(54019.9, rel=1e-4)
+    assert atmosphere(5000.0)[0] == pytest.approx(54019.9, rel=1e-4)
     assert temperature == pytest.approx(283.197, abs=1e-3)
     assert pressure / 101325 == pytest.approx(0.9129, rel=2e-4)
     # ISO 2533, 15,000 m: 120.446 hPa, 216.65 K, 0.193674 kg/m3.
-    np.testing.assert_allclose(ac.atmosphere(15_000.0), (12_044.6, 216.65, 0.193674), rtol=1e-5)
+    np.testing.assert_allclose(atmosphere(15_000.0), (12_044.6, 216.65, 0.193674), rtol=1e-5)
 
 
 @pytest.mark.parametrize("height", [762.0, 12_192.0])
 def test_the_density_s_slope_is_that_of_the_atmosphere(height: float) -> None:
     c = ac.constants(load_aircraft("twin_otter").model_copy(update={"air_density": None}), 110.0, 762.0)
-    _, density, slope = ac.air_at(c, height)
-    there = [ac.atmosphere(height + dz)[2] for dz in (-1.0, 1.0)]
+    _, density, slope = eq.air_at(c, height)
+    there = [atmosphere(height + dz)[2] for dz in (-1.0, 1.0)]
     assert density == pytest.approx(0.5 * sum(there), rel=1e-6)
     assert slope == pytest.approx(0.5 * (there[1] - there[0]), rel=1e-4)
 
@@ -87,7 +88,7 @@ def test_an_aircraft_without_drag_is_trimmed_without_thrust() -> None:
 )
 def test_short_period_of_the_quasi_steady_aircraft(name: str, frequency: float, damping: float) -> None:
     c = ac.constants(quasi_steady(load_aircraft(name)), SPEED, HEIGHT, hold=False)
-    a = jacobian(c, ac.trimmed_state(c, 0), 3)[1:, 1:]
+    a = jacobian(c, eq.trimmed_state(c, 0), 3)[1:, 1:]
     roots = np.linalg.eigvals(a)
     natural = math.sqrt(float(np.prod(roots).real))
     assert natural == pytest.approx(frequency, rel=0.01)
@@ -98,7 +99,7 @@ def test_phugoid_without_a_pilot_and_with_one() -> None:
     aircraft = quasi_steady(load_aircraft("twin_otter"))
     for hold in (False, True):
         c = ac.constants(aircraft, SPEED, HEIGHT, hold=hold)
-        roots = np.linalg.eigvals(jacobian(c, ac.trimmed_state(c, 0), 8))
+        roots = np.linalg.eigvals(jacobian(c, eq.trimmed_state(c, 0), 8))
         slow = roots[(np.abs(roots) > 0.05) & (np.abs(roots) < 0.5) & (np.abs(roots.imag) > 0.05)]
         assert len(slow) == 2
         natural, damping = abs(slow[0]), -slow[0].real / abs(slow[0])
@@ -124,21 +125,21 @@ def test_energy_changes_only_by_the_work_of_the_specific_force() -> None:
 
 def test_signs_elevator_down_pitches_down_and_lifts() -> None:
     c = ac.constants(load_aircraft("twin_otter"), SPEED, HEIGHT)
-    x = ac.trimmed_state(c, 0)
+    x = eq.trimmed_state(c, 0)
     level, _ = derivative(c, x)
-    x[ac.ELEVATOR] += math.radians(1)
-    down, aux = derivative(c, x)
-    assert down[ac.Q] < level[ac.Q] - 0.05
-    assert aux[ac.CL] - c.cl_trim == pytest.approx(0.608 * math.radians(1))
+    x[eq.ELEVATOR] += math.radians(1)
+    down, flow = derivative(c, x)
+    assert down[eq.Q] < level[eq.Q] - 0.05
+    assert flow.cl - c.cl_trim == pytest.approx(0.608 * math.radians(1))
 
 
 def test_signs_a_climb_is_positive_and_an_updraught_lifts() -> None:
     c = ac.constants(load_aircraft("twin_otter"), SPEED, HEIGHT)
-    x = ac.trimmed_state(c, 0)
-    x[ac.THETA] += math.radians(3)
-    assert derivative(c, x)[0][ac.HEIGHT] == pytest.approx(SPEED * math.sin(math.radians(3)), rel=1e-9)
-    _, aux = derivative(c, ac.trimmed_state(c, 0), gust=(0.0, 1.0) * 3)
-    assert aux[ac.CL] > c.cl_trim + 0.09  # CL_alpha 1/V
+    x = eq.trimmed_state(c, 0)
+    x[eq.THETA] += math.radians(3)
+    assert derivative(c, x)[0][eq.HEIGHT] == pytest.approx(SPEED * math.sin(math.radians(3)), rel=1e-9)
+    _, flow = derivative(c, eq.trimmed_state(c, 0), gust=(0.0, 1.0) * 3)
+    assert flow.cl > c.cl_trim + 0.09  # CL_alpha 1/V
 
 
 @pytest.mark.parametrize("name", ["twin_otter", "twin_otter_martos"])
@@ -150,33 +151,33 @@ def test_in_the_steady_limit_the_unsteady_aircraft_has_the_tabulated_derivatives
     rng = np.random.default_rng(4)
     for _ in range(5):
         angle, gust = rng.uniform(-0.05, 0.05, 2)
-        x = ac.trimmed_state(unsteady, 4)
-        x[ac.U], x[ac.W] = SPEED * math.cos(unsteady.trim_alpha + angle), SPEED * math.sin(unsteady.trim_alpha + angle)
-        x[ac.ELEVATOR] += rng.uniform(-0.1, 0.1)
+        x = eq.trimmed_state(unsteady, 4)
+        x[eq.U], x[eq.W] = SPEED * math.cos(unsteady.trim_alpha + angle), SPEED * math.sin(unsteady.trim_alpha + angle)
+        x[eq.ELEVATOR] += rng.uniform(-0.1, 0.1)
         wind = (0.0, SPEED * gust) * 3
-        met = math.atan2(x[ac.W] + wind[1], x[ac.U]) - math.atan2(x[ac.W], x[ac.U])
-        x[ac.LAGS : ac.LAGS + 2], x[ac.LAGS + 2 :] = angle, met
+        met = math.atan2(x[eq.W] + wind[1], x[eq.U]) - math.atan2(x[eq.W], x[eq.U])
+        x[eq.LAGS : eq.LAGS + 2], x[eq.LAGS + 2 :] = angle, met
         dx, one = derivative(unsteady, x, gust=wind, past=angle + met, tables=tables)
-        _, other = derivative(steady, x[: ac.LAGS].copy(), gust=wind)
+        _, other = derivative(steady, x[: eq.LAGS].copy(), gust=wind)
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
-        assert np.abs(dx[ac.LAGS :]).max() < 1e-12
+        assert np.abs(dx[eq.LAGS :]).max() < 1e-12
 
 
 def test_a_steady_pitch_rate_has_the_tabulated_effect() -> None:
     """Turning with the air at rest, the downwash at the tail is that of the wing's incidence: CL_q, Cm_q hold."""
     aircraft = load_aircraft("twin_otter")
     c = ac.constants(aircraft, SPEED, HEIGHT)
-    x = ac.trimmed_state(c, 0)
-    x[ac.Q] = 0.05
+    x = eq.trimmed_state(c, 0)
+    x[eq.Q] = 0.05
     qhat = 0.05 * c.chord / (2 * SPEED)
-    _, aux = derivative(c, x)
+    _, flow = derivative(c, x)
     # The formula's e-terms are those of incidence growing at rate q (alpha-dot = q), as in a pull-up's beginning.
     share, arm, lag = 0.817, c.tail_arm / c.chord, 0.35 * 0.05 * c.tail_arm / SPEED
     _, late = derivative(c, x, past=-0.05 * c.tail_arm / SPEED)
-    assert late[ac.CL] - aux[ac.CL] == pytest.approx(share * lag)
-    assert late[ac.CL] - c.cl_trim == pytest.approx(19.97 * qhat, rel=1e-9)
-    assert late[ac.CM] == pytest.approx(-34.2 * qhat, rel=1e-9)
-    assert late[ac.CM] - aux[ac.CM] == pytest.approx(-share * arm * lag)
+    assert late.cl - flow.cl == pytest.approx(share * lag)
+    assert late.cl - c.cl_trim == pytest.approx(19.97 * qhat, rel=1e-9)
+    assert late.cm == pytest.approx(-34.2 * qhat, rel=1e-9)
+    assert late.cm - flow.cm == pytest.approx(-share * arm * lag)
 
 
 # Unsteady vortex lattice, gain and degrees. For the gust above 0.5 Hz the lattice's entry into it is not what the
@@ -190,18 +191,18 @@ def wing_response(aircraft: Aircraft, f: float) -> tuple[complex, complex]:
     linearised numerically about trim."""
     c = ac.constants(aircraft, SPEED, HEIGHT)
     tables = (ac.indicial_table(aircraft.unsteady.lift_motion), ac.indicial_table(aircraft.unsteady.lift_gust))
-    x0 = ac.trimmed_state(c, 4)
+    x0 = eq.trimmed_state(c, 4)
 
     def wing(x, w_le):
-        dx, aux = derivative(c, x, gust=(0.0, 0.0, 0.0, w_le, 0.0, 0.0), tables=tables)
-        return np.append(dx[ac.LAGS :], aux[ac.WING])
+        dx, flow = derivative(c, x, gust=(0.0, 0.0, 0.0, w_le, 0.0, 0.0), tables=tables)
+        return np.append(dx[eq.LAGS :], flow.wing)
 
     def slope(direction, w_le=0.0, d=1e-6):
         return (wing(x0 + d * direction, d * w_le) - wing(x0 - d * direction, -d * w_le)) / (2 * d)
 
     unit = np.eye(len(x0))
-    states = np.stack([slope(unit[ac.LAGS + i]) for i in range(4)], axis=1)
-    across = -math.sin(c.trim_alpha) * unit[ac.U] + math.cos(c.trim_alpha) * unit[ac.W]
+    states = np.stack([slope(unit[eq.LAGS + i]) for i in range(4)], axis=1)
+    across = -math.sin(c.trim_alpha) * unit[eq.U] + math.cos(c.trim_alpha) * unit[eq.W]
     motion = slope(across) * SPEED
     gust = slope(0 * unit[0], 1.0) * SPEED / math.cos(c.trim_alpha)
     inverse = np.linalg.inv(2j * math.pi * f * np.eye(4) - states[:4])
@@ -260,15 +261,15 @@ def test_the_short_period_flown_is_the_one_of_the_linear_equations() -> None:
 
 def test_actuator_lags_and_is_limited_in_rate_and_travel() -> None:
     c = ac.constants(load_aircraft("twin_otter"), SPEED, HEIGHT)
-    x = ac.trimmed_state(c, 0)
+    x = eq.trimmed_state(c, 0)
 
     def rate(command: float) -> float:
-        return float(derivative(c, x, c.trim_elevator + command)[0][ac.ELEVATOR])
+        return float(derivative(c, x, c.trim_elevator + command)[0][eq.ELEVATOR])
 
     assert rate(0.01) == pytest.approx(0.01 / 0.08)
     assert rate(0.3) == pytest.approx(math.radians(60))
     assert rate(-0.3) == pytest.approx(-math.radians(60))
-    x[ac.ELEVATOR] = math.radians(20)
+    x[eq.ELEVATOR] = math.radians(20)
     assert rate(3.0) == pytest.approx(0.0, abs=1e-12)
 
 

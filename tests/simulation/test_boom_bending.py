@@ -11,10 +11,9 @@ from scipy.integrate import quad
 
 from station.profile import Aircraft, Boom, Doublet, Flight, load_aircraft
 from station.simulation import Simulation
-from station.simulation.airframe import span_averaged
+from station.simulation.airframe import indicial_tables, span_averaged
 from station.simulation.boom import bending, second_order, second_order_step, vane_constants
 from station.simulation.motion import DT
-from station.simulation.three_degrees import indicial_tables
 
 MODE, ZETA = 8.0, 0.03
 G_PER_DEG = math.radians(0.05) / 9.81

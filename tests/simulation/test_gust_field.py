@@ -28,7 +28,7 @@ def field(metres: float, seed: int = 1, start_s: float = 0.0, sigma: float = SIG
 @pytest.fixture(scope="module")
 def long() -> np.ndarray:
     """2,000 km of turbulence, light."""
-    return field(2e6).values
+    return field(2e6).now.values
 
 
 def spectrum_u(omega: np.ndarray, sigma: float, length: float) -> np.ndarray:
@@ -80,7 +80,7 @@ def test_spectra_follow_the_closed_forms(long: np.ndarray) -> None:
 def test_variance_from_the_first_point_on(long: np.ndarray) -> None:
     """Over 3,000 seeds, the field begins stationary; over one long flight, it stays so."""
     model = dryden(2500 * FT, SIGMA)
-    first = np.array([field(0.0, seed).values[0] for seed in range(3000)])
+    first = np.array([field(0.0, seed).now.values[0] for seed in range(3000)])
     np.testing.assert_allclose(first.std(axis=0), [SIGMA] * 3, rtol=0.045)
     np.testing.assert_allclose(long.std(axis=0), [model.sigma_u, model.sigma_v, model.sigma_w], rtol=0.06)
     assert np.abs(np.corrcoef(long.T) - np.eye(3)).max() < 0.1
@@ -99,22 +99,20 @@ def test_the_same_field_in_any_pieces_and_flat_memory() -> None:
     most = 0
     for s in np.arange(0.0, 39_000.0, 173.7):
         pieces.cover(s - 10.0, s + 600.0)
-        most = max(most, len(pieces.values))
+        most = max(most, len(pieces.now.values))
         for place in (s - 9.0, s, s + 599.0):
             for component in range(3):
-                assert gust_at(pieces.values, pieces.first, place, component) == gust_at(
-                    whole.values, whole.first, place, component
-                )
+                assert gust_at(pieces.now, place, component) == gust_at(whole.now, place, component)
     assert most < 10_000
 
 
 def test_turbulence_that_begins_in_flight() -> None:
     late, always = field(3000.0, start_s=16.0), field(3000.0)
-    place = (late.first + np.arange(len(late.values))) * STEP
-    assert not late.values[place < 16 * SPEED].any()
+    place = (late.now.first + np.arange(len(late.now.values))) * STEP
+    assert not late.now.values[place < 16 * SPEED].any()
     after = place >= 17 * SPEED
-    np.testing.assert_array_equal(late.values[after], always.values[after])
+    np.testing.assert_array_equal(late.now.values[after], always.now.values[after])
 
 
 def test_calm_air_is_at_rest() -> None:
-    assert not field(1000.0, sigma=0.0).values.any()
+    assert not field(1000.0, sigma=0.0).now.values.any()

@@ -9,10 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Card, Flight, load_aircraft
 from station.rows import ProfileError
 from station.simulation import Simulation, fly
 from station.simulation import airframe as ac
+from station.simulation import longitudinal as eq
 from station.simulation import six_degrees as six
 from station.simulation.motion import DT
 from station.simulation.six_degrees import LateralSimulation
@@ -58,7 +60,7 @@ def test_the_same_bits_in_any_pieces() -> None:
 def textbook(aircraft: Aircraft, c: ac.Constants) -> np.ndarray:
     """(4, 4): v, p, r, bank about level flight, body axes (Nelson 1998, section 5.3, with w0 and the product of
     inertia kept)."""
-    density = float(ac.atmosphere(c.trim_height)[2])
+    density = float(atmosphere(c.trim_height)[2])
     speed, alpha = c.trim_speed, c.trim_alpha
     area, span, m = aircraft.geometry.wing_area, aircraft.geometry.span, aircraft.inertia.mass
     ixx, izz, ixz = aircraft.inertia.ixx, aircraft.inertia.izz, aircraft.inertia.ixz
@@ -79,7 +81,7 @@ def textbook(aircraft: Aircraft, c: ac.Constants) -> np.ndarray:
 def test_dutch_roll_roll_and_spiral_modes_are_flown() -> None:
     """Let go at 0.5 deg of sideslip: the flight against the matrix exponential of the textbook's matrix."""
     simulation = LateralSimulation(AIRCRAFT, flight(), hold=False)
-    c = simulation.constants
+    c = simulation.flown.constants
     a = textbook(AIRCRAFT, c)
     start = np.array([c.trim_speed * math.radians(0.5), 0.0, 0.0, 0.0])
     simulation._state[: len(start)] = start
@@ -129,14 +131,14 @@ def test_angular_momentum_is_kept_where_there_is_no_torque() -> None:
     constants = six.lateral_constants(AIRCRAFT, hold=False)
     i = AIRCRAFT.inertia
     tensor = np.array([[i.ixx, 0.0, -i.ixz], [0.0, i.iyy, 0.0], [-i.ixz, 0.0, i.izz]])
-    x, y = ac.trimmed_state(c, 0), np.zeros(six.SIZE)
+    x, y = eq.trimmed_state(c, 0), np.zeros(six.SIZE)
 
     def rates(_: float, s: np.ndarray) -> np.ndarray:
-        y[six.ROLL], x[ac.Q], y[six.YAW], y[six.BANK], x[ac.THETA], y[six.TURN] = s
-        dx, dy, aux = np.zeros_like(x), np.zeros(six.SIZE), np.zeros(ac.AUX_SIZE)
-        aux[ac.AIRSPEED] = 50.0
-        six.add_lateral(c, constants, 0.0, x, y, (0.0, 0.0), 0.0, dx, dy, aux, np.zeros(5))
-        return np.array([dy[six.ROLL], dx[ac.Q], dy[six.YAW], dy[six.BANK], dx[ac.THETA], dy[six.TURN]])
+        y[six.ROLL], x[eq.Q], y[six.YAW], y[six.BANK], x[eq.THETA], y[six.TURN] = s
+        dx, dy = np.zeros_like(x), np.zeros(six.SIZE)
+        no_air = eq.Flow(*np.zeros(len(eq.Flow._fields)))._replace(airspeed=50.0)
+        six.add_lateral(c, constants, 0.0, six.Both(x, y), (0.0, 0.0), 0.0, six.Both(dx, dy), no_air)
+        return np.array([dy[six.ROLL], dx[eq.Q], dy[six.YAW], dy[six.BANK], dx[eq.THETA], dy[six.TURN]])
 
     def momentum(s: np.ndarray) -> np.ndarray:
         b, t, h = s[3:]

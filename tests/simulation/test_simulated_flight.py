@@ -70,7 +70,7 @@ def test_the_tail_meets_the_gust_one_tail_arm_later() -> None:
     derivatives = {n: d.model_copy(update={"value": values.get(n, d.value)}) for n, d in aircraft.derivatives.items()}
     derivatives["CL_0"] = derivatives["CL_0"].model_copy(update={"value": 0.6})
     simulation = Simulation(aircraft.model_copy(update={"derivatives": derivatives}), flight(gust_sigma="5 ft/s"))
-    c, f = simulation.constants, simulation.advance(4000)
+    c, f = simulation.flown.constants, simulation.advance(4000)
     motion = f["alpha_inertial"] - c.trim_alpha + f["q"] * arm / f["airspeed"]
     gust_at_tail = (f["CL"] - c.cl_trim - c.cl_de * (f["elevator"] - c.trim_elevator)) / slope - motion
     ground = np.hypot(f["v_north"], f["v_down"])
@@ -87,7 +87,7 @@ def test_the_downwash_arrives_one_tail_arm_later() -> None:
     """In calm air without lift memory, the part of CL that the present does not explain is the wing's past."""
     aircraft = changed(load_aircraft("twin_otter"), "unsteady", lift_motion=None, lift_gust=None)
     simulation = Simulation(aircraft, flight(), card(DOUBLET).manoeuvres)
-    c, f = simulation.constants, simulation.advance(2000)
+    c, f = simulation.flown.constants, simulation.advance(2000)
     x = f["alpha_inertial"] - c.trim_alpha
     a, e, arm = aircraft.unsteady.tail_lift_slope, aircraft.unsteady.downwash, aircraft.unsteady.tail_arm
     qhat = f["q"] * c.chord / (2 * f["airspeed"])
