@@ -103,6 +103,7 @@ def structures(record: FlightRecord, t_s: Array, alphas: Sequence[AlphaEstimate]
     if not len(t) or not good[first:].all() or not record.usable[inside].all():
         return "no inertial angle of attack throughout"
     late = arm / record.motion["airspeed"][inside]
+    t_s, motion, gust = t_s[first:], motion[first:], gust[first:]
     regressors = {
         "alpha_i": np.interp(t, t_s, motion),
         "alpha_g": np.interp(t, t_s, gust),

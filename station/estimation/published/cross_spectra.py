@@ -128,7 +128,7 @@ def vane_spectra(
     shortest = round(max(MIN_SEGMENT_S, 1.0 / band_hz[0]) / dt)
     if segment < shortest:
         needed = shortest * dt * (MIN_SEGMENTS + 1) / 2
-        raise NotIdentifiable(f"{flown * dt:.0f} s are too short to measure spectra: needs {needed:.0f} s or more")
+        raise NotIdentifiable(f"{flown * dt:.1f} s are too short to measure spectra: needs {needed:.0f} s or more")
     found = cross_spectra(angle, lift, usable, dt, segment)
     if found.segments < MIN_SEGMENTS:
         raise NotIdentifiable(f"gaps leave {found.segments} of {MIN_SEGMENTS} segments of {segment * dt:.0f} s whole")
