@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from station.commands.common import there
 from station.console import DEGRADED, DONE, check_json, say, write_json
-from station.conventions import from_si
+from station.diagnosis.checks import Checked, checked
+from station.diagnosis.diagnosis_result import Result, partly_judged, summary
+from station.diagnosis.extension import write_profile as write_aircraft
 from station.log import Table, metadata, points, table, verdict
 from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, UsageError
@@ -24,9 +27,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from station.diagnosis.checks import Checked
-    from station.diagnosis.kinematic_diagnosis import Judged
-    from station.diagnosis.measured_record import Record
+    from station.diagnosis.kinematic_diagnosis import KinematicDiagnosis
+    from station.diagnosis.procedure import Diagnosis
+
+Marked = tuple[Checked, list[tuple[float, float]]]
 
 HELD_OUT_SHARE = 3
 """Without --hold-out, the last of every so many manoeuvres is held out."""
@@ -47,71 +51,94 @@ def diagnose(
     ] = None,
 ) -> int:
     """Compare recordings with the simulation: what is wrong, its cause, the extended model and what it gains."""
-    from station.diagnosis.diagnosis_json import as_json as to_json
     from station.diagnosis.measured_record import why_not_flown
-    from station.diagnosis.procedure import diagnose as solve
 
-    subject = load_aircraft(aircraft) if aircraft else None
     for path in (*logs, *(hold_out or [])):
-        if not path.is_file():
-            raise LogError(f"{path}: no such file")
+        there(path)
     check_json(as_json)
     if write_profile is not None and write_profile.exists():
         raise UsageError(f"{write_profile}: is there already: an extended profile never replaces a file; name another")
     say(f"  reading {len(logs) + len(hold_out or [])} recordings")
-    subject = subject or metadata(logs[0]).about.aircraft
+    subject = load_aircraft(aircraft) if aircraft else metadata(logs[0]).about.aircraft
     flown = {path: table(path) for path in (*logs, *(hold_out or []))}
     # Judged beside the simulation, which leaves the interpreter idle for half of the time.
     reader = ThreadPoolExecutor(1)
     complete = reader.submit(lambda: all(verdict(path) == "complete" for path in flown))
     reader.shutdown(wait=False)
+    fitted = [_checked(path, flown[path], subject) for path in logs]
+    kept = [_checked(path, flown[path], subject) for path in hold_out or []]
     lacking = why_not_flown(subject)
+    found: Result
     if lacking or not all("elevator" in x.columns for x in flown.values()):
         say(f"{lacking or 'a record has no elevator'}: the kinematic part only")
-        from station.diagnosis.kinematic_diagnosis import series_in_time, write_kinematic_report
+        found, written = _kinematics(fitted, kept, subject, report)
+    else:
+        found, written = _whole(fitted, kept, subject, report)
+    if write_profile is not None:
+        _write(found, write_profile, logs)
+    if as_json is not None:
+        write_json(written, as_json)
+    if as_json != "-":
+        print("\n".join(summary(found)))
+    if not complete.result():
+        say("station: a recording is not complete: see station info")
+    good = found.verdict in ("no_effect", "effect_found") and complete.result() and not partly_judged(found)
+    return DONE if good else DEGRADED
 
-        result, extended, judged = _kinematics(flown, logs, hold_out or [], subject)
-        result = _finite(result)
-        if report is not None:
-            with _rrd_beside(result, series_in_time(judged), report):
-                say(str(write_kinematic_report(result, judged, report)))
-        reported = [e["sentence"] for e in result["effects"]]
-        return _finish(result, extended, reported, logs, complete.result(), as_json, write_profile)
-    fitted: list[Record] = []
-    kept: list[Record] = []
-    for group, paths in ((fitted, logs), (kept, hold_out or [])):
-        for path in paths:
-            group += _checked(path, flown[path], subject).records(subject, _spans(path))
-    if not kept and len(fitted) > 1:
-        count = max(1, len(fitted) // HELD_OUT_SHARE)
-        fitted, kept = fitted[:-count], fitted[-count:]
-    found = solve(fitted, kept, subject, progress=lambda words: say(f"  {words}"))
-    result = _finite(to_json(found))
+
+def _checked(path: Path, flown: Table, subject: Aircraft) -> Marked:
+    """A recording made ready with what its rig says, and the spans of its test points (s)."""
+    about = metadata(path).about
+    ready = checked(path.name, flown, subject, about.noise_si(flown.aligned), about.imu_position)
+    return ready, [(p.start_s, p.end_s) for p in points(path)]
+
+
+def _whole(
+    fitted: Sequence[Marked], kept: Sequence[Marked], subject: Aircraft, report: Path | None
+) -> tuple[Diagnosis, dict[str, Any]]:
+    """Against the simulation, and the same as JSON; without records to hold out, the last of the manoeuvres are."""
+    from station.diagnosis.detectable import detectable_sizes
+    from station.diagnosis.diagnosis_json import as_json
+    from station.diagnosis.procedure import diagnose as solve
+
+    records, held = ([r for ready, spans in some for r in ready.records(subject, spans)] for some in (fitted, kept))
+    if not held and len(records) > 1:
+        count = max(1, len(records) // HELD_OUT_SHARE)
+        records, held = records[:-count], records[-count:]
+    found = solve(records, held, subject, progress=lambda words: say(f"  {words}"))
+    sizes = detectable_sizes(found.problem, found.found.accepted.gust)
     if report is not None:
         say("  drawing the report")
         from station.diagnosis.diagnosis_report import write_report  # and with it matplotlib
-        from station.diagnosis.pictures import series_in_time as in_time
+        from station.diagnosis.pictures import series_in_time
 
-        with _rrd_beside(result, in_time(found, found.before, found.after, _PLOTS)[1], report):
-            say(str(write_report(found, result, report)))
-    reported = [e.term.words(e.value) for e in found.effects]
-    return _finish(result, found.extended, reported, logs, complete.result(), as_json, write_profile)
+        with _rrd_beside(found, series_in_time(found, found.before, found.after, _PLOTS)[1], report):
+            say(str(write_report(found, sizes, report)))
+    return found, as_json(found, sizes)
 
 
 def _kinematics(
-    flown: Mapping[Path, Table], logs: Sequence[Path], hold_out: Sequence[Path], subject: Aircraft
-) -> tuple[dict[str, Any], Aircraft, list[Judged]]:
-    """What instruments say of each other: the result, the extended aircraft, and the records with their pictures."""
-    from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
+    fitted: Sequence[Marked], kept: Sequence[Marked], subject: Aircraft, report: Path | None
+) -> tuple[KinematicDiagnosis, dict[str, Any]]:
+    """What instruments say of each other, and the same as JSON."""
+    from station.diagnosis.diagnosis_json import kinematic_json
+    from station.diagnosis.kinematic_diagnosis import Judged, diagnose_kinematics, judge, series_in_time
 
-    def judged(path: Path) -> list[Judged]:
-        whole, spans = _checked(path, flown[path], subject), _spans(path) or [(-math.inf, math.inf)]
-        names = [path.name] if len(spans) == 1 else [f"{path.name} #{k + 1}" for k in range(len(spans))]
-        return [judge(name, whole, subject, span) for name, span in zip(names, spans, strict=True)]
+    def judged(some: Sequence[Marked]) -> list[Judged]:
+        made = []
+        for ready, spans in some:
+            many = len(spans) > 1
+            for k, span in enumerate(spans or [(-math.inf, math.inf)]):
+                made.append(judge(f"{ready.name} #{k + 1}" if many else ready.name, ready, subject, span))
+        return made
 
-    fitted = [j for path in logs for j in judged(path)]
-    result, extended = diagnose_kinematics(fitted, [j for path in hold_out for j in judged(path)], subject)
-    return result, extended, fitted
+    found = diagnose_kinematics(judged(fitted), judged(kept), subject)
+    if report is not None:
+        from station.diagnosis.diagnosis_report import write_kinematic_report
+
+        with _rrd_beside(found, series_in_time(found.fitted), report):
+            say(str(write_kinematic_report(found, report)))
+    return found, kinematic_json(found)
 
 
 _PLOTS = 4
@@ -125,13 +152,13 @@ write_report_rrd(*pickle.load(sys.stdin.buffer))
 
 @contextmanager
 def _rrd_beside(
-    result: Mapping[str, Any],
+    found: Result,
     series: Mapping[str, Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]],
     folder: Path,
 ) -> Iterator[None]:
     """The report's verdict and series as a Rerun recording, written by another process while this one draws the page:
     either library takes a second to import."""
-    first, *lines = summary(result)
+    first, *lines = summary(found)
     words = "\n".join([f"# {first}", *(f"- {line.strip()}" for line in lines)])
     path = folder / "diagnosis.rrd"
     try:
@@ -148,84 +175,9 @@ def _rrd_beside(
     say(str(path))
 
 
-def _finish(
-    result: Mapping[str, Any],
-    extended: Aircraft,
-    reported: Sequence[str],
-    logs: Sequence[Path],
-    complete: bool,
-    as_json: str | None,
-    write_profile: Path | None,
-) -> int:
-    """Write the profile and the JSON, say the verdict; the exit code."""
-    from station.diagnosis.extension import write_profile as write
-
-    if write_profile is not None:
-        words = "\n".join(reported) or "No effect was found: the same aircraft."
-        heading = f"Extended by station diagnose ({result['verdict']}) from {', '.join(p.name for p in logs)}.\n{words}"
-        write(extended.model_copy(update={"name": write_profile.stem}), write_profile, heading)
-        say(str(write_profile))
-    if as_json is not None:
-        write_json(result, as_json)
-    if as_json != "-":
-        print("\n".join(summary(result)))
-    if not complete:
-        say("station: a recording is not complete: see station info")
-    # Of the kinematic part alone, all must have been judged but what rests on aerodynamics.
-    whole = len(result.get("not_judged", ())) <= 1
-    good = result["verdict"] in ("no_effect", "effect_found") and complete and whole
-    return DONE if good else DEGRADED
-
-
-def _checked(path: Path, flown: Table, subject: Aircraft) -> Checked:
-    """A recording made ready, with what its rig says."""
-    from station.diagnosis.checks import checked
-
-    about = metadata(path).about
-    return checked(path.name, flown, subject, about.noise_si(flown.aligned), about.imu_position)
-
-
-def _spans(path: Path) -> list[tuple[float, float]]:
-    return [(p.start_s, p.end_s) for p in points(path)]
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no NaN: null in its place."""
-    if isinstance(value, Mapping):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
-
-
-def summary(result: Mapping[str, Any]) -> list[str]:
-    """The diagnosis in a few lines."""
-    names = {"no_effect": "no effect found", "effect_found": "found", "confounded": "found, but confounded",
-             "unexplained": "UNEXPLAINED: the named effects are suspect"}  # fmt: skip
-    partly = " in what could be judged" if len(result.get("not_judged", ())) > 1 else ""
-    lines = [f"{result['aircraft']}: {names[result['verdict']]}{partly}"]
-    if doubt := result.get("with_model_error"):
-        missed = ", ".join(f"{100 * v:.0f} % of {n}" for n, v in doubt["missed"].items())
-        lines.append(f"  the model of the aircraft does not suffice: freed, it still misses {missed}")
-    for e in result["effects"]:
-        low, high = e["ci95"]
-        shown = e.get("shown", e["unit"])
-        span = f"{from_si(low, shown):.3g} to {from_si(high, shown):.3g}{'' if shown == '1' else f' {shown}'}"
-        lines.append(f"  {e['id']}: {e['sentence']} (95 %: {span})")
-        if e["confounded_with"]:
-            lines.append(f"    could also be {', '.join(e['confounded_with'])}; to separate: {e['separate_by']}")
-    left = result["unexplained"]
-    if left["present"]:
-        low, high = left["band_hz"]
-        lines.append(f"  left over: {', '.join(left['signals'])}, {low:.2f} to {high:.2f} Hz")
-    gain = result["gain"]
-    if gain is not None:
-        low, high = gain["ci95"]
-        lines.append(
-            f"  held-out error {gain['before']:.3f} -> {gain['after']:.3f}: "
-            f"{gain['reduction_percent']:.1f} % less (95 %: {low:.1f} to {high:.1f})"
-        )
-    lines += [f"  {remark}" for remark in result["remarks"]]
-    return lines
+def _write(found: Result, path: Path, logs: Sequence[Path]) -> None:
+    """The extended aircraft as a profile."""
+    words = "\n".join(e.sentence for e in found.named) or "No effect was found: the same aircraft."
+    heading = f"Extended by station diagnose ({found.verdict}) from {', '.join(p.name for p in logs)}.\n{words}"
+    write_aircraft(found.extended.model_copy(update={"name": path.stem}), path, heading)
+    say(str(path))

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS
-from station.diagnosis.measured_record import Record, Seen, manoeuvres
+from station.diagnosis.diagnosis_result import Effect
+from station.diagnosis.effects import BY_ID, Term, signal_effect
+from station.diagnosis.measured_record import Record, manoeuvres
 from station.estimation.flight_record import accepted
 from station.identification.cleaning import cleaned
 from station.identification.preparation import corrected
@@ -38,7 +40,7 @@ class Checked:
 
     name: str
     table: Table
-    seen: tuple[Seen, ...]
+    seen: tuple[Effect, ...]
     remarks: tuple[str, ...]
     noise: Mapping[str, float] | None
     imu_position: Place
@@ -65,7 +67,7 @@ def checked(
 ) -> Checked:
     """A recording's table made ready. `noise` (SI) and `imu_position` (m, body) are the rig's."""
     table, remarks = cleaned(table)
-    seen: list[Seen] = []
+    seen: list[Effect] = []
     for _ in range(MOST_MISTAKES):
         # What the profile says of its instruments is no mistake.
         known = corrected(table, aircraft, noise, imu_position)
@@ -80,45 +82,39 @@ def checked(
     return Checked(name, table, tuple(seen), tuple(f"{name}: {r}" for r in remarks), noise, imu_position)
 
 
-def _named(found: Sequence[Mistake]) -> list[Seen]:
+def _named(found: Sequence[Mistake]) -> list[Effect]:
     """The first mistake by signal, with the others that it may be instead."""
 
-    def ids(mistake: Mistake) -> list[str]:
+    def terms(mistake: Mistake) -> list[Term]:
         kind = "sign" if mistake.factor == -1 else "unit"
-        return [f"{name}.{kind}" for name in mistake.signals]
+        return [signal_effect(name, kind, f"{mistake.sentence}.") for name in mistake.signals]
 
-    own = ids(found[0])
-    others = tuple(dict.fromkeys(i for m in found[1:] for i in ids(m) if i not in own))
-    signature = "brings together what the signals say of each other"
-    return [
-        Seen(i, f"{found[0].sentence}.", found[0].factor, "1", signature, "a look at the calibration", others)
-        for i in own
-    ]
+    own = terms(found[0])
+    others = dict.fromkeys(t.id for m in found[1:] for t in terms(m))
+    alternatives = tuple(i for i in others if i not in [t.id for t in own])
+    signature = "without it the signals agree with each other"
+    return [Effect(t, found[0].factor, alternatives=alternatives, signature=signature) for t in own]
 
 
-def repeated_and_lost(held: Mapping[str, Sequence[float]], lost: float) -> list[Seen]:
+def repeated_and_lost(held: Mapping[str, Sequence[float]], lost: float) -> list[Effect]:
     """Signals that repeat their values, by the time (s) in each record before one is new; rows that lack a signal, as
     the largest share of any record."""
     seen = []
     for name, spans in held.items():
-        if not spans:
-            continue
-        hold = float(np.median(spans))
-        what = "velocity" if name == "v_down" else name
-        words = f"The {what} is repeated for {hold:.3g} s before it is new."
-        seen.append(Seen(f"{what}.stale", words, hold, "s", f"{name} repeats its values"))
+        if spans:
+            term = signal_effect("velocity" if name == "v_down" else name, "stale")
+            seen.append(Effect(term, float(np.median(spans)), signature=f"{name} repeats its values"))
     if lost > LOST:
-        words = f"{100 * lost:.1f} % of the rows lack a signal."
-        seen.append(Seen("stream.dropout", words, lost, "1", "rows missing"))
+        seen.append(Effect(BY_ID["stream.dropout"], lost, signature="rows missing"))
     return seen
 
 
-def first_seen(records: Sequence[Record]) -> tuple[Seen, ...]:
+def first_seen(records: Sequence[Record]) -> tuple[Effect, ...]:
     """What all the records show before any fit, each effect once."""
     held = [float(np.median(np.diff(r.held["v_down"]))) * r.dt for r in records if "v_down" in r.held]
     return merged([s for r in records for s in r.seen], {"v_down": held}, max(r.lost for r in records))
 
 
-def merged(mistaken: Sequence[Seen], held: Mapping[str, Sequence[float]], lost: float) -> tuple[Seen, ...]:
+def merged(mistaken: Sequence[Effect], held: Mapping[str, Sequence[float]], lost: float) -> tuple[Effect, ...]:
     """Mistakes of several recordings, each once, and what repeats and is lost."""
-    return (*{s.id: s for s in reversed(mistaken)}.values(), *repeated_and_lost(held, lost))
+    return (*{s.term.id: s for s in reversed(mistaken)}.values(), *repeated_and_lost(held, lost))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from station.diagnosis.effects import judged_effects
 from station.diagnosis.fit import Problem
+from station.diagnosis.memo import Memo
 from station.diagnosis.reference import Reference
-from station.diagnosis.residuals import Memo
 from station.diagnosis.search import CONFOUNDED, FIRST, least_judged
 
 Array = NDArray[np.float64]

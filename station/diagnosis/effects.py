@@ -1,37 +1,72 @@
-"""The catalogue: every effect that diagnosis can name, in one table, and the quantities it must allow for.
+"""The catalogue: every effect that diagnosis can name, one row each with all that is known of it.
 
 An effect is a change of the aircraft's profile, of its model or of its instruments, by one value in SI; the same
-profile corrects measured signals, predicts, is simulated and is written to a file.
+profile corrects measured signals, predicts, is simulated and is written to a file. Nothing else in this wing names an
+effect: what distinguishes one is a field of its row.
 """
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from station.conventions import G0, from_si
-from station.profile import Aircraft, Derivative, Indicial, Instrument
-from station.simulation.boom import NO_BOOM
-
-Extend = Callable[[Aircraft, float], Aircraft]
+from station.diagnosis.profile_changes import (
+    Extend,
+    backlash,
+    bias,
+    boom,
+    boom_mode,
+    cg_aft,
+    cubic,
+    delay,
+    derivative,
+    gain,
+    icing,
+    imu_forward,
+    indicial_amplitude,
+    inertia,
+    pitot_gain,
+    sensor_lag,
+    thrust_arm,
+    unchanged,
+    unsteady,
+    vane_dynamics,
+)
+from station.profile import Aircraft
+from station.rows import UsageError
 
 VELOCITY: Final = ("v_north", "v_east", "v_down")
 ACCELEROMETER: Final = ("ax", "az")
 IMU: Final = ("q", "theta", "ax", "az")
 PITOT: Final = ("dynamic_pressure", "airspeed")
+WITHOUT_AERODYNAMICS: Final = frozenset(("alpha_vane", *IMU, *VELOCITY))
+"""Signals that are compared with each other without any aerodynamics."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kinematic:
+    """How an effect shows in the instruments alone: see kinematic_diagnosis."""
+
+    parameter: str
+    """Of the vane's calibration or of the reconstruction."""
+    least: float
+    """Below this it is of no consequence, SI."""
+    confounded_with: Callable[[Aircraft], tuple[str, ...]] = lambda _: ()
+    sound_vane: bool = False
+    """Whether it can only be judged where the vane shows no effect."""
 
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One effect, or one quantity allowed for."""
+    """One effect."""
 
     id: str
     target: str
     """The signals, or the part of the model, that it changes."""
-    null: float
-    """The value that changes nothing."""
     unit: str
     """SI unit of the value."""
     shown: str
@@ -42,12 +77,17 @@ class Term:
     step: float
     """A small change, SI: of the size that three manoeuvres detect."""
     sentence: str
-    """For the report; {value} is the value with its unit."""
+    """For the report; {value} is the value with sign and unit, {size} without the sign."""
     separate_by: str
-    """The experiment that tells it from what it is confused with."""
+    """The experiment that tells it from what it is confounded with."""
     extend: Extend
-    needs: tuple[str, ...] = ()
-    """Optional signals without which it cannot be judged."""
+    """How it acts on a profile."""
+    shows_in: tuple[str, ...] = ()
+    """The series of residuals.SERIES that it changes."""
+    null: float = 0.0
+    """The value that changes nothing."""
+    searched: bool = True
+    """Whether it is a candidate of the search; others are seen before, or are found with the model in error."""
     aerodynamic: bool = False
     gust_only: bool = False
     """Shows in turbulence only."""
@@ -56,336 +96,265 @@ class Term:
     price: float = 0.0
     """What -2 log likelihood must fall by more than for others: it is that much rarer."""
 
+    # --- when it can be judged
+    needs: tuple[str, ...] = ()
+    """Optional signals without which it cannot be judged."""
+    where_held: bool = True
+    """Whether it can be judged where the velocity repeats its values."""
+    applies: Callable[[Aircraft], bool] = lambda _: True
+    """Whether the aircraft's profile describes what it changes."""
+    least: float = 0.0
+    """Smallest size judged, SI."""
+    least_in_noise: float = 0.0
+    """The same, in standard deviations of the noise of its target."""
+    unsure_in_noise: float = 0.0
+    """What its value is uncertain by however long the record, in standard deviations of the noise of its target."""
+
+    # --- what it is confounded with
+    like_derivatives: bool = False
+    """Acts as wrong derivatives do: no candidate where those are wrong or not known well."""
+    like_lift_slope: bool = False
+    """Acts on a gust as a wrong lift slope does."""
+    hidden_by_gusts: bool = False
+    """A gust at the vane hides it from the other instruments."""
+    without_velocity: tuple[str, ...] = ()
+    """What it may be instead where no vertical velocity is measured and the model is in error."""
+    same_value: Callable[[Aircraft], tuple[str, float] | None] = lambda _: None
+    """Another effect that is this one with a value that the profile tells."""
+
+    # --- with the model in error, or without any model
+    free_sd: float = 0.0
+    """Standard deviation, SI, of a part that the model may lack, where nothing is known of it; 0: no such part."""
+    free_sd_boom: float | None = None
+    """The same where the profile says where the vane is."""
+    kinematic: Kinematic | None = None
+
     def words(self, value: float) -> str:
         """The sentence with the value in it."""
         unit = "" if self.shown == "1" else f" {self.shown}"
-        return self.sentence.format(value=f"{from_si(value, self.shown):+.3g}{unit}")
+        x = from_si(value, self.shown)
+        return self.sentence.format(value=f"{x:+.3g}{unit}", size=f"{abs(x):.3g}{unit}")
+
+    @property
+    def of_vane(self) -> bool:
+        """Whether it is an error of what the alpha vane shows."""
+        return self.target == "alpha_vane" and not self.aerodynamic
+
+    @property
+    def kinematic_check(self) -> bool:
+        """Whether instruments can confirm it among themselves, without any aerodynamics."""
+        return not self.aerodynamic and set(self.target.split()) <= WITHOUT_AERODYNAMICS
 
 
-# --- changes of a profile
+def _has_indicial_lift(a: Aircraft) -> bool:
+    return a.unsteady.memory
 
 
-def _instruments(
-    aircraft: Aircraft, names: Iterable[str], change: Callable[[Instrument], Mapping[str, float]]
-) -> Aircraft:
-    made = dict(aircraft.instruments)
-    for name in names:
-        old = made.get(name, Instrument())
-        made[name] = old.model_copy(update=dict(change(old)))
-    return aircraft.model_copy(update={"instruments": made})
+def _double_upwash(a: Aircraft) -> tuple[str, float] | None:
+    return None if a.boom is None else (DOUBLE_UPWASH, a.boom.steady_calibration - 1)
 
 
-def delay(*names: str) -> Extend:
-    return lambda a, x: _instruments(a, names, lambda i: {"latency": i.latency + x})
-
-
-def gain(*names: str) -> Extend:
-    return lambda a, x: _instruments(a, names, lambda i: {"gain": i.gain * (1 + x)})
-
-
-def bias(*names: str) -> Extend:
-    return lambda a, x: _instruments(a, names, lambda i: {"bias": i.bias + x})
-
-
-def sensor_lag(*names: str) -> Extend:
-    return lambda a, x: _instruments(a, names, lambda i: {"lag": i.lag + x})
-
-
-def _pitot_gain(a: Aircraft, x: float) -> Aircraft:
-    # One sensor gives both: the airspeed follows the root of the pressure.
-    return gain("airspeed")(gain("dynamic_pressure")(a, x), math.sqrt(1 + x) - 1)
-
-
-def _backlash(a: Aircraft, x: float) -> Aircraft:
-    return _instruments(a, ("elevator",), lambda i: {"backlash": max(0.0, i.backlash + x)})
-
-
-def boom(field: str) -> Extend:
-    def change(a: Aircraft, x: float) -> Aircraft:
-        old = a.boom or NO_BOOM
-        return a.model_copy(update={"boom": old.model_copy(update={field: getattr(old, field) + x})})
-
-    return change
-
-
-MODE_HZ: Final = 8.0
-"""Frequency of a boom's first bending mode where the profile states none; what is judged lies well below."""
-MODE_SHARE: Final = 0.5
-"""How far a vane rises per radian of bending where the profile does not say, as a share of vane_x: most of that is
-boom, whose tip swings about a point a third of its length from the root."""
-
-
-def _boom_mode(a: Aircraft, x: float) -> Aircraft:
-    """The boom bends with the load at its tip, not at the CG, and swings."""
-    if x == 0:
-        return a
-    old = a.boom or NO_BOOM
-    frequency, length = old.mode_frequency or MODE_HZ, old.mode_length or MODE_SHARE * old.vane_x
-    made = {"flexure": old.flexure + x, "mode_frequency": frequency, "mode_length": length}
-    return a.model_copy(update={"boom": old.model_copy(update=made)})
-
-
-def _cubic(a: Aircraft, x: float) -> Aircraft:
-    return _instruments(a, ("elevator",), lambda i: {"cubic": i.cubic + x / _CUBIC_AT**2})
-
-
-def _vane_dynamics(a: Aircraft, x: float) -> Aircraft:
-    old = a.boom or NO_BOOM
-    return a.model_copy(update={"boom": old.model_copy(update={"vane_frequency": old.vane_frequency * (1 + x)})})
-
-
-def _imu_forward(a: Aircraft, x: float) -> Aircraft:
-    return a.model_copy(update={"imu_offset": (a.imu_offset[0] + x, *a.imu_offset[1:])})
-
-
-def _inertia(field: str) -> Extend:
-    def change(a: Aircraft, x: float) -> Aircraft:
-        old = getattr(a.inertia, field)
-        return a.model_copy(update={"inertia": a.inertia.model_copy(update={field: old * (1 + x)})})
-
-    return change
-
-
-def derivative(name: str, relative: bool = False) -> Extend:
-    """Add to a derivative, or to its logarithm."""
-
-    def change(a: Aircraft, x: float) -> Aircraft:
-        old = a.derivatives.get(name, Derivative(value=0.0))
-        value = old.value * (1 + x) if relative else old.value + x
-        return a.model_copy(update={"derivatives": {**a.derivatives, name: old.model_copy(update={"value": value})}})
-
-    return change
-
-
-def _zero_drag(a: Aircraft, x: float) -> Aircraft:
-    if a.drag is None:
-        return derivative("CD_0")(a, x)
-    return a.model_copy(update={"drag": a.drag.model_copy(update={"zero_lift": a.drag.zero_lift + x})})
-
-
-def _cg_aft(a: Aircraft, x: float) -> Aircraft:
-    """The CG moves aft by x m: moments about it, and every arm from it."""
-    arm = x / a.geometry.chord
-    for name in ("0", "alpha", "q", "de", "V"):
-        if a.value(f"CL_{name}"):
-            a = derivative(f"Cm_{name}")(a, a.value(f"CL_{name}") * arm)
-    a = _imu_forward(a, x)
-    if a.boom is not None:
-        a = boom("vane_x")(a, x)
-    tail = a.unsteady.model_copy(update={"tail_arm": max(0.0, a.unsteady.tail_arm - x)})
-    return a.model_copy(update={"unsteady": tail})
-
-
-ICING: Final = {"CL_alpha": -0.10, "CL_q": -0.013, "CL_de": -0.095, "Cm_alpha": -0.099, "Cm_q": -0.035, "Cm_de": -0.10}
-"""Relative change of each derivative in the reference icing condition (eta = 1) of the Twin Otter; CD_0 +50 %."""
-
-
-def _icing(a: Aircraft, eta: float) -> Aircraft:
-    for name, share in ICING.items():
-        a = derivative(name, relative=True)(a, eta * share)
-    zero = a.drag.zero_lift if a.drag else a.value("CD_0")
-    return _zero_drag(a, 0.5 * eta * zero)
-
-
-def unsteady(field: str) -> Extend:
-    def change(a: Aircraft, x: float) -> Aircraft:
-        old = getattr(a.unsteady, field)
-        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={field: old + x})})
-
-    return change
-
-
-def _memory(*fields: str) -> Extend:
-    """Indicial responses with their amplitudes times 1 + x."""
-
-    def change(a: Aircraft, x: float) -> Aircraft:
-        made: dict[str, Indicial] = {}
-        for field in fields:
-            old = getattr(a.unsteady, field)
-            if old is not None:
-                made[field] = old.model_copy(update={"a": tuple((1 + x) * v for v in old.a)})
-        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
-
-    return change
-
-
-def _thrust_arm(a: Aircraft, x: float) -> Aircraft:
-    return a.model_copy(update={"thrust_pitch_arm": a.thrust_pitch_arm + x})
-
-
-# --- the table
-
-_DEG = math.radians(1)
-_CUBIC_AT = 10 * _DEG
-"""Deflection at which a bent characteristic is told."""
+_DEG: Final = math.radians(1)
 _RARE: Final = 4.0
 """An attitude that is integrated and levelled has no scale to be wrong: one case in eight of gyro and attitude apart,
 where turbulence leaves the two alike."""
+_LEAST_SHARE: Final = 0.02
+"""Of the distance to the vane or to the tail: no drawing says better where on them a gust is met."""
+DOUBLE_UPWASH: Final = "alpha_vane.double_upwash"
+
+_ALL: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
+_BY_VANE: Final = ("alpha_vane", "lift", "moment", "drag")
+_BY_ACCELEROMETER: Final = ("v_down", "v_north", "lift", "drag")
+_TWO_SPEEDS: Final = "one calm and one turbulent manoeuvre, or doublets at two speeds"
+_LOAD_FACTOR: Final = "a load-factor change at constant pitch rate, or a multisine in place of doublets"
+_GUST_AT_VANE: Final = "turbulence: a gust reaches the vane and the imu but not the elevator"
 
 EFFECTS: Final[tuple[Term, ...]] = (
-    Term("alpha_vane.delay", "alpha_vane", 0, "s", "ms", -0.3, 0.5, 2e-3, "The alpha vane is {value} late.",
-         "one calm and one turbulent manoeuvre, or doublets at two speeds: a delay is a time, a position a distance",
-         delay("alpha_vane")),
-    Term("alpha_vane.scale", "alpha_vane", 0, "1", "%", -0.6, 1.5, 0.01, "The alpha vane's scale is off by {value}.",
-         "a multisine in place of doublets, and a load-factor change at constant pitch rate", gain("alpha_vane")),
-    Term("alpha_vane.position", "alpha_vane", 0, "m", "ft", -12, 12, 0.15,
-         "The alpha vane sits {value} further ahead of the CG than the profile says.",
-         "one calm and one turbulent manoeuvre, or doublets at two speeds", boom("vane_x")),
-    Term("alpha_vane.bias", "alpha_vane", 0, "rad", "deg", -0.3, 0.3, 3e-3, "The alpha vane's zero is off by {value}.",
-         "trimmed flight at two speeds: mass acts through lift, a bias does not", bias("alpha_vane")),
-    Term("alpha_vane.dynamics", "alpha_vane", 0, "1", "%", -0.7, 2, 0.1,
-         "The vane's own frequency differs from the profile's by {value}.",
-         "the vane's spectrum at 5 to 12 Hz in turbulence", _vane_dynamics),
-    Term("alpha_vane.upwash_memory", "alpha_vane", 0, "1", "%", -1, 3, 0.1,
-         "The upwash at the vane has {value} more memory than the profile says.",
-         "a multisine in calm air and one in turbulence", _memory("upwash_motion", "upwash_gust")),
-    Term("boom.flexure", "alpha_vane", 0, "rad s2/m", "deg/g", -1 * _DEG / G0, 1 * _DEG / G0, 1e-4,
-         "The boom bends by {value} under load.",
-         "a load-factor change at constant pitch rate, or a multisine in place of doublets", boom("flexure")),
-    Term("boom.mode", "alpha_vane", 0, "rad s2/m", "deg/g", 0, 1 * _DEG / G0, 1e-4,
-         "The boom bends by {value} under the acceleration of its tip, as one that swings does.",
-         "a sharp doublet: the tip's acceleration leads that of the CG", _boom_mode),
-    Term("gust.lead", "alpha_vane", 0, "1", "%", -1, 2, 0.03,
-         "Gusts meet the vane earlier by {value} of its distance than the profile says.",
-         "a calm manoeuvre: it shows in turbulence only", boom("gust_lead"), aerodynamic=True, gust_only=True),
-    Term("accelerometer.position", "ax az", 0, "m", "ft", -5, 5, 0.1,
+    Term("alpha_vane.delay", "alpha_vane", "s", "ms", -0.3, 0.5, 2e-3, "The alpha vane is delayed by {value}.",
+         f"{_TWO_SPEEDS}: a delay is a time, a position a distance", delay("alpha_vane"), _BY_VANE,
+         hidden_by_gusts=True,
+         kinematic=Kinematic("vane delay", 0.01, lambda a: () if a.boom else ("alpha_vane.position",))),
+    Term("alpha_vane.scale", "alpha_vane", "1", "%", -0.6, 1.5, 0.01, "The alpha vane has a scale error of {value}.",
+         "a multisine in place of doublets, and a load-factor change at constant pitch rate", gain("alpha_vane"),
+         _BY_VANE, like_lift_slope=True, hidden_by_gusts=True, same_value=_double_upwash,
+         kinematic=Kinematic("vane scale", 0.02)),
+    Term("alpha_vane.position", "alpha_vane", "m", "ft", -12, 12, 0.15,
+         "The alpha vane sits {value} further ahead of the CG than the profile says.", _TWO_SPEEDS, boom("vane_x"),
+         _BY_VANE, hidden_by_gusts=True),
+    Term("alpha_vane.bias", "alpha_vane", "rad", "deg", -0.3, 0.3, 3e-3, "The alpha vane has a bias of {value}.",
+         "trimmed flight at two speeds: mass acts through lift, a bias does not", bias("alpha_vane"), _BY_VANE,
+         kinematic=Kinematic("vane bias", math.radians(0.2))),
+    Term("alpha_vane.dynamics", "alpha_vane", "1", "%", -0.7, 2, 0.1,
+         "The vane's natural frequency differs from the profile's by {value}.",
+         "the vane's spectrum at 5 to 12 Hz in turbulence", vane_dynamics, _BY_VANE),
+    Term("alpha_vane.upwash_memory", "alpha_vane", "1", "%", -1, 3, 0.1,
+         "The unsteady part of the upwash at the vane differs from the profile's by {value}.",
+         "a multisine in calm air and one in turbulence", indicial_amplitude("upwash_motion", "upwash_gust"),
+         _BY_VANE, applies=lambda a: a.unsteady.upwash_motion is not None),
+    Term("boom.flexure", "alpha_vane", "rad s2/m", "deg/g", -1 * _DEG / G0, 1 * _DEG / G0, 1e-4,
+         "The boom flexes by {value} of normal acceleration.", _LOAD_FACTOR, boom("flexure"), _BY_VANE,
+         like_lift_slope=True, hidden_by_gusts=True),
+    Term("boom.mode", "alpha_vane", "rad s2/m", "deg/g", 0, 1 * _DEG / G0, 1e-4,
+         "The boom flexes by {size} with the acceleration of its tip, through its first bending mode.",
+         "a sharp doublet: the tip's acceleration leads that of the CG", boom_mode, _BY_VANE),
+    Term("gust.lead", "alpha_vane", "1", "%", -1, 2, 0.03,
+         "Gusts arrive at the vane earlier than the profile says, by {value} of the vane's distance ahead of the CG.",
+         "a calm manoeuvre: it shows in turbulence only", boom("gust_lead"), _BY_VANE, aerodynamic=True,
+         gust_only=True, applies=lambda a: a.boom is not None, least=_LEAST_SHARE, free_sd=0.5,
+         # The gust field hardly changes on the way from the vane to the wing, and lift acts near the CG.
+         free_sd_boom=0.02),
+    Term("accelerometer.position", "ax az", "m", "ft", -5, 5, 0.1,
          "The accelerometer sits {value} further ahead than the rig says.",
-         "a sharp doublet: position shows with pitch acceleration", _imu_forward),
-    Term("accelerometer.scale", "ax az", 0, "1", "%", -0.3, 0.3, 0.01, "The accelerometer's scale is off by {value}.",
-         "a tumble test on the ground", gain(*ACCELEROMETER)),
-    Term("accelerometer.bias", "az", 0, "m/s2", "g", -3, 3, 0.02, "The normal accelerometer's zero is off by {value}.",
-         "a tumble test on the ground", bias("az")),
-    Term("accelerometer.delay", "ax az", 0, "s", "ms", -0.3, 0.3, 2e-3, "The accelerometer is {value} late.",
-         "turbulence, which the accelerometer feels at once", delay(*ACCELEROMETER)),
-    Term("q.delay", "q", 0, "s", "ms", -0.3, 0.3, 1e-3, "The pitch rate is {value} late.",
-         "attitude measured by another instrument", delay("q")),
-    Term("q.scale", "q", 0, "1", "%", -0.3, 0.3, 0.006, "The pitch rate's scale is off by {value}.",
-         "a slow turn through a known attitude", gain("q")),
-    Term("imu.delay", "q theta ax az", 0, "s", "ms", -0.3, 0.3, 1e-3,
-         "Attitude, rate and accelerations are all {value} late.",
-         "turbulence: a gust reaches the vane and the imu but not the elevator", delay(*IMU)),
-    Term("theta.bias", "theta", 0, "rad", "deg", -0.1, 0.1, 3e-3, "The pitch attitude's zero is off by {value}.",
-         "levelling on the ground", bias("theta")),
-    Term("theta.scale", "theta", 0, "1", "%", -0.3, 0.3, 0.006, "The pitch attitude's scale is off by {value}.",
-         "a tilt table on the ground", gain("theta"), price=_RARE),
-    Term("elevator.lag", "elevator", 0, "s", "ms", -0.3, 0.5, 1e-3, "The elevator is measured with a lag of {value}.",
-         "turbulence: a gust reaches the vane and the imu but not the elevator", sensor_lag("elevator"), relinear=True),
-    Term("elevator.scale", "elevator", 0, "1", "%", -0.6, 1.5, 0.1, "The elevator's scale is off by {value}.",
-         "a rigging check on the ground: in flight only the product with Cm_de shows", gain("elevator"), relinear=True),
-    Term("elevator.backlash", "elevator", 0, "rad", "deg", 0, 0.05, 1e-3,
-         "The elevator has {value} of play between sensor and surface.",
-         "small and large doublets: play does not grow with the input", _backlash, relinear=True),
-    Term("elevator.nonlinearity", "elevator", 0, "1", "%", -0.6, 1.0, 0.1,
-         "The elevator's sensor bends: at 10 deg it shows {value} more than a straight one would.",
-         "small and large doublets, and two trims", _cubic, relinear=True),
-    Term("dynamic_pressure.scale", "dynamic_pressure airspeed", 0, "1", "%", -0.4, 0.6, 0.02,
-         "The dynamic pressure is off by {value}.", "a calm manoeuvre, and ground-speed runs on reverse headings",
-         _pitot_gain, relinear=True),
-    Term("dynamic_pressure.lag", "dynamic_pressure airspeed", 0, "s", "s", -0.5, 3, 0.05,
-         "The air data lag by {value}.", "u-gusts: airspeed against horizontal acceleration", sensor_lag(*PITOT)),
-    Term("mass.scale", "mass", 0, "1", "%", -0.4, 0.6, 0.04, "The mass is off by {value}.",
-         "trimmed flight at another speed, or the fuel log", _inertia("mass"), aerodynamic=True, relinear=True),
-    Term("inertia.scale", "iyy", 0, "1", "%", -0.6, 1.0, 0.05, "The pitch inertia is off by {value}.",
-         "turbulence, which moves the aircraft without the elevator; or another loading", _inertia("iyy"),
-         aerodynamic=True, relinear=True),
-    Term("cg.shift", "Cm", 0, "m", "ft", -1, 1, 0.05, "The CG is {value} further aft than the profile says.",
-         "another loading, or trim at several speeds", _cg_aft, aerodynamic=True, relinear=True),
-    Term("aero.icing", "CL Cm CD", 0, "1", "1", -1.5, 6, 0.3,
+         "a sharp doublet: position shows with pitch acceleration", imu_forward, _BY_ACCELEROMETER),
+    Term("accelerometer.scale", "ax az", "1", "%", -0.3, 0.3, 0.01, "The accelerometer has a scale error of {value}.",
+         "a tumble test on the ground", gain(*ACCELEROMETER), _BY_ACCELEROMETER,
+         # The same lift, and the same vane against the integrated acceleration over the airspeed.
+         without_velocity=("dynamic_pressure.scale", "mass.scale", "aero.CL_alpha")),
+    Term("accelerometer.bias", "az", "m/s2", "g", -3, 3, 0.02, "The normal accelerometer has a bias of {value}.",
+         "a tumble test on the ground", bias("az"), _BY_ACCELEROMETER,
+         kinematic=Kinematic("az_bias", 0.01 * G0, lambda _: ("theta.bias",))),
+    Term("accelerometer.delay", "ax az", "s", "ms", -0.3, 0.3, 2e-3, "The accelerometer is delayed by {value}.",
+         "turbulence, which the accelerometer feels at once", delay(*ACCELEROMETER), _BY_ACCELEROMETER),
+    Term("q.delay", "q", "s", "ms", -0.3, 0.3, 1e-3, "The pitch rate is delayed by {value}.",
+         "attitude measured by another instrument", delay("q"), _ALL),
+    Term("q.scale", "q", "1", "%", -0.3, 0.3, 0.006, "The pitch rate has a scale error of {value}.",
+         "a slow turn through a known attitude", gain("q"), _ALL),
+    Term("q.bias", "q", "rad/s", "deg/s", -0.2, 0.2, 1e-3, "The pitch-rate gyro has a bias of {value}.",
+         "the gyro at rest on the ground", bias("q"), _ALL, searched=False,
+         kinematic=Kinematic("q_bias", math.radians(0.1))),
+    Term("imu.delay", "q theta ax az", "s", "ms", -0.3, 0.3, 1e-3,
+         "Attitude, rate and accelerations are all delayed by {value}.", _GUST_AT_VANE, delay(*IMU), _ALL),
+    Term("theta.bias", "theta", "rad", "deg", -0.1, 0.1, 3e-3, "The pitch attitude has a bias of {value}.",
+         "levelling on the ground", bias("theta"), ("theta", "v_down", "v_north", "alpha_vane")),
+    Term("theta.scale", "theta", "1", "%", -0.3, 0.3, 0.006, "The pitch attitude has a scale error of {value}.",
+         "a tilt table on the ground", gain("theta"), _ALL, price=_RARE),
+    Term("elevator.lag", "elevator", "s", "ms", -0.3, 0.5, 1e-3, "The elevator is measured with a lag of {value}.",
+         _GUST_AT_VANE, sensor_lag("elevator"), ("lift", "moment"), relinear=True),
+    Term("elevator.scale", "elevator", "1", "%", -0.6, 1.5, 0.1, "The elevator's sensor has a scale error of {value}.",
+         "a rigging check on the ground: in flight only the product with Cm_de shows", gain("elevator"),
+         ("lift", "moment"), relinear=True, like_derivatives=True),
+    Term("elevator.backlash", "elevator", "rad", "deg", 0, 0.05, 1e-3,
+         "There is {size} of backlash between the elevator's sensor and the surface.",
+         "small and large doublets: backlash does not grow with the input", backlash, ("lift", "moment"),
+         relinear=True, least_in_noise=2.5,
+         # What goes through the backlash with the motion widens it (0.8 found).
+         unsure_in_noise=0.5),
+    Term("elevator.nonlinearity", "elevator", "1", "%", -0.6, 1.0, 0.1,
+         "The elevator's sensor is nonlinear: at 10 deg its cubic term adds {value} to the reading.",
+         "small and large doublets, and two trims", cubic, ("lift", "moment"), relinear=True),
+    Term("dynamic_pressure.scale", "dynamic_pressure airspeed", "1", "%", -0.4, 0.6, 0.02,
+         "The dynamic pressure has a scale error of {value}.",
+         "a calm manoeuvre, and ground-speed runs on reverse headings", pitot_gain, _BY_VANE, relinear=True,
+         like_derivatives=True, kinematic=Kinematic("airspeed_scale", 0.02, sound_vane=True)),
+    Term("dynamic_pressure.lag", "dynamic_pressure airspeed", "s", "s", -0.5, 3, 0.05,
+         "The air data lag by {value}.", "u-gusts: airspeed against horizontal acceleration", sensor_lag(*PITOT),
+         _BY_VANE),
+    Term("mass.scale", "mass", "1", "%", -0.4, 0.6, 0.04, "The mass differs from the profile's by {value}.",
+         "trimmed flight at another speed, or the fuel log", inertia("mass"), ("lift", "drag"), aerodynamic=True,
+         relinear=True, like_derivatives=True),
+    Term("inertia.scale", "iyy", "1", "%", -0.6, 1.0, 0.05, "The pitch inertia differs from the profile's by {value}.",
+         "turbulence, which moves the aircraft without the elevator; or another loading", inertia("iyy"), ("moment",),
+         aerodynamic=True, relinear=True, like_derivatives=True),
+    Term("cg.shift", "Cm", "m", "ft", -1, 1, 0.05, "The CG is {value} further aft than the profile says.",
+         "another loading, or trim at several speeds", cg_aft, _ALL[1:], aerodynamic=True, relinear=True,
+         like_derivatives=True),
+    Term("aero.icing", "CL Cm CD", "1", "1", -1.5, 6, 0.3,
          "All derivatives have moved as they do with ice, {value} times the reference condition.",
-         "drag at several speeds, and the same manoeuvre without ice", _icing, aerodynamic=True, relinear=True),
-    Term("aero.alpha_squared", "CL", 0, "1", "1", -60, 60, 1.5,
-         "Lift bends with the angle of attack: CL has a term of {value} alpha2.",
-         "doublets of two amplitudes, or at two trims", derivative("CL_alpha2"), aerodynamic=True),
-    Term("aero.speed_terms", "CL", 0, "1", "1", -3, 3, 0.1, "Lift depends on speed itself: CL_V = {value}.",
-         "a slow speed change at constant elevator", derivative("CL_V"), aerodynamic=True),
-    Term("aero.unsteady_lift", "CL Cm", 0, "1", "%", -1, 4, 0.2,
-         "Lift follows the angle of attack with {value} more memory than the profile says.",
+         "drag at several speeds, and the same manoeuvre without ice", icing, ("lift", "moment", "drag"),
+         aerodynamic=True, relinear=True, like_derivatives=True),
+    Term("aero.alpha_squared", "CL", "1", "1", -60, 60, 1.5,
+         "Lift is nonlinear in the angle of attack: CL has a term of {value} alpha2.",
+         "doublets of two amplitudes, or at two trims", derivative("CL_alpha2"), ("lift",), aerodynamic=True,
+         free_sd=15.0),
+    Term("aero.speed_terms", "CL", "1", "1", -3, 3, 0.1, "Lift depends on speed itself: CL_V = {value}.",
+         "a slow speed change at constant elevator", derivative("CL_V"), ("lift",), aerodynamic=True, free_sd=0.5),
+    Term("aero.unsteady_lift", "CL Cm", "1", "%", -1, 4, 0.2,
+         "The unsteady part of the lift (its indicial response) differs from the profile's by {value}.",
          "a multisine in calm air: phase of lift against the inertial angle of attack",
-         _memory("lift_motion", "lift_gust"), aerodynamic=True),
-    Term("gust.tail_penetration", "CL Cm", 0, "1", "%", -1, 2, 0.03,
-         "Gusts meet the tail later by {value} of its arm than the profile says.",
-         "a calm manoeuvre: it shows in turbulence only", unsteady("tail_penetration"), aerodynamic=True,
-         gust_only=True),
-    Term("aero.downwash_lag", "CL Cm", 0, "s", "ms", -0.1, 0.5, 0.01,
+         indicial_amplitude("lift_motion", "lift_gust"), ("lift", "moment"), aerodynamic=True,
+         applies=_has_indicial_lift, free_sd=1.0),
+    Term("gust.tail_penetration", "CL Cm", "1", "%", -1, 2, 0.03,
+         "Gusts arrive at the tail later than the profile says, by {value} of the tail arm.",
+         "a calm manoeuvre: it shows in turbulence only", unsteady("tail_penetration"), ("lift", "moment"),
+         aerodynamic=True, gust_only=True, applies=_has_indicial_lift, least=_LEAST_SHARE, free_sd=0.5),
+    Term("aero.downwash_lag", "CL Cm", "s", "ms", -0.1, 0.5, 0.01,
          "The downwash reaches the tail {value} later than the tail arm over the speed.",
-         "a calm multisine and one in turbulence", unsteady("downwash_delay"), aerodynamic=True),
-    Term("aero.CL_q", "CL", 0, "1", "1", -40, 40, 2, "Lift follows pitch rate: CL_q = {value}.",
-         "a multisine in calm air", derivative("CL_q"), aerodynamic=True),
-    Term("aero.CL_de", "CL", 0, "1", "1", -3, 3, 0.1, "The elevator itself lifts: CL_de = {value}.",
-         "a multisine in calm air", derivative("CL_de"), aerodynamic=True),
-    Term("thrust.moment", "Cm", 0, "m", "ft", -3, 3, 0.05, "Thrust pitches the aircraft with an arm {value} longer.",
-         "idle and full power at one speed", _thrust_arm, ("thrust",), aerodynamic=True),
-    Term("velocity.delay", "v_north v_east v_down", 0, "s", "ms", -0.5, 1.5, 5e-3, "The velocity is {value} late.",
-         "vertical speed against the integral of the normal acceleration", delay(*VELOCITY), ("v_down",)),
+         "a calm multisine and one in turbulence", unsteady("downwash_delay"), ("lift", "moment"), aerodynamic=True,
+         applies=_has_indicial_lift, free_sd=0.05),
+    Term("aero.CL_q", "CL", "1", "1", -40, 40, 2, "Lift follows pitch rate: CL_q = {value}.",
+         "a multisine in calm air", derivative("CL_q"), ("lift",), aerodynamic=True, free_sd=15.0,
+         applies=lambda a: not a.value("CL_q")),
+    Term("aero.CL_de", "CL", "1", "1", -3, 3, 0.1, "The elevator itself lifts: CL_de = {value}.",
+         "a multisine in calm air", derivative("CL_de"), ("lift",), aerodynamic=True, free_sd=0.5,
+         applies=lambda a: not a.value("CL_de")),
+    Term("thrust.moment", "Cm", "m", "ft", -3, 3, 0.05, "Thrust pitches the aircraft with an arm {value} longer.",
+         "idle and full power at one speed", thrust_arm, ("moment",), aerodynamic=True, needs=("thrust",),
+         free_sd=0.3),
+    Term("velocity.delay", "v_north v_east v_down", "s", "ms", -0.5, 1.5, 5e-3, "The velocity is delayed by {value}.",
+         "vertical speed against the integral of the normal acceleration", delay(*VELOCITY), _ALL[1:],
+         needs=("v_down",), where_held=False),  # shifting a staircase always finds a few milliseconds
+    Term("gust.vertical", "alpha_vane CL Cm", "m/s", "m/s", 0, 20, 0.1,
+         "The air moves: a vertical gust of {size} (standard deviation), process noise that the profile's model lacks.",
+         "the same manoeuvre in calm air", unchanged, searched=False, aerodynamic=True),
+    Term(DOUBLE_UPWASH, "alpha_vane", "1", "%", -0.6, 1.5, 0.01,
+         "The upwash was taken out of the alpha vane before it was recorded, by {value}.",
+         "the instrument's calibration record", gain("alpha_vane"), _BY_VANE, searched=False),
+    Term("stream.dropout", "rows", "1", "%", 0, 1, 0.01, "{size} of the rows lack a signal.",
+         "the recorder's own counters", unchanged, searched=False),
 )  # fmt: skip
 
-BY_ID: Final[Mapping[str, Term]] = {t.id: t for t in EFFECTS}
+SIGNAL_EFFECTS: Final[Mapping[str, Term]] = {
+    "sign": Term("sign", "", "1", "1", -1, 1, 2, "The sign is wrong.", "a look at the calibration", unchanged,
+                 searched=False),
+    "unit": Term("unit", "", "1", "1", 0, math.inf, 1, "The unit is wrong.", "a look at the calibration", unchanged,
+                 searched=False),
+    "stale": Term("stale", "", "s", "s", 0, 60, 0.02, "Each value is repeated for {size} before it is new.",
+                  "the instrument's own rate", unchanged, searched=False),
+}  # fmt: skip
+"""What may befall any signal, prefixed with its name (`elevator.sign`): seen before any fit."""
 
-DERIVATIVES: Final = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
-PRIOR_SHARE: Final = 0.10
-"""Standard deviation of a derivative, as a share of it, where the profile states none."""
-
-
-@dataclass(frozen=True, slots=True)
-class Nuisance:
-    """A quantity known only so well: it may move, at a price."""
-
-    name: str
-    sd: float
-    extend: Extend
-    relinear: bool = False
-    relative: bool = False
-    """Whether moving it multiplies."""
-    step: float = 1.0
-    """Over what share of the standard deviation its slope is taken."""
+BY_ID: Final[dict[str, Term]] = {t.id: t for t in EFFECTS}
 
 
-def nuisance_priors(aircraft: Aircraft) -> tuple[Nuisance, ...]:
-    """The derivatives with the profile's standard deviations, and what instruments and trims are off by."""
-    found = []
-    for name in DERIVATIVES:
-        stated = aircraft.derivatives.get(name)
-        if stated is not None and stated.value:
-            share = (stated.sd or PRIOR_SHARE * abs(stated.value)) / abs(stated.value)
-            found.append(Nuisance(name, share, derivative(name, relative=True), True, True))
-    found += [
-        Nuisance("theta bias", 0.1 * _DEG, bias("theta")),
-        Nuisance("az bias", 0.005 * G0, bias("az")),
-        Nuisance("ax bias", 0.003 * G0, bias("ax")),
-        Nuisance("q bias", 0.05 * _DEG, bias("q")),
-        Nuisance("CL_0", 0.01, derivative("CL_0")),
-        Nuisance("Cm_0", 0.005, derivative("Cm_0")),
-        Nuisance("CD_0", 0.003, _zero_drag),
-    ]
-    return tuple(found)
+def signal_effect(signal: str, kind: str, sentence: str = "") -> Term:
+    """A row of SIGNAL_EFFECTS for one signal, with a sentence of its own where there is one."""
+    row = SIGNAL_EFFECTS[kind]
+    return replace(row, id=f"{signal}.{kind}", target=signal, sentence=sentence or f"{signal}: {row.sentence}")
+
+
+def derivative_effect(name: str, aircraft: Aircraft) -> Term:
+    """Of a derivative (`Cm_q`): how far it is from the profile's, relative; or its value where the profile has none."""
+    known, stated = f"aero.{name}", aircraft.value(name)
+    series = {"CL": ("lift",), "Cm": ("moment",)}.get(name[:2], ())
+    experiment = "a multisine in calm air"
+    if stated:
+        return Term(known, name[:2], "1", "%", -1, 3, 0.05, f"{name} differs from the profile's by {{value}}.",
+                    experiment, derivative(name, relative=True), series, aerodynamic=True)  # fmt: skip
+    lacking = Term(known, name[:2], "1", "1", -math.inf, math.inf, 1.0, f"The model lacks {name} = {{value}}.",
+                   experiment, derivative(name), series, aerodynamic=True)  # fmt: skip
+    return BY_ID.get(known, lacking)
 
 
 def extended(aircraft: Aircraft, values: Mapping[str, float]) -> Aircraft:
-    """The profile with effects in it, by id."""
+    """The profile with effects in it, by id. Raises UsageError for an unknown id, naming the nearest known one."""
     for name, value in values.items():
+        if name not in BY_ID:
+            near = difflib.get_close_matches(name, BY_ID, n=1, cutoff=0.3)
+            hint = f": did you mean {near[0]}?" if near else ""
+            raise UsageError(f"no effect named {name}{hint}\nknown: {', '.join(BY_ID)}")
         aircraft = BY_ID[name].extend(aircraft, value)
     return aircraft
 
 
-NEEDS_MEMORY: Final = ("aero.unsteady_lift", "aero.downwash_lag", "gust.tail_penetration")
-
-
 def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held: bool) -> tuple[Term, ...]:
-    """What can be named from these signals: `held` tells that the velocity repeats its values."""
+    """The candidates of a search with these signals: `held` where the velocity repeats its values."""
     there = set(present)
-    out = []
-    for term in EFFECTS:
-        if any(n not in there for n in term.needs) or (term.gust_only and not gusty):
-            continue
-        if term.id == "velocity.delay" and held:
-            continue  # shifting a staircase always finds a few milliseconds
-        if term.id == "gust.lead" and aircraft.boom is None:
-            continue  # a share of a distance that is not known
-        if term.id in ("alpha_vane.upwash_memory",) and aircraft.unsteady.upwash_motion is None:
-            continue
-        if term.id in NEEDS_MEMORY and not aircraft.unsteady.memory:
-            continue
-        if term.id in ("aero.CL_q", "aero.CL_de") and aircraft.value(term.id.removeprefix("aero.")):
-            continue  # allowed for with the profile's own uncertainty
-        out.append(term)
-    return tuple(out)
+    return tuple(
+        t
+        for t in BY_ID.values()
+        if t.searched
+        and there.issuperset(t.needs)
+        and (gusty or not t.gust_only)
+        and (t.where_held or not held)
+        and t.applies(aircraft)
+    )

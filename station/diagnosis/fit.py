@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import BY_ID, Nuisance, Term, extended, nuisance_priors
+from station.diagnosis.effects import BY_ID, Term, extended
+from station.diagnosis.nuisances import Nuisance, moved_by, nuisance_priors
 from station.diagnosis.reference import Reference
 from station.diagnosis.residuals import Spectra
 from station.profile import Aircraft
@@ -93,15 +94,6 @@ def gust_variance(y: Array, share: Array, counts: Array, start: float) -> float:
 def price(ids: Iterable[str]) -> float:
     """Of naming effects, besides what their values are worth."""
     return sum(BY_ID[i].price for i in ids)
-
-
-def moved_by(aircraft: Aircraft, nuisances: Sequence[Nuisance], moved: Array) -> Aircraft:
-    """The aircraft with what is allowed for moved, in standard deviations; what comes after that in `moved` is not of
-    the aircraft."""
-    for nuisance, x in zip(nuisances, moved, strict=False):
-        if x:
-            aircraft = nuisance.extend(aircraft, nuisance.sd * float(x))
-    return aircraft
 
 
 class Problem:
@@ -264,14 +256,14 @@ class Problem:
         """
         own = [BY_ID[i] for i in fit.values]
         here = self.at(fit.values)
-        slopes = self._slopes(own, fit.values, here)
+        slopes = self.slopes(own, fit.values, here)
         noisy = Problem([r.with_more_noise() for r in self.references], self.aircraft, self.nuisances, self._about)
         there = noisy.at(fit.values)
         e, size = len(own), len(slopes[0])
         x = np.concatenate([np.zeros(e), fit.moved])
         normal = np.diag(np.concatenate([np.zeros(e), np.ones(size - e)]))
         noise, drawn = np.zeros((size, size)), np.zeros(size)
-        for k, more in enumerate(noisy._slopes(own, fit.values, there)):
+        for k, more in enumerate(noisy.slopes(own, fit.values, there)):
             weight = self.counts[k] / (1 + fit.gust[k] ** 2 * self.shares[k])
             slope_noise = more - slopes[k][:, None, :]
             left_noise = there[k] - here[k] + np.einsum("p,pdn->dn", x, slope_noise)
@@ -284,7 +276,7 @@ class Problem:
         sds = {t.id: math.sqrt(max(covariance[j, j], 0.0)) for j, t in enumerate(own)}
         return Fit(values, sds, fit.moved + step[e:], fit.gust, fit.cost)
 
-    def _slopes(self, own: Sequence[Term], values: Mapping[str, float], here: list[Array]) -> list[Array]:
+    def slopes(self, own: Sequence[Term], values: Mapping[str, float], here: list[Array]) -> list[Array]:
         """Columns of effects and of what is allowed for, at a candidate; (p, ..., N) by manoeuvre."""
         columns = [self.effect_columns(t, values, here) for t in own]
         nuisances = self.nuisance_columns(values, here)

@@ -6,13 +6,14 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import windows
 from scipy.special import betainc
 
+from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.fit import (
     INDEPENDENT,
@@ -75,19 +76,6 @@ class RemainingResidual:
     @property
     def present(self) -> bool:
         return self.log_p < self.log_p_limit or self.coherent
-
-
-@dataclass(frozen=True, slots=True)
-class Gain:
-    """Held-out error in noise standard deviations without and with the effects, and its reduction with a 95 % interval
-    (shares)."""
-
-    before: float
-    after: float
-    reduction: float
-    low: float
-    high: float
-    by_record: tuple[tuple[str, float, float], ...]
 
 
 def remaining_residual(problem: Problem, found: Found) -> RemainingResidual:
@@ -157,18 +145,13 @@ def _coherence(problem: Problem, fit: Fit, left: Sequence[Spectra]) -> tuple[flo
     """
     y = [whitened(r, z) for r, z in zip(problem.references, left, strict=True)]
     here = problem.at(fit.values)
-    own = [problem.effect_columns(BY_ID[i], fit.values, here) for i in fit.values]
-    nuisances = problem.nuisance_columns(fit.values, here)
     weights = [
         independent_values(r) / (1 + g**2 * turbulent_share(r))
         for r, g in zip(problem.references, fit.gust, strict=True)
     ]
-    base = [
-        np.concatenate([np.array([c[k] for c in own]).reshape(len(own), a.shape[1]), a])
-        for k, a in enumerate(nuisances)
-    ]
+    base = problem.slopes([BY_ID[i] for i in fit.values], fit.values, here)
     size = len(base[0])
-    inner = np.diag(np.concatenate([np.zeros(len(own)), np.ones(size - len(own))]))
+    inner = np.diag(np.concatenate([np.zeros(len(fit.values)), np.ones(size - len(fit.values))]))
     right = np.zeros(size)
     for b, w, data in zip(base, weights, y, strict=True):
         inner += (b * w) @ b.T
@@ -294,3 +277,27 @@ def channel_error(reference: Reference, aircraft: Aircraft) -> dict[str, float]:
     for row, j in enumerate(reference.setting.judged):
         out[SERIES[j]] = math.sqrt(float((np.abs(z.bins[row]) ** 2 / calm[:, row, row].real).mean()))
     return out
+
+
+class SeriesError(NamedTuple):
+    """One series of the fitted records: rms over its own noise before and after, and whether what is left is noise."""
+
+    name: str
+    before: float
+    after: float
+    white: bool
+
+
+def series_errors(
+    problem: Problem, remaining: RemainingResidual, before: Aircraft, after: Aircraft
+) -> list[SeriesError]:
+    """The errors of each series judged, over all records."""
+
+    def rms(name: str, aircraft: Aircraft) -> float:
+        errors = [channel_error(r, aircraft).get(name, math.nan) for r in problem.references]
+        return math.sqrt(float(np.nanmean(np.square(errors))))
+
+    return [
+        SeriesError(name, rms(name, before), rms(name, after), log_p > remaining.log_p_limit)
+        for name, log_p in remaining.by_series
+    ]

@@ -1,6 +1,6 @@
 """Diagnosis without aerodynamics: what the instruments of a record say of each other, and what cannot be judged.
 
-For aircraft that nobody has described, and records without an elevator. The vane's zero, scale and delay come from
+For aircraft that nobody has described, and records without an elevator. The vane's bias, scale and delay come from
 vane_calibration, biases from the reconstruction of compatibility; an effect is named where its estimate is ACCEPTED
 standard deviations from what changes nothing. Gusts that hide the vane are said, and the vane is then not judged.
 """
@@ -8,22 +8,18 @@ standard deviations from what changes nothing. Gusts that hide the vane are said
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import G0
 from station.diagnosis.checks import Checked, merged
-from station.diagnosis.diagnosis_report import FILE_NAME, effects_table
+from station.diagnosis.diagnosis_result import Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, extended
-from station.diagnosis.measured_record import Seen, held_samples, why_not_flown
+from station.diagnosis.measured_record import held_samples, why_not_flown
 from station.estimation.flight_record import FlightRecord
-from station.identification.html_page import text, write_page
-from station.identification.instrument_pages import kinematic_pages
 from station.identification.kinematics import Kinematics, kinematics
 from station.identification.preparation import corrected, flight_record
 from station.model.compatibility import Compatibility
@@ -39,12 +35,6 @@ ACCEPTED: Final = 4.0
 """Standard deviations of an estimate from nothing: the evidence that diagnosis asks of a first effect."""
 BLOCK_S: Final = 5.0
 RESAMPLES: Final = 400
-FIRM: Final = {"alpha_vane.bias": math.radians(0.2), "alpha_vane.scale": 0.02, "alpha_vane.delay": 0.01,
-               "q.bias": math.radians(0.1),"accelerometer.bias": 0.01 * G0,
-               "dynamic_pressure.scale": 0.02}  # fmt: skip
-"""Below that a deviation is of no consequence, SI."""
-BIASES: Final = {"q_bias": "q.bias", "az_bias": "accelerometer.bias", "airspeed_scale": "dynamic_pressure.scale"}
-"""Parameters of the reconstruction, and the effects that they are."""
 HELD: Final = ("alpha_vane", "theta", "v_down")
 """Signals that are asked whether they repeat their values."""
 AERODYNAMIC: Final = "derivatives, mass, inertia, CG, elevator and the gust's way to wing and tail"
@@ -57,7 +47,7 @@ class Judged:
     name: str
     record: FlightRecord
     made: Kinematics
-    seen: tuple[Seen, ...]
+    seen: tuple[Effect, ...]
     remarks: tuple[str, ...]
 
 
@@ -75,117 +65,123 @@ def judge(name: str, flown: Checked, aircraft: Aircraft, span: tuple[float, floa
     return Judged(name, record, made, flown.seen, flown.remarks)
 
 
-def diagnose_kinematics(
-    fitted: Sequence[Judged], held_out: Sequence[Judged], aircraft: Aircraft
-) -> tuple[dict[str, Any], Aircraft]:
-    """station.diagnose/1 of the kinematic part, with what was judged and what was not; and the extended profile."""
-    effects, judged, not_judged = _effects(fitted, aircraft)
-    seen = _seen(fitted)
-    named = [*map(_seen_json, seen), *effects]
-    verdict = "no_effect"
-    if named:
-        verdict = "confounded" if any(e["confounded_with"] for e in named) else "effect_found"
-    calm = [j for j in fitted if isinstance(j.made.vane, VaneCalibration) and j.made.vane.is_calm]
-    residuals = {}
-    if calm:
-        before = [j.made.vane.rms_before for j in calm if isinstance(j.made.vane, VaneCalibration)]
-        after = [j.made.vane.rms_after for j in calm if isinstance(j.made.vane, VaneCalibration)]
-        residuals["alpha_vane"] = {"rms_before": _rms(before), "rms_after": _rms(after), "white": False}
-    values = {e["id"]: e["value"] for e in effects}
-    remarks = [f"kinematic part only: judged {', '.join(judged) or 'nothing'}"]
-    remarks += [f"not judged: {what}: {why}" for what, why in not_judged.items()]
-    remarks += dict.fromkeys(words for j in (*fitted, *held_out) for words in j.remarks)
-    result = {
-        "schema": "station.diagnose/1",
-        "aircraft": aircraft.name,
-        "fitted_on": [j.name for j in fitted],
-        "held_out": [j.name for j in held_out],
-        "verdict": verdict,
-        "effects": named,
-        "gain": _gain(values, held_out),
-        "unexplained": {"present": False, "signals": [], "band_hz": []},
-        "residuals": residuals,
-        "judged": judged,
-        "not_judged": not_judged,
-        "remarks": remarks,
-    }
-    return result, extended(aircraft, values)
+@dataclass(frozen=True, slots=True)
+class KinematicDiagnosis:
+    """What instruments say of each other, what was judged and what was not."""
+
+    aircraft: Aircraft
+    effects: tuple[Effect, ...]
+    seen: tuple[Effect, ...]
+    gain: Gain | None
+    fitted: tuple[Judged, ...]
+    held_out: tuple[Judged, ...]
+    judged: tuple[str, ...]
+    """Effects that the records tell, whether they are there or not."""
+    not_judged: Mapping[str, str]
+    """What they do not tell, and why."""
+    extended: Aircraft
+
+    @property
+    def named(self) -> tuple[Effect, ...]:
+        return (*self.seen, *self.effects)
+
+    @property
+    def verdict(self) -> Verdict:
+        return verdict_of(self.named)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        said = [f"kinematic part only: judged {', '.join(self.judged) or 'nothing'}"]
+        said += [f"not judged: {what}: {why}" for what, why in self.not_judged.items()]
+        return (*said, *dict.fromkeys(words for j in (*self.fitted, *self.held_out) for words in j.remarks))
+
+    @property
+    def missed(self) -> Mapping[str, float]:
+        return {}
+
+    @property
+    def unexplained(self) -> None:
+        return None
+
+    @property
+    def vane_rms(self) -> tuple[float, float]:
+        """Of the vane against the motion in calm records, rad, before and after its calibration; NaN without any."""
+        parts = [j.made.vane for j in self.fitted]
+        calm = [v for v in parts if isinstance(v, VaneCalibration) and v.is_calm]
+        if not calm:
+            return math.nan, math.nan
+        before, after = np.sqrt(np.mean([(v.rms_before**2, v.rms_after**2) for v in calm], axis=0))
+        return float(before), float(after)
 
 
-def _effects(fitted: Sequence[Judged], aircraft: Aircraft) -> tuple[list[dict[str, Any]], list[str], dict[str, str]]:
-    """Effects, what was judged, and what was not with its reason."""
+def diagnose_kinematics(fitted: Sequence[Judged], held_out: Sequence[Judged], aircraft: Aircraft) -> KinematicDiagnosis:
+    """The kinematic part: an effect is named where its estimate is ACCEPTED standard deviations from its null."""
+    estimates, reasons = _estimates(fitted, aircraft)
+    pooled = {name: _pooled(found) for name, found in estimates.items()}
+    if any(_is_beyond(name, *found) for name, found in pooled.items() if BY_ID[name].of_vane):
+        # The reconstruction has no delay of the vane: what that leaves there would be taken for airspeed.
+        for name in [n for n in pooled if (k := BY_ID[n].kinematic) and k.sound_vane]:
+            del pooled[name]
+            reasons[name] = "the vane has an error: correct that first"
+    effects = []
+    for name, (value, sd) in pooled.items():
+        term = BY_ID[name]
+        if term.kinematic is not None and _is_beyond(name, value, sd):
+            signature = f"{term.target} against the other instruments"
+            effects.append(
+                Effect(term, value, sd, (value / sd) ** 2, term.kinematic.confounded_with(aircraft), signature)
+            )
+    not_judged = {name: reason for name, reason in reasons.items() if name not in pooled}
+    not_judged[AERODYNAMIC] = why_not_flown(aircraft) or "the record has no elevator"
+    values = {e.term.id: e.value for e in effects}
+    return KinematicDiagnosis(
+        aircraft=aircraft,
+        effects=tuple(sorted(effects, key=by_reduction)),
+        seen=_seen(fitted),
+        gain=_gain(values, held_out),
+        fitted=tuple(fitted),
+        held_out=tuple(held_out),
+        judged=tuple(sorted(pooled)),
+        not_judged=not_judged,
+        extended=extended(aircraft, values),
+    )
+
+
+def _estimates(
+    fitted: Sequence[Judged], aircraft: Aircraft
+) -> tuple[dict[str, list[tuple[float, float]]], dict[str, str]]:
+    """By effect, its value and standard deviation in each record that tells it; and why others do not."""
     estimates: dict[str, list[tuple[float, float]]] = {}
     reasons: dict[str, str] = {}
     for j in fitted:
-        for name, p in _estimates(j, aircraft).items():
-            if p.status is Status.ESTIMATED:
-                estimates.setdefault(name, []).append((p.value, p.sd))
-            else:
-                reasons.setdefault(name, p.why)
-        for what, part in (("the vane's zero, scale and delay", j.made.vane), ("biases", j.made.compatibility)):
+        parameters = {p.name: p for p in _parameters(j, aircraft)}
+        for term in BY_ID.values():
+            p = parameters.get(term.kinematic.parameter) if term.kinematic is not None else None
+            if p is not None and p.status is Status.ESTIMATED:
+                estimates.setdefault(term.id, []).append((p.value, p.sd))
+            elif p is not None:
+                reasons.setdefault(term.id, p.why)
+        for what, part in (("the vane's bias, scale and delay", j.made.vane), ("biases", j.made.compatibility)):
             if isinstance(part, str):
                 reasons.setdefault(what, part)
-    vane = [n for n in estimates if n.startswith("alpha_vane") and _is_beyond(n, *_pooled(estimates[n]))]
-    if vane and "dynamic_pressure.scale" in estimates:
-        # The reconstruction has no delay of the vane: what that leaves there would be taken for airspeed.
-        del estimates["dynamic_pressure.scale"]
-        reasons["dynamic_pressure.scale"] = "the vane is off: mend it first"
-    effects: list[dict[str, Any]] = []
-    for name, found in estimates.items():
-        value, sd = _pooled(found)
-        if not _is_beyond(name, value, sd):
-            continue
-        term = BY_ID[name]
-        alternatives: list[str] = []
-        if name == "alpha_vane.delay" and aircraft.boom is None:
-            alternatives = ["alpha_vane.position"]
-        if name == "accelerometer.bias":
-            alternatives = ["theta.bias"]
-        effects.append(
-            {
-                "id": name,
-                "sentence": term.words(value),
-                "value": value,
-                "unit": term.unit,
-                "ci95": [value - 1.96 * sd, value + 1.96 * sd],
-                "evidence": {
-                    "p_value": math.erfc(abs(value) / sd / math.sqrt(2)),
-                    "signature": f"{term.target} against the other instruments",
-                    "drop": (value / sd) ** 2,
-                },
-                "confounded_with": alternatives,
-                "separate_by": term.separate_by if alternatives else "",
-                "suspect": False,
-            }
-        )
-    effects.sort(key=lambda e: -e["evidence"]["drop"])
-    why = why_not_flown(aircraft) or "the record has no elevator"
-    not_judged = {name: reason for name, reason in reasons.items() if name not in estimates}
-    return effects, sorted(estimates), {**not_judged, AERODYNAMIC: why}
+    return estimates, reasons
 
 
-def _estimates(j: Judged, aircraft: Aircraft) -> dict[str, ParamEstimate]:
-    """By effect: how far from the profile, and whether the record tells it."""
-    out = {}
-    part = j.made.vane
-    if isinstance(part, VaneCalibration):
-        zero, scale, lag = _stated(aircraft)
-        status = Status.ESTIMATED if part.is_calm else Status.UNESTIMATED
-        why = "" if part.is_calm else f"gusts: the motion explains {max(part.r2, 0.0):.0%} of the reading"
-        for name, value, sd in (
-            ("alpha_vane.bias", part.bias.value - zero, part.bias.sd),
-            ("alpha_vane.scale", part.scale.value / scale - 1, part.scale.sd / scale),
-            ("alpha_vane.delay", part.delay.value - lag, part.delay.sd),
-        ):
-            out[name] = ParamEstimate(name, value, sd, status, why)
-    if isinstance(j.made.compatibility, Compatibility):
-        for p in j.made.compatibility.parameters:
-            effect = BIASES.get(p.name)
-            if effect == "dynamic_pressure.scale":
-                out[effect] = ParamEstimate(effect, p.value**2 - 1, 2 * p.value * p.sd, p.status, p.why)
-            elif effect is not None:
-                out[effect] = ParamEstimate(effect, p.value, p.sd, p.status, p.why)
-    return out
+def _parameters(j: Judged, aircraft: Aircraft) -> Iterator[ParamEstimate]:
+    """What a record tells of its instruments, as the difference from the profile; named as in effects.Kinematic."""
+    vane, reconstruction = j.made.vane, j.made.compatibility
+    if isinstance(vane, VaneCalibration):
+        bias, scale, lag = _stated(aircraft)
+        status = Status.ESTIMATED if vane.is_calm else Status.UNESTIMATED
+        why = "" if vane.is_calm else f"gusts: the motion explains {max(vane.r2, 0.0):.0%} of the reading"
+        yield ParamEstimate("vane bias", vane.bias.value - bias, vane.bias.sd, status, why)
+        yield ParamEstimate("vane scale", vane.scale.value / scale - 1, vane.scale.sd / scale, status, why)
+        yield ParamEstimate("vane delay", vane.delay.value - lag, vane.delay.sd, status, why)
+    if isinstance(reconstruction, Compatibility):
+        for p in reconstruction.parameters:
+            if p.name == "airspeed_scale":  # of the dynamic pressure, which goes with its square
+                p = ParamEstimate(p.name, p.value**2 - 1, 2 * p.value * p.sd, p.status, p.why)
+            yield p
 
 
 def _stated(aircraft: Aircraft) -> tuple[float, float, float]:
@@ -197,7 +193,8 @@ def _stated(aircraft: Aircraft) -> tuple[float, float, float]:
 
 
 def _is_beyond(name: str, value: float, sd: float) -> bool:
-    return abs(value) >= max(ACCEPTED * sd, FIRM[name])
+    kinematic = BY_ID[name].kinematic
+    return kinematic is not None and abs(value) >= max(ACCEPTED * sd, kinematic.least)
 
 
 def _pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -209,7 +206,7 @@ def _pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return mean, math.sqrt(max(spread, 1.0) / float(weight.sum()))
 
 
-def _seen(fitted: Sequence[Judged]) -> tuple[Seen, ...]:
+def _seen(fitted: Sequence[Judged]) -> tuple[Effect, ...]:
     """Signs, units and repeated values."""
     held: dict[str, list[float]] = {}
     for j in fitted:
@@ -221,17 +218,10 @@ def _seen(fitted: Sequence[Judged]) -> tuple[Seen, ...]:
     return merged([s for j in fitted for s in j.seen], held, 0.0)
 
 
-def _seen_json(s: Seen) -> dict[str, Any]:
-    evidence = {"p_value": 0.0, "signature": s.signature, "drop": None}
-    return {"id": s.id, "sentence": s.sentence, "value": s.value, "unit": s.unit, "ci95": [s.value, s.value],
-            "evidence": evidence, "confounded_with": list(s.alternatives),
-            "separate_by": s.separate_by if s.alternatives else "", "suspect": False}  # fmt: skip
-
-
-def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> dict[str, Any] | None:
+def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> Gain | None:
     """Vane against the inertial flow angle in records not used, before and after its zero, scale and delay."""
-    own = {n: v for n, v in values.items() if n.startswith("alpha_vane.")}
-    squares = []
+    own = {k.parameter: v for n, v in values.items() if (k := BY_ID[n].kinematic) and BY_ID[n].of_vane}
+    squares: list[tuple[float, float, float]] = []
     for j in held_out:
         part = j.made.vane
         if not own or not isinstance(part, VaneCalibration):
@@ -240,8 +230,8 @@ def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> dict[str, 
         reading = j.record.motion["alpha_vane"][j.made.rows]
         t = np.arange(len(reading)) * j.record.dt
         before = (np.interp(t + lag, t, reading) - zero) / scale - part.expected
-        late = np.interp(t + lag + own.get("alpha_vane.delay", 0.0), t, reading)
-        found = (zero + own.get("alpha_vane.bias", 0.0), scale * (1 + own.get("alpha_vane.scale", 0.0)))
+        late = np.interp(t + lag + own.get("vane delay", 0.0), t, reading)
+        found = (zero + own.get("vane bias", 0.0), scale * (1 + own.get("vane scale", 0.0)))
         after = (late - found[0]) / found[1] - part.expected
         width = round(BLOCK_S / j.record.dt)
         squares += [
@@ -254,23 +244,15 @@ def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> dict[str, 
     table = np.array(squares)
 
     def reduction(rows: Array) -> float:
-        return 100 * (1 - math.sqrt(rows[:, 1].sum() / rows[:, 0].sum()))
+        return 1 - math.sqrt(rows[:, 1].sum() / rows[:, 0].sum())
 
     rng = np.random.default_rng(2)
     draws = [reduction(table[rng.integers(0, len(table), len(table))]) for _ in range(RESAMPLES)]
+    low, high = np.quantile(draws, [0.025, 0.975])
     total = table.sum(0)
-    return {
-        "metric": "held-out vane against inertial flow angle, rad rms",
-        "before": math.sqrt(total[0] / total[2]),
-        "after": math.sqrt(total[1] / total[2]),
-        "reduction_percent": reduction(table),
-        "ci95": np.quantile(draws, [0.025, 0.975]).tolist(),
-        "by_record": [],
-    }
-
-
-def _rms(values: Sequence[float]) -> float:
-    return math.sqrt(sum(v * v for v in values) / len(values))
+    before, after = math.sqrt(total[0] / total[2]), math.sqrt(total[1] / total[2])
+    metric = "held-out vane against inertial flow angle, rad rms"
+    return Gain(before, after, reduction(table), float(low), float(high), metric=metric)
 
 
 def series_in_time(fitted: Sequence[Judged]) -> dict[str, dict[str, tuple[Array, Array]]]:
@@ -284,24 +266,3 @@ def series_in_time(fitted: Sequence[Judged]) -> dict[str, dict[str, tuple[Array,
             lines = {"vane": reading, "vane, calibrated": part.corrected, "motion": part.expected}
             plots[f"{j.name}: angle of attack, deg"] = {n: (t, np.degrees(y)) for n, y in lines.items()}
     return plots
-
-
-def write_kinematic_report(result: Mapping[str, Any], fitted: Sequence[Judged], folder: Path) -> Path:
-    """The page: verdict, effects, each record's calibration with its pictures, and what was not judged."""
-    kinematic = {
-        "no_effect": "The instruments agree with each other within noise.",
-        "effect_found": "Instruments disagree with each other.",
-        "confounded": "Instruments disagree with each other; this record does not tell which of two causes it is.",
-    }
-    lines = "".join(f"<li>{text(w)}: {text(y)}</li>" for w, y in result["not_judged"].items())
-    body = [
-        f"<h1>{text(result['aircraft'])}: what the instruments say of each other</h1>",
-        f'<p class="verdict">{kinematic[result["verdict"]]}</p>',
-        "<p>Kinematic part only: without aerodynamic data nothing is simulated.</p>",
-        effects_table(result),
-        f"<h2>Not judged</h2><ul>{lines}</ul>",
-    ]
-    for j in fitted:
-        body.append(f"<h1>{text(j.name)}</h1>")
-        body += kinematic_pages(replace(j.made, delay="it needs the aircraft's lift"), j.record)
-    return write_page(f"Diagnosis: {result['aircraft']}", body, folder / FILE_NAME)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import MIN_SPEED, SEA_LEVEL_DENSITY
+from station.diagnosis.diagnosis_result import Effect
 from station.numerics.atmosphere import air_density, height_at_density, height_at_pressure
 from station.profile import Aircraft
 from station.rows import UsageError
@@ -25,25 +26,15 @@ PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
 BRIDGED_S: Final = 0.25
 HELD_SAMPLES: Final = 3
+"""Median samples between changes from which a signal repeats its values."""
+LEAST_CHANGES: Final = 4
+LEAST_ROWS: Final = 10
+SLOWEST_STEP_S: Final = 0.2
 _EXCITED: Final = math.radians(0.3)
 """Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
 _STRAIGHT: Final = math.radians(4.0)
 _BANKED: Final = math.radians(30.0)
 """Bank from which wings-level flight is no measure."""
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """An effect that needs no fit."""
-
-    id: str
-    sentence: str
-    value: float
-    unit: str
-    signature: str
-    separate_by: str = ""
-    alternatives: tuple[str, ...] = ()
-    """What it may be instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +64,7 @@ class Record:
     """The noise that the rig states, SI."""
     remarks: tuple[str, ...] = ()
     """What was left out of the recording, and mended in it."""
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[Effect, ...] = ()
     """Signs and units of the recording that were mistaken, and have been taken back."""
 
     @property
@@ -109,10 +100,10 @@ def manoeuvres(
     lacking = [s for s in NEEDED if s not in columns or not np.isfinite(columns[s]).any()]
     if lacking:
         raise UsageError(f"{name}: cannot be diagnosed: it has no {', '.join(lacking)}")
-    if len(t_s) < 10:
+    if len(t_s) < LEAST_ROWS:
         raise UsageError(f"{name}: {len(t_s)} rows are too few")
     dt = float(np.median(np.diff(t_s)))
-    if dt > 0.2:
+    if dt > SLOWEST_STEP_S:
         raise UsageError(f"{name}: {1 / dt:.2g} Hz is too slow: 5 Hz are needed")
     first, last = float(t_s[0]), float(t_s[-1])
     if not spans:
@@ -178,13 +169,7 @@ def _piece(
             missing.append(s)
         else:
             signals[s] = values
-    if signals["airspeed"].min() < MIN_SPEED:
-        raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
-    if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
-        raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
-    if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
-        most = math.degrees(float(np.abs(signals["phi"]).max()))
-        raise UsageError(f"{name}: banked to {most:.0f} deg: what is compared with flies wings level")
+    _refuse_unusable(name, signals)
     mass, iyy = _mean(columns, "mass", rows), _mean(columns, "iyy", rows)
     lost = float(1 - usable[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1].mean())
     density, height = _air(columns, rows, signals, aircraft)
@@ -204,10 +189,21 @@ def _piece(
     )  # fmt: skip
 
 
+def _refuse_unusable(name: str, signals: Mapping[str, Array]) -> None:
+    """Raises UsageError for a manoeuvre that is not flown throughout, has no input, or is banked."""
+    if signals["airspeed"].min() < MIN_SPEED:
+        raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
+    if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
+        raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
+    if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
+        most = math.degrees(float(np.abs(signals["phi"]).max()))
+        raise UsageError(f"{name}: banked to {most:.0f} deg: what is compared with flies wings level")
+
+
 def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | None:
     """On the grid by straight lines; None where a gap is longer than BRIDGED_S."""
     good = np.isfinite(column)
-    if good.sum() < 2:
+    if good.sum() <= 1:
         return None
     t, x = times[good], column[good]
     if max(float(np.diff(t).max()), t[0] - grid[0], grid[-1] - t[-1]) > BRIDGED_S + (grid[1] - grid[0]):
@@ -219,7 +215,7 @@ def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | N
 def held_samples(x: Array) -> NDArray[np.int64]:
     """The samples at which a value that is held is new; empty for one that is new more often than each third time."""
     changes = np.flatnonzero(np.diff(x) != 0) + 1
-    if len(changes) < 4 or np.median(np.diff(changes)) < HELD_SAMPLES:
+    if len(changes) < LEAST_CHANGES or np.median(np.diff(changes)) < HELD_SAMPLES:
         return np.empty(0, dtype=np.int64)
     return changes
 

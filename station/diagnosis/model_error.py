@@ -15,21 +15,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import (
-    BY_ID,
-    DERIVATIVES,
-    Nuisance,
-    Term,
-    bias,
-    boom,
-    delay,
-    derivative,
-    extended,
-    nuisance_priors,
-    unsteady,
-)  # fmt: skip
-from station.diagnosis.fit import Fit, Problem, moved_by
+from station.diagnosis.diagnosis_result import Effect, by_reduction
+from station.diagnosis.effects import BY_ID, Term, derivative_effect, extended
+from station.diagnosis.fit import Fit, Problem
 from station.diagnosis.nonlinearity import Nonlinear
+from station.diagnosis.nuisances import BIASES, DERIVATIVES, Nuisance, moved_by, nuisance_priors
+from station.diagnosis.profile_changes import bias, boom, delay, derivative, unsteady
 from station.diagnosis.reference import Reference, Whitener, spread
 from station.diagnosis.residuals import DRAG, LIFT, MOMENT, SERIES, Spectra
 from station.profile import Aircraft
@@ -39,7 +30,7 @@ Complex = NDArray[np.complex128]
 
 WIDENING: Final = 3.0
 """Standard deviations of the derivatives, over those stated."""
-TRIM: Final[Mapping[str, float]] = {"CL_0": 0.2, "Cm_0": 0.1, "CD_0": 0.05}
+TRIM_SD: Final[Mapping[str, float]] = {"CL_0": 0.2, "Cm_0": 0.1, "CD_0": 0.05}
 """Standard deviations of what says where the aircraft trims: next to nothing is known of it."""
 NAMED: Final = 18.0
 """(value / standard deviation)2 from which a part of the model is named as wrong."""
@@ -48,10 +39,6 @@ LEAST_CHANGE: Final = 2.0
 BEYOND: Final = 3.5
 """The same, with the model's structure not in doubt, within the price that they put on it."""
 GYRO: Final = "q bias"
-GYRO_BIAS: Final = Term(
-    "q.bias", "q", 0, "rad/s", "deg/s", -0.2, 0.2, 1e-3, "The gyro's zero is off by {value}.",
-    "the gyro at rest on the ground", bias("q"),
-)  # fmt: skip
 SHARES: Final = (1.0, 0.5, 0.25)
 """Of a step, tried in turn."""
 ROUNDS: Final = 4
@@ -59,15 +46,6 @@ ROUNDS: Final = 4
 WIDTH: Final = 11
 """Frequencies over which what the model misses is taken as smooth."""
 
-LOOSE: Final[Mapping[str, float]] = {
-    "aero.alpha_squared": 15.0, "aero.speed_terms": 0.5, "aero.unsteady_lift": 1.0, "gust.tail_penetration": 0.5,
-    "gust.lead": 0.5,
-    "aero.downwash_lag": 0.05, "aero.CL_q": 15.0, "aero.CL_de": 0.5, "thrust.moment": 0.3,
-}  # fmt: skip
-"""Standard deviations, SI, of the parts that a model may lack, where nothing is known."""
-FROZEN: Final = 0.02
-"""The same of gust.lead where it is known how far ahead the vane is: the field hardly changes on that way, and lift
-acts near the CG."""
 ABSENT: Final[dict[str, float]] = {"Cm_alpha": 1.0, "Cm_q": 15.0, "Cm_de": 1.0, "CL_alpha": 5.0}
 """The same of derivatives that a profile does not have at all."""
 NONLINEAR: Final[dict[str, float]] = {"CL_alpha3": 150.0, "Cm_alpha2": 5.0, "Cm_alpha3": 50.0}
@@ -85,22 +63,6 @@ UNSTATED: Final = (
 )
 """Of a vane that the profile says nothing about: where it is, what the body does to the flow there, how late it is."""
 
-GUST: Final = Term(
-    "gust.vertical", "alpha_vane CL Cm", 0, "m/s", "m/s", 0, 20, 0.1,
-    "The air moves: a vertical gust of {value} (standard deviation), process noise that the profile's model lacks.",
-    "the same manoeuvre in calm air", lambda a, _: a,
-)  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A part of the model that was allowed for, and where the data have moved it."""
-
-    term: Term
-    value: float
-    sd: float
-    reduction: float
-
 
 def incomplete(aircraft: Aircraft) -> bool:
     """Whether the profile says nothing of a vane, or lacks one of the six derivatives."""
@@ -114,16 +76,16 @@ def model_error_priors(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple
     for a in nuisance_priors(aircraft):
         if a.name in DERIVATIVES:
             out.append(replace(a, sd=WIDENING * a.sd))
-            named[a.name] = _derivative_term(a.name, aircraft)
+            named[a.name] = derivative_effect(a.name, aircraft)
         else:
-            out.append(replace(a, sd=TRIM.get(a.name, a.sd)))
+            out.append(replace(a, sd=TRIM_SD.get(a.name, a.sd)))
     for name, sd in (ABSENT | NONLINEAR).items():
         if not aircraft.value(name):
             out.append(Nuisance(name, sd, derivative(name), True))
-            named[name] = _derivative_term(name, aircraft)
+            named[name] = derivative_effect(name, aircraft)
     for term in terms:
-        if term.id in LOOSE:
-            sd = FROZEN if term.id == "gust.lead" and aircraft.boom is not None else LOOSE[term.id]
+        sd = term.free_sd if aircraft.boom is None or term.free_sd_boom is None else term.free_sd_boom
+        if sd:
             out.append(Nuisance(term.id, sd, term.extend))
             named[term.id] = term
     if aircraft.unsteady.memory:
@@ -131,18 +93,6 @@ def model_error_priors(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple
     if aircraft.boom is None:
         out += UNSTATED
     return tuple(out), named
-
-
-def _derivative_term(name: str, aircraft: Aircraft) -> Term:
-    known = f"aero.{name}"
-    stated = aircraft.value(name)
-    if not stated and known in BY_ID:
-        return BY_ID[known]
-    if not stated:
-        return Term(known, name[:2], 0, "1", "1", -math.inf, math.inf, 1.0, f"The model lacks {name} = {{value}}.",
-                    "a multisine in calm air", derivative(name), aerodynamic=True)  # fmt: skip
-    return Term(known, name[:2], 0, "1", "%", -1, 3, 0.05, f"{name} is {{value}} off the profile's.",
-                "a multisine in calm air", derivative(name, relative=True), aerodynamic=True)  # fmt: skip
 
 
 def with_constant_forces(aircraft: Aircraft) -> Aircraft:
@@ -244,7 +194,7 @@ def _on_the_way(
     return start, before
 
 
-def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, ...]:
+def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Effect, ...]:
     """The parts of the model that the data have moved for good, the surest first."""
     out = []
     for nuisance, moved, sd in zip(problem.nuisances, *_posterior(problem, fit), strict=False):
@@ -254,15 +204,15 @@ def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Part, 
         stated = problem.aircraft.derivatives.get(nuisance.name)
         if stated is not None and stated.value and abs(moved) * WIDENING < LEAST_CHANGE:
             continue
-        out.append(Part(term, float(moved * nuisance.sd), float(sd * nuisance.sd), float((moved / sd) ** 2)))
-    return tuple(sorted(out, key=lambda p: -p.reduction))
+        out.append(Effect(term, float(moved * nuisance.sd), float(sd * nuisance.sd), float((moved / sd) ** 2)))
+    return tuple(sorted(out, key=by_reduction))
 
 
-def beyond(problem: Problem, fit: Fit) -> dict[str, Part]:
+def beyond(problem: Problem, fit: Fit) -> dict[str, Effect]:
     """Derivatives, and the gyro's zero, that the data put where they are taken to be impossible, though nothing is left
     over; by allowance."""
     far = {
-        a.name: GYRO_BIAS if a.name == GYRO else _derivative_term(a.name, problem.aircraft)
+        a.name: BY_ID["q.bias"] if a.name == GYRO else derivative_effect(a.name, problem.aircraft)
         for a, x in zip(problem.nuisances, fit.moved, strict=False)
         if a.name in (*DERIVATIVES, GYRO) and abs(x) > BEYOND
     }
@@ -275,7 +225,6 @@ def beyond(problem: Problem, fit: Fit) -> dict[str, Part]:
     return {names[p.term.id]: p for p in parts(freer, own, far)}
 
 
-BIASES: Final = ("theta bias", "az bias", "ax bias", "q bias")
 LEAST_SD: Final = 0.02
 """Least standard deviation of a derivative that was found with the model in doubt, as a share of it."""
 
@@ -288,7 +237,7 @@ def corrected_profile(problem: Problem, fit: Fit) -> Aircraft:
     _, sds = _posterior(problem, fit)
     for a, moved, sd in zip(problem.nuisances, fit.moved, sds, strict=False):
         extended_by = a.extend(out, a.sd * float(moved))
-        if a.name in BIASES or isinstance(extended_by, Nonlinear):
+        if a in BIASES or isinstance(extended_by, Nonlinear):
             continue
         out = extended_by
         known = out.derivatives.get(a.name)
@@ -311,7 +260,7 @@ def _posterior(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     return x[len(own) :], np.sqrt(np.diag(inverse)[len(own) :])
 
 
-def gusts(problem: Problem, fit: Fit) -> Part | None:
+def gusts(problem: Problem, fit: Fit) -> Effect | None:
     """The vertical gust as process noise: its strength, and what is lost without it."""
     here = problem.at(fit.values)
     none = [np.zeros((0, len(y))) for y in here]
@@ -325,4 +274,4 @@ def gusts(problem: Problem, fit: Fit) -> Part | None:
         return None
     scale = problem.shares[k] / (1 + found[k] ** 2 * problem.shares[k])
     information = 0.5 * float((problem.counts[k] * scale**2).sum())
-    return Part(GUST, found[k], 0.5 / found[k] / math.sqrt(information), reduction)
+    return Effect(BY_ID["gust.vertical"], found[k], 0.5 / found[k] / math.sqrt(information), reduction)

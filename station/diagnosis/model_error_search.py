@@ -13,14 +13,15 @@ from typing import Final
 
 import numpy as np
 
-from station.diagnosis.effects import BY_ID, DERIVATIVES, NEEDS_MEMORY, Term
-from station.diagnosis.fit import Fit, Problem, moved_by
+from station.diagnosis.diagnosis_result import Effect
+from station.diagnosis.effects import BY_ID, Term
+from station.diagnosis.fit import Fit, Problem
+from station.diagnosis.memo import Memo
 from station.diagnosis.model_error import (
     ABSENT,
     NONLINEAR,
     Complex,
     Freed,
-    Part,
     freed,
     incomplete,
     model_error_priors,
@@ -28,8 +29,9 @@ from station.diagnosis.model_error import (
     structures,
 )
 from station.diagnosis.nonlinearity import nonlinear_priors
+from station.diagnosis.nuisances import DERIVATIVES, TRIM, moved_by
 from station.diagnosis.reference import CALM_BELOW, TURBULENT, Reference, Whitener, spread, with_noise_through
-from station.diagnosis.residuals import DOWN, DRAG, NORTH, SERIES, THETA, VANE, Memo, Spectra
+from station.diagnosis.residuals import DOWN, DRAG, NORTH, SERIES, THETA, VANE, Spectra
 from station.diagnosis.search import CONFOUNDED, Found, search
 from station.profile import Aircraft
 
@@ -41,28 +43,18 @@ APART: Final = 3.0
 """Standard deviations by which its value there may differ from the one named."""
 LEANS: Final = 0.4
 """Share of its value by which an effect may lean, at most, to make up for the model."""
-LIKE_SLOPE: Final = ("alpha_vane.scale", "boom.flexure")
-"""What acts on a gust as a wrong lift slope does, which is free: these may lean as far as that twice as often."""
 NEXT: Final = 0.3
 """Share of the best chi2 that another effect must have to be a candidate beside it."""
-HIDDEN: Final = ("alpha_vane.delay", "alpha_vane.scale", "alpha_vane.position", "boom.flexure")
-"""What a gust at the vane hides from the other instruments."""
 UNSUPPORTED: Final = 50.0
 """(value / standard deviation)2 asked of an effect at the vane in turbulence that the other instruments neither confirm
 nor deny: the gust hides it from them."""
 ASKED: Final = 25.0
 """Drop of -2 log likelihood asked of a first effect: noise made of what a model misses is not noise."""
 MOST_ROUNDS: Final = 3
-GAINS: Final = (
-    "mass.scale", "inertia.scale", "cg.shift", "aero.icing", "elevator.scale", "dynamic_pressure.scale",
-)  # fmt: skip
-"""Effects that act as wrong derivatives do: no candidates where those are wrong or not known well."""
 WELL_KNOWN: Final = 0.15
 """Standard deviation of a freed derivative, as a share of it, up to which it is known well."""
 ALIKE: Final = 0.2
 """Share of the model's motion that the measured one must be."""
-INSTRUMENTS: Final = ("alpha_vane", "boom", "accelerometer", "q", "imu", "theta", "velocity")
-"""First parts of the ids that instruments can check among themselves."""
 MOST_MISSED: Final = 0.25
 """Share of what was measured of lift or moment that a model may miss and still be a model."""
 
@@ -88,7 +80,7 @@ def kinematic_reference(reference: Reference) -> Reference:
 
 def kinematic_problem(references: Sequence[Reference], aircraft: Aircraft) -> Problem:
     """What the instruments say of each other, without aerodynamics."""
-    aerodynamic = {*DERIVATIVES, *ABSENT, *NONLINEAR, "CL_0", "Cm_0", "CD_0"}
+    aerodynamic = {*DERIVATIVES, *ABSENT, *NONLINEAR, *(t.name for t in TRIM)}
     own = tuple(a for a in model_error_priors(aircraft, ())[0] if a.name not in aerodynamic)
     return Problem([kinematic_reference(r) for r in references], aircraft, own)
 
@@ -123,7 +115,7 @@ def kinematic_estimates(
         right += (a * w) @ data
     out = {}
     for term in terms:
-        if term.id.split(".")[0] not in INSTRUMENTS or term.id in values:
+        if not term.kinematic_check or term.id in values:
             continue
         column, shown = motion.effect_columns(term, {}, at_nothing), problem.effect_columns(term, values, y)
         cross, across = np.zeros(len(inner)), np.zeros(len(inner))
@@ -147,7 +139,7 @@ class WithModelError:
 
     problem: Problem
     found: Found
-    parts: tuple[Part, ...]
+    parts: tuple[Effect, ...]
     """What of the model is wrong or lacking."""
     shares: Mapping[str, float]
     """What the model misses of lift, moment and drag, as a share of what was measured (root mean square)."""
@@ -174,12 +166,12 @@ def with_model_error(
     tried = [_freed_structure(references, a, terms, gust) for a in structures(aircraft)]
     references, named, model = min(tried, key=lambda t: t[2].cost)
     problem, aircraft, nuisances = model.problem, model.problem.aircraft, model.problem.nuisances
-    terms = [t for t in terms if _applies(t, aircraft)]
+    terms = [t for t in terms if t.applies(aircraft)]
     wrong = parts(problem, problem.null(), named)
     unsure = incomplete(aircraft) or any(a.sd > WELL_KNOWN for a in nuisances if a.name in DERIVATIVES)
-    gains = GAINS if unsure or any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong) else ()
+    unsure = unsure or any(p.term.id.removeprefix("aero.") in DERIVATIVES for p in wrong)
     gusty = any(r.setting.gusty for r in references)
-    others = [t for t in terms if t.id not in named and t.id not in gains and t.id not in kinematic]
+    others = [t for t in terms if t.id not in named and t.id not in kinematic and not (unsure and t.like_derivatives)]
     own = [t for t in terms if _candidate(t, aircraft, kinematic, gusty)]
     found = search(problem, [*others, *own], progress, ASKED)
     for _ in range(MOST_ROUNDS):
@@ -208,17 +200,12 @@ def with_model_error(
     return WithModelError(problem, found, wrong, model.shares, kinematic_chi2)
 
 
-def of_vane(name: str) -> bool:
-    """Whether an effect is one of what the alpha vane shows."""
-    return name.startswith(("alpha_vane.", "boom."))
-
-
 def _kinematic_estimate(
     references: Sequence[Reference], problem: Problem, gust: Sequence[float], values: Mapping[str, float], name: str
 ) -> tuple[float, float]:
     """What the instruments among themselves say of an effect with the other `values` there, those as large as it
     takes."""
-    others = {n: v for n, v in values.items() if n != name and n.split(".")[0] in INSTRUMENTS}
+    others = {n: v for n, v in values.items() if n != name and BY_ID[n].kinematic_check}
     return kinematic_estimates(references, problem, gust, [BY_ID[name]], others).get(name, (0.0, math.inf))
 
 
@@ -226,8 +213,8 @@ def _redundant(references: Sequence[Reference], problem: Problem, gust: Sequence
     """Of several effects at the vane that one which the instruments among themselves can do without beside the others,
     and which explains least alone: what the model misses is also shaped like a little of each."""
     values = found.accepted.values
-    vane = [n for n in values if of_vane(n)]
-    if len(vane) < 2:
+    vane = [n for n in values if BY_ID[n].of_vane]
+    if len(vane) <= 1:
         return []
     kinematic = {n: _kinematic_estimate(references, problem, gust, values, n) for n in vane}
     costs = {f.ids[0]: f.cost for f in found.singles}
@@ -242,13 +229,13 @@ def _with_kinematic_values(
     is that may lean to make up for the model."""
     values, sds = dict(accepted.values), dict(accepted.sds)
     for name in accepted.values:
-        if name.split(".")[0] not in INSTRUMENTS:
+        if not BY_ID[name].kinematic_check:
             continue
         value, sd = _kinematic_estimate(references, without, gust, accepted.values, name)
         if (value / sd) ** 2 >= KINEMATIC_CHI2:
             values[name], sds[name] = value, sd
         else:
-            leans = LEANS if name in LIKE_SLOPE else 0.5 * LEANS
+            leans = LEANS if BY_ID[name].like_lift_slope else 0.5 * LEANS
             sds[name] = math.hypot(sds[name], leans * abs(values[name]))
     if not values:
         return accepted
@@ -261,17 +248,13 @@ def _freed_structure(
 ) -> tuple[list[Reference], dict[str, Term], Freed]:
     """Manoeuvres with one structure of the model free, their noise as it passes through that, and the terms by
     allowance."""
-    nuisances, named = model_error_priors(aircraft, [t for t in terms if _applies(t, aircraft)])
+    nuisances, named = model_error_priors(aircraft, [t for t in terms if t.applies(aircraft)])
     angles = [r.flow_angle(aircraft) for r in references]
     nuisances += nonlinear_priors(aircraft, angles, [r.record.signals["elevator"] for r in references])
     first = freed(references, aircraft, nuisances, gust, {})
     moved = moved_by(aircraft, nuisances, first.moved)
     heard = [with_noise_through(r, moved) for r in references]
     return heard, named, freed(heard, aircraft, nuisances, gust, {}, first.moved)
-
-
-def _applies(term: Term, aircraft: Aircraft) -> bool:
-    return aircraft.unsteady.memory or term.id not in NEEDS_MEMORY
 
 
 def _kinematic_alternatives(
@@ -309,10 +292,10 @@ def _candidate(term: Term, aircraft: Aircraft, kinematic: Mapping[str, tuple[flo
     """Whether the instruments say so of an effect, and of no other much more."""
     if term.id not in kinematic:
         return False
-    if term.id.split(".")[0] in ("alpha_vane", "boom"):
+    if term.of_vane:
         if aircraft.boom is None:
             return False  # nothing was said that could be wrong
-        if gusty and term.id in HIDDEN:
+        if gusty and term.hidden_by_gusts:
             return True
     strength = {n: (v / sd) ** 2 for n, (v, sd) in kinematic.items()}
     return strength[term.id] >= max(KINEMATIC_CHI2, NEXT * max(strength.values()))

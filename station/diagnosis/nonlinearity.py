@@ -16,7 +16,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import Nuisance
+from station.diagnosis.nuisances import Nuisance
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def nonlinear_priors(aircraft: Aircraft, alpha: Sequence[Array], elevator: Seque
         slope = abs(aircraft.value(_SLOPE_OF[curve])) or UNKNOWN_SLOPE[curve]
         for k, shape in enumerate(_shapes(knots, visits, SLOPE_WALK[curve] * slope, power)):
             change = partial(_moved, curve=curve, knots=tuple(map(float, knots)), shape=shape)
-            out.append(Nuisance(f"{curve} bend {k}", 1.0, change))
+            out.append(Nuisance(f"{curve} curve {k}", 1.0, change))
     for name, sd in BESIDE.items():
         out.append(Nuisance(name.replace("_", " "), sd, partial(_added, field=name)))
     return tuple(out)

@@ -4,60 +4,42 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Final, Literal, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
 from station.diagnosis import judge
 from station.diagnosis.checks import first_seen
 from station.diagnosis.corrections import instrument_of
-from station.diagnosis.effects import BY_ID, DERIVATIVES, Term, extended, judged_effects
-from station.diagnosis.fit import Fit, Problem, moved_by
-from station.diagnosis.judge import SD_FACTOR, Gain, RemainingResidual
-from station.diagnosis.measured_record import Record, Seen, describe_missing
+from station.diagnosis.diagnosis_result import Effect, Gain, Verdict, by_reduction, verdict_of
+from station.diagnosis.effects import BY_ID, Term, extended, judged_effects
+from station.diagnosis.fit import Fit, Problem
+from station.diagnosis.judge import SD_FACTOR, RemainingResidual
+from station.diagnosis.measured_record import Record, describe_missing
 from station.diagnosis.model_error import beyond, corrected_profile, gusts, incomplete
-from station.diagnosis.model_error_search import WithModelError, of_vane, with_model_error
+from station.diagnosis.model_error_search import WithModelError, with_model_error
+from station.diagnosis.nuisances import DERIVATIVES, moved_by
 from station.diagnosis.reference import Reference, bare, reference, with_noise_through
-from station.diagnosis.search import CONFOUNDED, FURTHER, FURTHER_SHARE, Found, search
+from station.diagnosis.search import CONFOUNDED, FIRST, FURTHER, FURTHER_SHARE, Found, search
 from station.profile import Aircraft, Instrument
 from station.rows import UsageError
 
 MOVED: Final = 1.0
 """Standard deviations of a derivative from which the noise is taken through the model as it then is."""
 LARGE: Final = 300.0
-"""Drop from which the accepted effects are simulated and refitted."""
-BACKLASH_UNSURE: Final = 0.5
-"""Of the elevator's noise: what goes through a play with the motion widens it, however long the record (0.8 found)."""
+"""Deviance reduction from which the accepted effects are simulated and refitted."""
 NOTABLE_GUST: Final = 0.3
 FAR_OFF: Final = 0.5
 """Share by which a derivative differs from the profile's as no handbook does."""
 MOST_FAR_OFF: Final = 2
 AS_MUCH: Final = 0.5
-"""Share of the drop of an effect that another must explain to be as likely, with the model in doubt."""
-UNWITNESSED: Final = {"accelerometer.scale": ("dynamic_pressure.scale", "mass.scale", "aero.CL_alpha")}
-"""What the same lift, and the same vane against the integrated acceleration over the airspeed, would come from where no
-vertical velocity is measured and the model is in doubt."""
+"""Share of the deviance reduction of an effect that another must reach to be as likely, with the model in error."""
+ALIKE: Final = 0.4
+"""Half of a value's 95 % interval over another value, up to which it is just that value."""
 T = TypeVar("T")
-Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
-
-
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """One accepted effect."""
-
-    term: Term
-    value: float
-    sd: float
-    reduction: float
-    """Of -2 log likelihood, against the same without it."""
-    alternatives: tuple[str, ...]
-
-    @property
-    def ci95(self) -> tuple[float, float]:
-        return self.value - 1.96 * self.sd, self.value + 1.96 * self.sd
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +49,7 @@ class Diagnosis:
     aircraft: Aircraft
     verdict: Verdict
     effects: tuple[Effect, ...]
+    """Those fitted, the strongest evidence first."""
     gain: Gain | None
     remaining: RemainingResidual
     found: Found
@@ -76,16 +59,45 @@ class Diagnosis:
     extended: Aircraft
     """The profile with the accepted effects in it."""
     before: Aircraft
-    """The profile with what is allowed for moved, nothing named."""
+    """The profile with its nuisances as fitted, nothing named."""
     after: Aircraft
     """The same with what was found."""
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[Effect, ...] = ()
     """Effects that needed no fit."""
     with_error: WithModelError | None = None
-    """Where the model is in doubt: what was allowed for, and what of it is wrong. The effects are those that stand
-    then, the model's own first among them."""
+    """Where the model is in error: what was freed, and what of it is wrong. The effects are those that stand then, the
+    model's own among them."""
     strict: tuple[Effect, ...] = ()
-    """What would have been named with the model taken for right."""
+    """What would have been named with the model taken as exact."""
+
+    @property
+    def named(self) -> tuple[Effect, ...]:
+        return (*self.seen, *self.effects)
+
+    @property
+    def not_judged(self) -> Mapping[str, str]:
+        return {}
+
+    @property
+    def missed(self) -> Mapping[str, float]:
+        """What the model misses of lift, moment and drag though its parameters are free, as a share of each."""
+        return self.with_error.shares if self.with_error is not None else {}
+
+    @property
+    def unexplained(self) -> tuple[tuple[str, ...], tuple[float, float]] | None:
+        """Signals and band (Hz) of what no effect explains."""
+        return (self.remaining.signals, self.remaining.band_hz) if self.remaining.present else None
+
+
+class _Outcome(NamedTuple):
+    """One search: what it found, what remains, and the aircraft before and with it."""
+
+    problem: Problem
+    found: Found
+    remaining: RemainingResidual
+    effects: tuple[Effect, ...]
+    before: Aircraft
+    extended: Aircraft
 
 
 def diagnose(
@@ -115,71 +127,97 @@ def diagnosis_of(
     held_out: Sequence[Reference],
     aircraft: Aircraft,
     progress: Callable[[str], None] = lambda _: None,
-    seen: Sequence[Seen] = (),
+    seen: Sequence[Effect] = (),
 ) -> Diagnosis:
     """A diagnosis from manoeuvres that have been flown in the simulation already."""
-    base = problem = Problem(references, aircraft)
+    base = Problem(references, aircraft)
     present = set.intersection(*(set(r.record.signals) for r in references))
     gusty = any(r.setting.gusty for r in references)
     held = any(len(r.record.held) for r in references)
     terms = judged_effects(aircraft, present, gusty, held)
-    strict: tuple[Effect, ...] = ()
-    if not incomplete(aircraft):
-        problem = _with_noise_through_model(problem)
-        found = search(problem, terms, progress)
-        progress("what is left")
-        remaining = judge.remaining_residual(problem, found)
-        if found.accepted.values and (remaining.present or found.reduction > LARGE):
-            progress("simulating with the effects")
-            problem, found = _second_look(problem, found)
-            remaining = judge.remaining_residual(problem, found)
-        if found.accepted.values and not remaining.present:
-            found = replace(found, accepted=significant(problem, found.accepted))
-        far = beyond(problem, found.accepted)
-        more = (Effect(p.term, p.value, SD_FACTOR * p.sd, p.reduction, ()) for p in far.values())
-        effects = tuple(sorted((*_effects(found, problem), *more), key=lambda e: -e.reduction))
-        # What the data say of these is what is gained.
-        nuisances = [
-            0.0 if a.name in far else float(x) for a, x in zip(problem.nuisances, found.null.moved, strict=False)
-        ]
-        before = moved_by(problem.aircraft, problem.nuisances, np.array(nuisances))
-        better = extended(aircraft, found.accepted.values)
-        for part in far.values():
-            better = part.term.extend(better, part.value)
-    with_error = None
-    if incomplete(aircraft) or remaining.present:
-        strict = () if incomplete(aircraft) else effects
+    exact = None if incomplete(aircraft) else _with_exact_model(base, terms, progress)
+    if exact is None or exact.remaining.present:
         with_error = with_model_error(references, aircraft, terms, progress)
-        problem, found = with_error.problem, with_error.found
-        if incomplete(aircraft):
-            remaining = judge.remaining_residual(problem, found)
-        effects = _effects_with_error(with_error, aircraft)
-        before, better = base.complete(base.null()), corrected_profile(problem, found.accepted)
-    after = problem.complete(found.accepted)
-    measured = judge.gain(before, after, held_out) if effects else None
-    verdict: Verdict = "no_effect"
-    if remaining.present or (with_error is not None and with_error.misses_much):
-        verdict = "unexplained"
-    elif any(e.alternatives for e in effects) or any(s.alternatives for s in seen):
-        verdict = "confounded"
-    elif effects or seen:
-        verdict = "effect_found"
+        outcome = _with_model_error(with_error, base, exact)
+    else:
+        with_error, outcome = None, exact
+    found, effects = outcome.found, outcome.effects
+    after = outcome.problem.complete(found.accepted)
+    unexplained = outcome.remaining.present or (with_error is not None and with_error.misses_much)
+    if unexplained:
+        effects = tuple(replace(e, suspect=not _confirmed(e, with_error)) for e in effects)
     remarks = [
         f"turbulence in {r.record.name}: vertical gust of {g:.2f} m/s standard deviation"
         for r, g in zip(references, found.accepted.gust, strict=True)
         if g > NOTABLE_GUST
     ]
     remarks += dict.fromkeys(words for r in references for words in describe_missing(r.record))
-    if with_error is not None and len(_far_off(with_error)) >= MOST_FAR_OFF:
-        remarks.append(
-            f"{', '.join(_far_off(with_error))} are far from the profile's: is it another aircraft's? use --aircraft"
-        )
-    if with_error is not None and aircraft.boom is None:
-        remarks.append(_about_the_vane(better))
+    if with_error is not None:
+        remarks += _about_the_model(with_error, aircraft, outcome.extended)
     return Diagnosis(
-        aircraft, verdict, effects, measured, remaining, found, problem, tuple(held_out), tuple(remarks), better,
-        before, after, tuple(seen), with_error, strict,
-    )  # fmt: skip
+        aircraft=aircraft,
+        verdict=verdict_of((*seen, *effects), unexplained),
+        effects=effects,
+        gain=judge.gain(outcome.before, after, held_out) if effects else None,
+        remaining=outcome.remaining,
+        found=found,
+        problem=outcome.problem,
+        held_out=tuple(held_out),
+        remarks=tuple(remarks),
+        extended=outcome.extended,
+        before=outcome.before,
+        after=after,
+        seen=tuple(seen),
+        with_error=with_error,
+        strict=exact.effects if with_error is not None and exact is not None else (),
+    )
+
+
+def _with_exact_model(problem: Problem, terms: Sequence[Term], progress: Callable[[str], None]) -> _Outcome:
+    """A search with the aircraft's model taken as exact within its priors."""
+    problem = _with_noise_through_model(problem)
+    found = search(problem, terms, progress)
+    progress("residual test")
+    remaining = judge.remaining_residual(problem, found)
+    if found.accepted.values and (remaining.present or found.reduction > LARGE):
+        progress("simulating with the effects")
+        problem, found = _resimulated(problem, found)
+        remaining = judge.remaining_residual(problem, found)
+    if found.accepted.values and not remaining.present:
+        found = replace(found, accepted=significant(problem, found.accepted))
+    far = beyond(problem, found.accepted)
+    more = (replace(e, sd=SD_FACTOR * e.sd) for e in far.values())
+    effects = tuple(sorted((*_effects(found, problem), *more), key=by_reduction))
+    # What the data say of these is what is gained.
+    own = zip(problem.nuisances, found.null.moved, strict=False)
+    before = moved_by(problem.aircraft, problem.nuisances, np.array([0.0 if a.name in far else x for a, x in own]))
+    better = extended(problem.aircraft, found.accepted.values)
+    for part in far.values():
+        better = part.term.extend(better, part.value)
+    return _Outcome(problem, found, remaining, effects, before, better)
+
+
+def _with_model_error(d: WithModelError, base: Problem, exact: _Outcome | None) -> _Outcome:
+    """What stands with the aircraft's model in error; what remains unexplained is told of the exact one, where that
+    was searched."""
+    remaining = judge.remaining_residual(d.problem, d.found) if exact is None else exact.remaining
+    effects = _effects_with_error(d, base.aircraft)
+    before = base.complete(base.null())
+    return _Outcome(d.problem, d.found, remaining, effects, before, corrected_profile(d.problem, d.found.accepted))
+
+
+def _confirmed(e: Effect, d: WithModelError | None) -> bool:
+    """Whether the instruments say so among themselves, whatever remains unexplained."""
+    return d is not None and d.kinematic_chi2.get(e.term.id, 0.0) > FIRST
+
+
+def _about_the_model(d: WithModelError, aircraft: Aircraft, better: Aircraft) -> list[str]:
+    remarks = []
+    if len(_far_off(d)) >= MOST_FAR_OFF:
+        remarks.append(f"{', '.join(_far_off(d))} are far from the profile's: is it another aircraft's? use --aircraft")
+    if aircraft.boom is None:
+        remarks.append(_about_the_vane(better))
+    return remarks
 
 
 def _with_noise_through_model(problem: Problem) -> Problem:
@@ -206,7 +244,7 @@ def significant(problem: Problem, fit: Fit) -> Fit:
         fit = problem.refit(others, fit.values, fit.gust) if others else problem.null()
 
 
-def _second_look(problem: Problem, found: Found) -> tuple[Problem, Found]:
+def _resimulated(problem: Problem, found: Found) -> tuple[Problem, Found]:
     """Simulate with the accepted effects, refit them against that, and drop those that are no longer needed.
 
     A large correction leaves traces that the simulation without it does not have.
@@ -257,34 +295,32 @@ def _flies_alike(one: Aircraft, other: Aircraft) -> bool:
 
 
 def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
-    accepted, aircraft = found.accepted, problem.aircraft
+    accepted = found.accepted
     out = []
     for name, value in accepted.values.items():
-        others = frozenset(accepted.values) - {name}
-        reduction = _without(found, others) - accepted.cost
+        term = BY_ID[name]
+        reduction = _without(found, frozenset(accepted.values) - {name}) - accepted.cost
         sd = SD_FACTOR * accepted.sds[name]
-        if name == "elevator.backlash":
-            sd = math.hypot(sd, BACKLASH_UNSURE * max(r.noise["elevator"] for r in problem.references))
+        if term.unsure_in_noise:
+            sd = math.hypot(sd, term.unsure_in_noise * max(r.noise[term.target] for r in problem.references))
         alternatives = judge.alternatives_of(found, name)
-        if name == "alpha_vane.scale" and aircraft.boom is not None:
-            twice = aircraft.boom.steady_calibration - 1
-            if abs(value - twice) < 1.96 * sd < 0.4 * abs(twice):
-                # Someone may have divided by the upwash already: the value is just what that gives.
-                alternatives = ("alpha_vane.double_upwash", *alternatives)
-        out.append(Effect(BY_ID[name], value, sd, reduction, alternatives))
-    return tuple(sorted(out, key=lambda e: -e.reduction))
+        same = term.same_value(problem.aircraft)
+        if same is not None and abs(value - same[1]) < 1.96 * sd < ALIKE * abs(same[1]):
+            alternatives = (same[0], *alternatives)
+        out.append(Effect(term, value, sd, reduction, alternatives))
+    return tuple(sorted(out, key=by_reduction))
 
 
 def _effects_with_error(d: WithModelError, aircraft: Aircraft) -> tuple[Effect, ...]:
     """The effects that stand with the model in doubt, and what of the model is wrong."""
     found = [replace(e, alternatives=(*e.alternatives, *_as_likely(d, e))) for e in _effects(d.found, d.problem)]
     if any(r.setting.rebuilt for r in d.problem.references):
-        found = [replace(e, alternatives=(*e.alternatives, *UNWITNESSED.get(e.term.id, ()))) for e in found]
+        found = [replace(e, alternatives=(*e.alternatives, *e.term.without_velocity)) for e in found]
     wrong = list(d.parts)
     if incomplete(aircraft) and (gust := gusts(d.problem, d.found.accepted)) is not None:
         wrong.append(gust)
-    found += [Effect(p.term, p.value, SD_FACTOR * p.sd, p.reduction, ()) for p in wrong]
-    return tuple(sorted(found, key=lambda e: -e.reduction))
+    found += [replace(e, sd=SD_FACTOR * e.sd) for e in wrong]
+    return tuple(sorted(found, key=by_reduction))
 
 
 def _as_likely(d: WithModelError, e: Effect) -> tuple[str, ...]:
@@ -300,7 +336,7 @@ def _as_likely(d: WithModelError, e: Effect) -> tuple[str, ...]:
         n
         for n, v in d.kinematic_chi2.items()
         if n not in named
-        and of_vane(n) == of_vane(e.term.id)
+        and BY_ID[n].of_vane == e.term.of_vane
         and v > own + (-CONFOUNDED if reductions.get(n, 0.0) > enough else CONFOUNDED)
     )
 

@@ -19,9 +19,10 @@ from station.conventions import to_si
 from station.diagnosis.backlash import linearised
 from station.diagnosis.corrections import instrument_of
 from station.diagnosis.measured_record import Record
+from station.diagnosis.memo import Memo
 from station.diagnosis.noise_levels import THRUST_SHARE, Flights, levels, noisy, stated_noise, true_noise
 from station.diagnosis.processing import Setting, bridge_of
-from station.diagnosis.residuals import SERIES, Memo, Spectra, flow_angle, series, series_spectra, spectra
+from station.diagnosis.residuals import SERIES, Spectra, flow_angle, series, series_spectra, spectra
 from station.numerics.differentiation import derivative
 from station.profile import Actuator, Aircraft, Flight, Instrument
 from station.rows import ProfileError, UsageError
@@ -48,6 +49,8 @@ _THROUGH: Final = "through the air mass"
 LEAST_DRIFT: Final = 0.05
 _QUICK_ACTUATOR: Final = Actuator().model_copy(update={"time_constant": 0.02, "rate_limit": 1e3, "position_limit": 1.5})
 _INPUT_PASS_HZ: Final = 7.0
+_ROUNDING: Final = 1e-9
+"""Of time steps, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +271,7 @@ def _fly(
     every = round(record.dt / DT)
 
     def sampled(column: Array) -> Array:
-        if abs(every * DT - record.dt) < 1e-9:
+        if abs(every * DT - record.dt) < _ROUNDING:
             return np.array(column[::every][: record.n])
         return np.asarray(np.interp(t, truth["time"], column))
 

@@ -15,10 +15,10 @@ All functions take leading axes: signals of (..., n) give series of (..., 7, n).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from scipy import fft, signal
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.diagnosis.corrections import corrected, gain_of, instrument_of, own_motion
+from station.diagnosis.memo import Memo
 from station.diagnosis.nonlinearity import Nonlinear
 from station.diagnosis.processing import (
     Setting,
@@ -47,7 +48,6 @@ from station.simulation.boom import NO_BOOM
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Signals = Mapping[str, Any]
-T = TypeVar("T")
 
 SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
 THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
@@ -57,26 +57,6 @@ GUST_PASS_HZ: Final = (4.0, 6.0)
 SPEED_PASS_HZ: Final = (0.3, 0.6)
 """The speed that lift and moment depend on is passed up to the first and stopped from the second: dynamic pressure has
 the airspeed's noise, and so has the lift made with it; a dependence on the noise would be found."""
-
-
-class Memo:
-    """Stages of the residuals that candidates for one manoeuvre share, the latest few of each."""
-
-    def __init__(self) -> None:
-        self._kept: dict[str, dict[Hashable, Any]] = {}
-
-    def get(self, stage: str, key: Hashable, make: Callable[[], T]) -> T:
-        """The stage for a key, made where it is not there."""
-        kept = self._kept.setdefault(stage, {})
-        if key not in kept:
-            if len(kept) >= _KEPT.get(stage, len(kept) + 1):
-                del kept[next(iter(kept))]
-            kept[key] = make()
-        found: T = kept[key]
-        return found
-
-
-_KEPT: Final = {"signal": 48, "motion": 8, "flow": 8, "spectra": 8}
 
 
 class _Motion(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -23,7 +23,6 @@ FIRST: Final = 18.0
 FURTHER: Final = 18.0
 FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
-PAIR: Final = 30.0
 CONFOUNDED: Final = 6.0
 """Candidates of one size within this of the best cannot be told from it."""
 SINGLES: Final = 7
@@ -33,12 +32,8 @@ HOPEFUL: Final = 0.5
 """Share of the drop asked of a second effect that a pair must promise, along straight lines, to be refitted."""
 MOST: Final = 4
 """Effects at once."""
-LEAST_DISTANCE: Final = 0.02
-"""Of the distance to the vane or to the tail: no drawing says better where on them a gust is met."""
 LEAST_TIME: Final = 0.05
 """Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
-LEAST_BACKLASH: Final = 2.5
-"""Play below this many standard deviations of the elevator's noise is not judged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,77 +53,74 @@ class Found:
     def reduction(self) -> float:
         return self.null.cost - self.accepted.cost
 
+    def not_accepted(self) -> list[tuple[str, float, float]]:
+        """Effects that were not accepted: id, the value that each takes alone, and its deviance reduction then."""
+        return [
+            (f.ids[0], f.values[f.ids[0]], max(self.screened - f.cost, 0.0))
+            for f in self.singles
+            if f.ids[0] not in self.accepted.values and math.isfinite(f.cost)
+        ]
+
 
 def least_judged(problem: Problem, terms: Sequence[Term]) -> dict[str, float]:
-    """The values below which effects are not judged, SI, for those that have such a limit."""
+    """The sizes below which effects are not judged, SI."""
     tick = LEAST_TIME * max(r.record.dt for r in problem.references)
-    least = {t.id: tick for t in terms if t.unit == "s"}
-    least["elevator.backlash"] = LEAST_BACKLASH * max(r.noise["elevator"] for r in problem.references)
-    least |= dict.fromkeys(("gust.lead", "gust.tail_penetration"), LEAST_DISTANCE)
-    return least
+
+    def least(t: Term) -> float:
+        noise = max(r.noise.get(t.target, 0.0) for r in problem.references)
+        return max(t.least, tick if t.unit == "s" else 0.0, t.least_in_noise * noise)
+
+    return {t.id: least(t) for t in terms}
+
+
+class _Refits:
+    """Candidates refitted so far, each once; those of a size that is not judged cost infinitely much."""
+
+    def __init__(self, problem: Problem, terms: Sequence[Term]) -> None:
+        self.problem, self.fits = problem, dict[frozenset[str], Fit]()
+        self._least = least_judged(problem, terms)
+
+    def add(self, ids: tuple[str, ...], start: Mapping[str, float], gust: Sequence[float]) -> None:
+        key = frozenset(ids)
+        if key not in self.fits:
+            found = self.problem.refit(ids, start, gust)
+            small = any(abs(found.values[i]) < self._least.get(i, 0.0) for i in ids)
+            self.fits[key] = replace(found, cost=math.inf) if small else found
+
+    def of_size(self, size: int) -> list[Fit]:
+        """Those of so many effects, the best first."""
+        fits = [f for ids, f in self.fits.items() if len(ids) == size and math.isfinite(f.cost)]
+        return sorted(fits, key=lambda f: (f.cost, f.ids))
 
 
 def search(
     problem: Problem,
     terms: Sequence[Term],
     progress: Callable[[str], None] = lambda _: None,
-    first_asked: float = FIRST,
+    asked: float = FIRST,
 ) -> Found:
-    """Names of the effects that the records ask for, or none; `first_asked` is the drop asked of a single effect."""
-    more_asked = FURTHER + first_asked - FIRST
+    """Names of the effects that the records ask for, or none; `asked` is the deviance reduction asked of the first
+    effect, and at least of each further one."""
     null = problem.null()
     base = problem.at({})
-    refitted: dict[frozenset[str], Fit] = {}
-    least = least_judged(problem, terms)
-
-    def refit(ids: tuple[str, ...], start: Mapping[str, float], gust: Sequence[float]) -> Fit | None:
-        key = frozenset(ids)
-        if key not in refitted:
-            found = problem.refit(ids, start, gust)
-            if any(abs(found.values[i]) < least.get(i, 0.0) for i in ids):
-                found = Fit(found.values, found.sds, found.moved, found.gust, math.inf)
-            refitted[key] = found
-        kept = refitted[key]
-        return kept if math.isfinite(kept.cost) else None
-
+    refits = _Refits(problem, terms)
     progress(f"screening {len(terms)} effects")
     linear = [_screened(problem, term, base, null) for term in terms]
-    order = sorted(range(len(terms)), key=lambda i: linear[i].cost)
-    for i in order[:SINGLES]:
-        refit((terms[i].id,), linear[i].values, linear[i].gust)
-    singles = sorted((refitted.get(frozenset(fit.ids), fit) for fit in linear), key=lambda fit: (fit.cost, fit.ids))
-    best = singles[0] if singles and frozenset(singles[0].ids) in refitted else null
-    first = null.cost - best.cost
-
+    for fit in sorted(linear, key=lambda f: f.cost)[:SINGLES]:
+        refits.add(fit.ids, fit.values, fit.gust)
+    singles = sorted((refits.fits.get(frozenset(f.ids), f) for f in linear), key=lambda f: (f.cost, f.ids))
     accepted = null
-    if first > more_asked:
+    if singles and frozenset(singles[0].ids) in refits.fits and null.cost - singles[0].cost > asked:
         progress("pairs of effects")
-        threshold = max(more_asked, FURTHER_SHARE * first)
         screened = max(null.cost - fit.cost for fit in linear)
         pairs = [(gain - screened, ids, start) for gain, ids, start in _pairs(problem, terms, null, base)[:PAIRS]]
-        for single in [s for s in singles[:2] if frozenset(s.ids) in refitted]:
-            behind = single.cost - best.cost
-            pairs += [(gain - behind, ids, start) for gain, ids, start in _partners(problem, terms, single)[:PARTNERS]]
-        for gain, ids, start in pairs:
-            if gain > HOPEFUL * threshold:
-                refit(ids, start, best.gust)
-        doubles = _of_size(refitted, 2)
-        if first > first_asked:
-            accepted = best
-        if doubles:
-            both = doubles[0]
-            if (accepted is best and best.cost - both.cost > threshold) or (
-                accepted is null and null.cost - both.cost > PAIR + 2 * (first_asked - FIRST)
-            ):
-                accepted = both
-                for _, ids, start in pairs:  # it may have rivals
-                    refit(ids, start, best.gust)
-        while 2 <= len(accepted.values) < MOST:
+        accepted = _one_or_two(refits, terms, singles, pairs, max(asked, FURTHER_SHARE * (null.cost - singles[0].cost)))
+        while 1 < len(accepted.values) < MOST:
             progress(f"{len(accepted.values) + 1} effects")
             for _, ids, start in _partners(problem, terms, accepted)[:PARTNERS]:
-                refit(ids, start, accepted.gust)
-            more = _of_size(refitted, len(accepted.values) + 1)
-            threshold = max(more_asked, FURTHER_SHARE * (null.cost - accepted.cost))
+                refits.add(ids, start, accepted.gust)
+            more = refits.of_size(len(accepted.values) + 1)
+            threshold = max(asked, FURTHER_SHARE * (null.cost - accepted.cost))
             if not more or accepted.cost - more[0].cost <= threshold:
                 break
             accepted = more[0]
@@ -138,15 +130,31 @@ def search(
         best_bare = accepted.cost - price(accepted.ids)
         alternatives = tuple(
             f
-            for f in _of_size(refitted, len(accepted.values))
+            for f in refits.of_size(len(accepted.values))
             if f is not accepted and f.cost - price(f.ids) - best_bare < CONFOUNDED
         )
-    return Found(null, accepted, alternatives, tuple(singles), refitted, null.cost)
+    return Found(null, accepted, alternatives, tuple(singles), refits.fits, null.cost)
 
 
-def _of_size(refitted: Mapping[frozenset[str], Fit], size: int) -> list[Fit]:
-    fits = [f for ids, f in refitted.items() if len(ids) == size and math.isfinite(f.cost)]
-    return sorted(fits, key=lambda f: (f.cost, f.ids))
+def _one_or_two(
+    refits: _Refits, terms: Sequence[Term], singles: Sequence[Fit], pairs: list[Start], asked: float
+) -> Fit:
+    """The best single effect, or the best pair where it explains more by what is `asked` of a second effect. `pairs` by
+    what they promise beyond the best single."""
+    best = singles[0]
+    for single in [s for s in singles[:2] if frozenset(s.ids) in refits.fits]:
+        behind = single.cost - best.cost
+        partners = _partners(refits.problem, terms, single)[:PARTNERS]
+        pairs = [*pairs, *((gain - behind, ids, start) for gain, ids, start in partners)]
+    for gain, ids, start in pairs:
+        if gain > HOPEFUL * asked:
+            refits.add(ids, start, best.gust)
+    doubles = refits.of_size(2)
+    if not doubles or best.cost - doubles[0].cost <= asked:
+        return best
+    for _, ids, start in pairs:  # it may have alternatives
+        refits.add(ids, start, best.gust)
+    return doubles[0]
 
 
 def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit:

@@ -16,8 +16,10 @@ from scipy.signal import lfilter, lsim
 
 from station.conventions import G0, to_si
 from station.diagnosis import effects as catalogue
+from station.diagnosis import profile_changes
 from station.diagnosis.measured_record import Record, manoeuvres
 from station.diagnosis.noise_levels import Flights
+from station.diagnosis.nuisances import DERIVATIVES
 from station.diagnosis.procedure import Diagnosis, diagnosis_of
 from station.diagnosis.reference import Reference, fly, reference
 from station.profile import Actuator, Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft
@@ -113,11 +115,11 @@ def fly_case(case: Case, kind: str, k: int) -> Record:
     rng = np.random.default_rng([case.seed, 5])
     subject = aircraft()
     for name, sd in MODEL_BIASES.items():
-        extend = catalogue._zero_drag if name == "CD_0" else catalogue.derivative(name)
+        extend = profile_changes.zero_lift_drag if name == "CD_0" else profile_changes.derivative(name)
         subject = extend(subject, sd * rng.standard_normal())
     biases = {n: sd * rng.standard_normal() for n, sd in BIASES.items()}
-    for name in catalogue.DERIVATIVES:
-        subject = catalogue.derivative(name, relative=True)(subject, case.derivative_sd * rng.standard_normal())
+    for name in DERIVATIVES:
+        subject = profile_changes.derivative(name, relative=True)(subject, case.derivative_sd * rng.standard_normal())
     imu = IMU
     for name, value in case.effects.items():
         if name == "boom.mode":
@@ -132,7 +134,7 @@ def fly_case(case: Case, kind: str, k: int) -> Record:
     for power in (2, 3):
         extra = case.outside.get(f"Cm_alpha{power}")
         if extra:
-            subject = catalogue.derivative(f"Cm_alpha{power}")(subject, extra)
+            subject = profile_changes.derivative(f"Cm_alpha{power}")(subject, extra)
 
     n = round(SECONDS / DT)
     half = np.arange(2 * n + 1) * (0.5 * DT)

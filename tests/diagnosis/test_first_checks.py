@@ -67,10 +67,10 @@ MISTAKES = [
 def test_a_mistaken_sign_or_unit_is_named_and_taken_back(records, name, change, effect):
     for record in records:
         wrong = checked("r", table_of(record, **{name: change}), aircraft())
-        assert [s.id for s in wrong.seen] == [effect]
+        assert [s.term.id for s in wrong.seen] == [effect]
         (mended,) = wrong.records(aircraft())
         np.testing.assert_allclose(mended.signals[name], record.signals[name], rtol=1e-12)
-        assert [s.id for s in first_seen([mended])] == [effect]
+        assert [s.term.id for s in first_seen([mended])] == [effect]
 
 
 @pytest.mark.parametrize(("name", "change", "effect"), MISTAKES)
@@ -141,7 +141,7 @@ def test_a_velocity_that_repeats_is_seen_with_its_period(records):
     held = {n: x[(np.arange(len(x)) // 25) * 25] if n.startswith("v_") else x for n, x in columns.items()}
     found = manoeuvres("held", t, held, aircraft())
     seen = first_seen(found)
-    assert [s.id for s in seen] == ["velocity.stale"]
+    assert [s.term.id for s in seen] == ["velocity.stale"]
     assert seen[0].value == pytest.approx(0.5, abs=0.02)
 
 
@@ -150,7 +150,7 @@ def test_lost_rows_are_counted(records):
     lost = {n: x.copy() for n, x in columns.items()}
     lost["q"][100:1100:10] = np.nan
     seen = first_seen(manoeuvres("lossy", t, lost, aircraft()))
-    assert [s.id for s in seen] == ["stream.dropout"]
+    assert [s.term.id for s in seen] == ["stream.dropout"]
     assert seen[0].value == pytest.approx(100 / len(t), rel=1e-6)
 
 

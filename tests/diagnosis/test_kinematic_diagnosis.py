@@ -12,6 +12,7 @@ from records import record
 from station.__main__ import app
 from station.convert import import_file
 from station.diagnosis.checks import checked
+from station.diagnosis.effects import EFFECTS
 from station.diagnosis.kinematic_diagnosis import diagnose_kinematics, judge
 from station.log import Table
 from station.profile import Card, Doublet, Flight, Instrument, load_aircraft, load_rig
@@ -46,31 +47,41 @@ def diagnosed(*tables: Table, held: Table | None = None):
 
 
 def test_sound_instruments_are_found_sound():
-    result, same = diagnosed(flown("0 ft/s", 1))
-    assert result["verdict"] == "no_effect", result["effects"]
-    assert {"alpha_vane.bias", "alpha_vane.scale", "alpha_vane.delay", "q.bias"} <= set(result["judged"])
-    assert result["gain"] is None
-    assert same.instruments == {}
+    found = diagnosed(flown("0 ft/s", 1))
+    assert found.verdict == "no_effect", found.effects
+    assert {"alpha_vane.bias", "alpha_vane.scale", "alpha_vane.delay", "q.bias"} <= set(found.judged)
+    assert found.gain is None
+    assert found.extended.instruments == {}
+    told = {t.id for t in EFFECTS if t.kinematic is not None}
+    assert told == set(found.judged) | (told & set(found.not_judged))
+
+
+def test_a_biased_gyro_is_named():
+    found = diagnosed(flown("0 ft/s", 5, q={"bias": np.radians(0.5)}))
+    (effect,) = found.effects
+    assert effect.term.id == "q.bias"
+    assert effect.value == pytest.approx(np.radians(0.5), abs=max(3 * effect.sd, 1e-4))
+    assert found.extended.instruments["q"].bias == effect.value
 
 
 def test_a_late_and_scaled_vane_is_named_and_the_gain_is_held_out():
     wrong = {"latency": 0.05, "gain": 1.2}
-    result, better = diagnosed(flown("0 ft/s", 2, alpha_vane=wrong), held=flown("0 ft/s", 3, alpha_vane=wrong))
-    found = {e["id"]: e for e in result["effects"]}
+    result = diagnosed(flown("0 ft/s", 2, alpha_vane=wrong), held=flown("0 ft/s", 3, alpha_vane=wrong))
+    found = {e.term.id: e for e in result.effects}
     # The upwash's own memory, which a constant scale does not have, takes a share.
-    assert found["alpha_vane.delay"]["value"] == pytest.approx(0.05, abs=0.012)
-    assert found["alpha_vane.scale"]["value"] == pytest.approx(0.2, abs=0.04)
+    assert found["alpha_vane.delay"].value == pytest.approx(0.05, abs=0.012)
+    assert found["alpha_vane.scale"].value == pytest.approx(0.2, abs=0.04)
     assert set(found) <= {"alpha_vane.delay", "alpha_vane.scale", "alpha_vane.bias"}
-    assert "vane is off" in result["not_judged"]["dynamic_pressure.scale"]
-    assert result["gain"]["before"] > 2 * result["gain"]["after"]
-    assert result["gain"]["ci95"][0] > 0
-    assert better.instruments["alpha_vane"].latency == found["alpha_vane.delay"]["value"]
+    assert "the vane has an error" in result.not_judged["dynamic_pressure.scale"]
+    assert result.gain.before > 2 * result.gain.after
+    assert result.gain.low > 0
+    assert result.extended.instruments["alpha_vane"].latency == found["alpha_vane.delay"].value
 
 
 def test_in_gusts_the_vane_is_not_judged():
-    result, _ = diagnosed(flown("8 ft/s", 4, alpha_vane={"latency": 0.1}))
-    assert not [e for e in result["effects"] if e["id"].startswith("alpha_vane")]
-    assert "gusts" in result["not_judged"]["alpha_vane.delay"]
+    result = diagnosed(flown("8 ft/s", 4, alpha_vane={"latency": 0.1}))
+    assert not [e for e in result.effects if e.term.of_vane]
+    assert "gusts" in result.not_judged["alpha_vane.delay"]
 
 
 def test_a_record_with_nothing_to_judge_is_refused():

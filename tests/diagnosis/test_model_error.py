@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
 
+from station.diagnosis.effects import BY_ID
 from station.diagnosis.fit import gust_variance
-from station.diagnosis.procedure import UNWITNESSED, diagnosis_of
+from station.diagnosis.procedure import diagnosis_of
 from station.diagnosis.reference import reference
 
 
@@ -23,7 +24,7 @@ def test_an_accelerometers_scale_is_not_told_from_the_lift_slope_without_a_veloc
         made.append(reference(replace(record, signals=kept), profile))
     found = {e.term.id: e for e in diagnosis_of(made, [], profile).effects}
     assert found["accelerometer.scale"].value == pytest.approx(0.12, abs=0.03)
-    assert set(UNWITNESSED["accelerometer.scale"]) <= set(found["accelerometer.scale"].alternatives)
+    assert set(BY_ID["accelerometer.scale"].without_velocity) <= set(found["accelerometer.scale"].alternatives)
 
 
 def minus_log_likelihood(u, y, share, counts):

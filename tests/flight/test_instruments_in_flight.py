@@ -235,8 +235,8 @@ def test_the_kinematic_diagnosis_of_a_profile_that_knows_its_errors_finds_nothin
     for aircraft in (unknown, stated):
         read = checked("flight", Table(t, wrong, aircraft, 0), aircraft, RIG.noise_si(), RIG.imu_position)
         judged = judge("flight", read, aircraft)
-        result, _ = diagnose_kinematics([judged], [], aircraft)
-        effects.append({e["id"]: e["value"] for e in result["effects"]})
+        found = diagnose_kinematics([judged], [], aircraft)
+        effects.append({e.term.id: e.value for e in found.effects})
     before, after = effects
     # The boom's own zero, upwash and distance are unknown to both.
     assert before["alpha_vane.delay"] - after.get("alpha_vane.delay", 0.0) == pytest.approx(0.06, abs=0.01)

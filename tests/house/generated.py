@@ -324,16 +324,17 @@ def effects() -> str:
     body = (
         (
             f"`{t.id}`",
-            t.sentence.format(value="x"),
+            t.sentence.format(value="x", size="x"),
             "" if t.shown == "1" else t.shown,
             range_of(t),
             t.target,
+            ", ".join(t.shows_in),
             t.separate_by,
         )
         for t in EFFECTS
     )
     return markdown(
-        ("effect", "what the report says", "shown in", "searched", "changes", "told from its rivals by"), body
+        ("effect", "what the report says", "unit", "range", "changes", "residuals that show it", "separated by"), body
     )
 
 

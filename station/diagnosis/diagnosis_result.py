@@ -1,0 +1,129 @@
+"""What diagnosis finds: effects with values and evidence, the verdict, the gain; and the same in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+from station.conventions import from_si
+from station.diagnosis.effects import Term
+from station.profile import Aircraft
+
+Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """One effect found."""
+
+    term: Term
+    value: float
+    sd: float = 0.0
+    reduction: float | None = None
+    """Of the deviance (-2 log likelihood), against the same without it; None where it was seen before any fit."""
+    alternatives: tuple[str, ...] = ()
+    """Effects that it is confounded with, by id."""
+    signature: str = ""
+    """The evidence in words."""
+    suspect: bool = False
+    """Whether what remains unexplained may have made it."""
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        return self.value - 1.96 * self.sd, self.value + 1.96 * self.sd
+
+    @property
+    def sentence(self) -> str:
+        return self.term.words(self.value)
+
+    def shown(self, value: float) -> str:
+        """A value of this effect, in the unit of its sentence."""
+        return f"{from_si(value, self.term.shown):.3g}{'' if self.term.shown == '1' else f' {self.term.shown}'}"
+
+
+def by_reduction(e: Effect) -> float:
+    """Orders effects by evidence, the strongest first."""
+    return -(e.reduction or 0.0)
+
+
+def verdict_of(effects: Sequence[Effect], unexplained: bool = False) -> Verdict:
+    """What effects, and whether anything remains unexplained, amount to."""
+    if unexplained:
+        return "unexplained"
+    if any(e.alternatives for e in effects):
+        return "confounded"
+    return "effect_found" if effects else "no_effect"
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Held-out error without and with the effects, and its reduction with a 95 % interval (shares)."""
+
+    before: float
+    after: float
+    reduction: float
+    low: float
+    high: float
+    by_record: tuple[tuple[str, float, float], ...] = ()
+    metric: str = "held-out normalised output error"
+
+
+class Result(Protocol):
+    """What both kinds of diagnosis have in common."""
+
+    @property
+    def aircraft(self) -> Aircraft: ...
+    @property
+    def verdict(self) -> Verdict: ...
+    @property
+    def named(self) -> Sequence[Effect]: ...
+    @property
+    def gain(self) -> Gain | None: ...
+    @property
+    def remarks(self) -> Sequence[str]: ...
+    @property
+    def extended(self) -> Aircraft: ...
+    @property
+    def not_judged(self) -> Mapping[str, str]: ...
+    @property
+    def missed(self) -> Mapping[str, float]: ...
+    @property
+    def unexplained(self) -> tuple[Sequence[str], tuple[float, float]] | None: ...
+
+
+_SAID: Final[Mapping[Verdict, str]] = {
+    "no_effect": "no effect found", "effect_found": "found", "confounded": "found, but confounded",
+    "unexplained": "UNEXPLAINED: the named effects are suspect",
+}  # fmt: skip
+
+
+def partly_judged(found: Result) -> bool:
+    """Whether less was judged than the kinematic part can, which never judges what rests on aerodynamics."""
+    return len(found.not_judged) > 1
+
+
+def summary(found: Result) -> list[str]:
+    """The diagnosis in a few lines."""
+    partly = " in what could be judged" if partly_judged(found) else ""
+    lines = [f"{found.aircraft.name}: {_SAID[found.verdict]}{partly}"]
+    if found.missed:
+        missed = ", ".join(f"{100 * v:.0f} % of {n}" for n, v in found.missed.items())
+        lines.append(f"  the aircraft's model is in error: with its parameters free it still misses {missed}")
+    for e in found.named:
+        low, high = (from_si(x, e.term.shown) for x in e.ci95)
+        span = f"{low:.3g} to {high:.3g}{'' if e.term.shown == '1' else f' {e.term.shown}'}"
+        lines.append(f"  {e.term.id}: {e.sentence} (95 %: {span})")
+        if e.alternatives:
+            lines.append(f"    confounded with {', '.join(e.alternatives)}; to separate: {e.term.separate_by}")
+    if found.unexplained is not None:
+        signals, (low, high) = found.unexplained
+        lines.append(f"  unexplained residual: {', '.join(signals)}, {low:.2f} to {high:.2f} Hz")
+    gain = found.gain
+    if gain is not None:
+        lines.append(
+            f"  held-out error {gain.before:.3f} -> {gain.after:.3f}: {100 * gain.reduction:.1f} % less "
+            f"(95 %: {100 * gain.low:.1f} to {100 * gain.high:.1f})"
+        )
+    lines += [f"  {remark}" for remark in found.remarks]
+    return lines

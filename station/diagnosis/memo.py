@@ -1,0 +1,28 @@
+"""Stages of a computation that many candidates share, the latest few of each kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from typing import Any, Final, TypeVar
+
+T = TypeVar("T")
+
+_KEPT: Final = {"signal": 48, "motion": 8, "flow": 8, "spectra": 8}
+"""How many of each stage."""
+
+
+class Memo:
+    """Stages of the residuals that candidates for one manoeuvre share, the latest few of each."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, dict[Hashable, Any]] = {}
+
+    def get(self, stage: str, key: Hashable, make: Callable[[], T]) -> T:
+        """The stage for a key, made where it is not there."""
+        kept = self._kept.setdefault(stage, {})
+        if key not in kept:
+            if len(kept) >= _KEPT.get(stage, len(kept) + 1):
+                del kept[next(iter(kept))]
+            kept[key] = make()
+        found: T = kept[key]
+        return found

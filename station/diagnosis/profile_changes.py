@@ -1,0 +1,169 @@
+"""What effects do to an aircraft's profile: each change is by one value in SI, and 0 changes nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+
+from station.conventions import to_si
+from station.profile import Aircraft, Derivative, Indicial, Instrument
+from station.simulation.boom import NO_BOOM
+
+Extend = Callable[[Aircraft, float], Aircraft]
+
+CUBIC_AT: Final = to_si(10, "deg")
+"""Deflection at which a sensor's nonlinearity is stated."""
+
+
+def unchanged(a: Aircraft, _: float) -> Aircraft:
+    """Of what no profile states."""
+    return a
+
+
+def _instruments(
+    aircraft: Aircraft, names: Iterable[str], change: Callable[[Instrument], Mapping[str, float]]
+) -> Aircraft:
+    made = dict(aircraft.instruments)
+    for name in names:
+        old = made.get(name, Instrument())
+        made[name] = old.model_copy(update=dict(change(old)))
+    return aircraft.model_copy(update={"instruments": made})
+
+
+def delay(*names: str) -> Extend:
+    return lambda a, x: _instruments(a, names, lambda i: {"latency": i.latency + x})
+
+
+def gain(*names: str) -> Extend:
+    return lambda a, x: _instruments(a, names, lambda i: {"gain": i.gain * (1 + x)})
+
+
+def bias(*names: str) -> Extend:
+    return lambda a, x: _instruments(a, names, lambda i: {"bias": i.bias + x})
+
+
+def sensor_lag(*names: str) -> Extend:
+    return lambda a, x: _instruments(a, names, lambda i: {"lag": i.lag + x})
+
+
+def pitot_gain(a: Aircraft, x: float) -> Aircraft:
+    # One sensor gives both: the airspeed follows the root of the pressure.
+    return gain("airspeed")(gain("dynamic_pressure")(a, x), math.sqrt(1 + x) - 1)
+
+
+def backlash(a: Aircraft, x: float) -> Aircraft:
+    return _instruments(a, ("elevator",), lambda i: {"backlash": max(0.0, i.backlash + x)})
+
+
+def boom(field: str) -> Extend:
+    def change(a: Aircraft, x: float) -> Aircraft:
+        old = a.boom or NO_BOOM
+        return a.model_copy(update={"boom": old.model_copy(update={field: getattr(old, field) + x})})
+
+    return change
+
+
+MODE_HZ: Final = 8.0
+"""Frequency of a boom's first bending mode where the profile states none; what is judged lies well below."""
+MODE_SHARE: Final = 0.5
+"""How far a vane rises per radian of bending where the profile does not say, as a share of vane_x: most of that is
+boom, whose tip swings about a point a third of its length from the root."""
+
+
+def boom_mode(a: Aircraft, x: float) -> Aircraft:
+    """The boom bends with the load at its tip, not at the CG, and swings."""
+    if x == 0:
+        return a
+    old = a.boom or NO_BOOM
+    frequency, length = old.mode_frequency or MODE_HZ, old.mode_length or MODE_SHARE * old.vane_x
+    made = {"flexure": old.flexure + x, "mode_frequency": frequency, "mode_length": length}
+    return a.model_copy(update={"boom": old.model_copy(update=made)})
+
+
+def cubic(a: Aircraft, x: float) -> Aircraft:
+    return _instruments(a, ("elevator",), lambda i: {"cubic": i.cubic + x / CUBIC_AT**2})
+
+
+def vane_dynamics(a: Aircraft, x: float) -> Aircraft:
+    old = a.boom or NO_BOOM
+    return a.model_copy(update={"boom": old.model_copy(update={"vane_frequency": old.vane_frequency * (1 + x)})})
+
+
+def imu_forward(a: Aircraft, x: float) -> Aircraft:
+    return a.model_copy(update={"imu_offset": (a.imu_offset[0] + x, *a.imu_offset[1:])})
+
+
+def inertia(field: str) -> Extend:
+    def change(a: Aircraft, x: float) -> Aircraft:
+        old = getattr(a.inertia, field)
+        return a.model_copy(update={"inertia": a.inertia.model_copy(update={field: old * (1 + x)})})
+
+    return change
+
+
+def derivative(name: str, relative: bool = False) -> Extend:
+    """Add to a derivative, or to its logarithm."""
+
+    def change(a: Aircraft, x: float) -> Aircraft:
+        old = a.derivatives.get(name, Derivative(value=0.0))
+        value = old.value * (1 + x) if relative else old.value + x
+        return a.model_copy(update={"derivatives": {**a.derivatives, name: old.model_copy(update={"value": value})}})
+
+    return change
+
+
+def zero_lift_drag(a: Aircraft, x: float) -> Aircraft:
+    if a.drag is None:
+        return derivative("CD_0")(a, x)
+    return a.model_copy(update={"drag": a.drag.model_copy(update={"zero_lift": a.drag.zero_lift + x})})
+
+
+def cg_aft(a: Aircraft, x: float) -> Aircraft:
+    """The CG moves aft by x m: moments about it, and every arm from it."""
+    arm = x / a.geometry.chord
+    for name in ("0", "alpha", "q", "de", "V"):
+        if a.value(f"CL_{name}"):
+            a = derivative(f"Cm_{name}")(a, a.value(f"CL_{name}") * arm)
+    a = imu_forward(a, x)
+    if a.boom is not None:
+        a = boom("vane_x")(a, x)
+    tail = a.unsteady.model_copy(update={"tail_arm": max(0.0, a.unsteady.tail_arm - x)})
+    return a.model_copy(update={"unsteady": tail})
+
+
+ICING: Final = {"CL_alpha": -0.10, "CL_q": -0.013, "CL_de": -0.095, "Cm_alpha": -0.099, "Cm_q": -0.035, "Cm_de": -0.10}
+"""Relative change of each derivative in the reference icing condition (eta = 1) of the Twin Otter; CD_0 +50 %."""
+
+
+def icing(a: Aircraft, eta: float) -> Aircraft:
+    for name, share in ICING.items():
+        a = derivative(name, relative=True)(a, eta * share)
+    zero = a.drag.zero_lift if a.drag else a.value("CD_0")
+    return zero_lift_drag(a, 0.5 * eta * zero)
+
+
+def unsteady(field: str) -> Extend:
+    def change(a: Aircraft, x: float) -> Aircraft:
+        old = getattr(a.unsteady, field)
+        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={field: old + x})})
+
+    return change
+
+
+def indicial_amplitude(*fields: str) -> Extend:
+    """Indicial responses with their amplitudes times 1 + x."""
+
+    def change(a: Aircraft, x: float) -> Aircraft:
+        made: dict[str, Indicial] = {}
+        for field in fields:
+            old = getattr(a.unsteady, field)
+            if old is not None:
+                made[field] = old.model_copy(update={"a": tuple((1 + x) * v for v in old.a)})
+        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
+
+    return change
+
+
+def thrust_arm(a: Aircraft, x: float) -> Aircraft:
+    return a.model_copy(update={"thrust_pitch_arm": a.thrust_pitch_arm + x})
