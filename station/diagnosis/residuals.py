@@ -38,7 +38,7 @@ from station.diagnosis.processing import (
     transform,
     without_line,
 )
-from station.model.coefficients import force_coefficients, lift_and_drag, pitching_moment
+from station.model import coefficients
 from station.numerics.differentiation import derivative
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
@@ -150,8 +150,10 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     theta, q, v = x["theta"], x["q"], x["airspeed"]
     imu = aircraft.imu_at(s.imu)
     qdot = derivative(q, s.dt)
-    ax = x["ax"] - qdot * imu[2] + q * q * imu[0]
-    az = x["az"] + qdot * imu[0] + q * q * imu[2]
+    p, r = x.get("p", 0.0), x.get("r", 0.0)
+    # Roll and yaw acceleration matter to these two axes only where the imu is beside the plane of symmetry.
+    pdot, rdot = (derivative(x[n], s.dt) if imu[1] and n in x else 0.0 for n in ("p", "r"))
+    ax, _, az = coefficients.specific_force_at_cg((x["ax"], 0.0, x["az"]), (p, q, r), (pdot, qdot, rdot), imu)
     bank = x.get("phi")
     turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
     level = 1.0 if bank is None else np.cos(bank)
@@ -243,12 +245,12 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     thrust = x.get("thrust", s.thrust)
     alpha = flow.alpha_i + flow.gust
     force = qbar * area
-    cx, cz = force_coefficients((mass * ax, mass * az), (thrust, aircraft.thrust_angle), force)
-    cl, cd = lift_and_drag(cx, cz, np.sin(alpha), np.cos(alpha))
+    cx, cz = coefficients.force_coefficients((mass * ax, mass * az), (thrust, aircraft.thrust_angle), force)
+    cl, cd = coefficients.lift_and_drag(cx, cz, np.sin(alpha), np.cos(alpha))
     turning = inertia * motion.qdot
     own = aircraft.inertia
     if "p" in x and "r" in x and own.ixx is not None and own.izz is not None:
-        turning = pitching_moment((inertia, own.ixz, own.ixx - own.izz), motion.qdot, x["p"], x["r"])
+        turning = coefficients.pitching_moment((inertia, own.ixz, own.ixx - own.izz), motion.qdot, x["p"], x["r"])
     cm = (turning - thrust * aircraft.thrust_pitch_arm) / (force * chord)
 
     reference = aircraft.reference_speed or motion.mean_speed
