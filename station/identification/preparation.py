@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 SHORTEST_STEP_S: Final = 1e-4
 LEAST_ROWS: Final = 2
+LINKS_START_S: Final = 2.0
+"""Within which the links of a rig come up."""
+NEEDED: Final = ("alpha_vane", "airspeed", "q", "ax", "az", "theta", "v_down", "elevator")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,9 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
     if not len(whole.t_s):
         raise UsageError(f"{request.subject}: shorter than the delays of the profile's instruments")
     first, last = float(whole.t_s[0]), float(whole.t_s[-1])
-    start = first if request.start_s is None else request.start_s
+    start = begin(whole) if request.start_s is None else request.start_s
+    if request.start_s is None and start > first + LINKS_START_S:
+        remarks = [*remarks, f"the first {start - first:.0f} s hold no frames: identified from {start:.1f} s on"]
     end = last if request.end_s is None else request.end_s
     cut = whole.between(start, end)
     if not start < end or len(cut.t_s) < LEAST_ROWS:
@@ -76,6 +81,17 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
         raise UsageError(f"{request.subject}: {why}" + (f"\n{mistaken}" if mistaken else "")) from why
     asked = replace(request, start_s=start, end_s=end)
     return Prepared(asked, whole, cut, record, refusal, mistaken, tuple(remarks))
+
+
+def begin(table: Table) -> float:
+    """When a recording has every signal that estimates need, s of its time axis: links come up one after the other, and
+    before the station's frames are prepared there are none. A signal that comes later still is not waited for."""
+    there = [np.isfinite(column) for name, column in table.columns.items() if name in NEEDED]
+    some, all_of_them = np.any(there, axis=0), np.all(there, axis=0)
+    if not some.any():
+        return float(table.t_s[0])
+    opened, complete = float(table.t_s[np.argmax(some)]), float(table.t_s[np.argmax(all_of_them)])
+    return complete if all_of_them.any() and complete <= opened + LINKS_START_S else opened
 
 
 def flight_record(

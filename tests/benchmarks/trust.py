@@ -27,6 +27,8 @@ from methods_table import AIRCRAFT, INPUTS, flown, wanted
 from station.conventions import LONGITUDINAL
 from station.convert import import_file
 from station.identification.analysis import identify
+from station.identification.identification_json import as_json
+from station.identification.request import Request
 from station.log import table
 from station.profile import load_aircraft
 from tests.records import record
@@ -66,7 +68,8 @@ def foreign(name: str) -> Flight:
         text.write_bytes(gzip.decompress(record(f"flights/{name}.csv.gz").read_bytes()))
         import_file(text, log, load_aircraft("twin_otter"))
         flight = table(log)
-    found = identify(flight, flight.aircraft, METHODS, answers["manoeuvre_from_s"])
+    request = Request(methods=METHODS, start_s=answers["manoeuvre_from_s"])
+    found = as_json(identify(flight, flight.aircraft, request))
     air = f"to {LIGHT_FPS:g} ft/s" if answers["sigma_fps"] <= LIGHT_FPS else f"above {LIGHT_FPS:g} ft/s"
     return chosen(f"foreign aircraft, {air}", found, answers["derivatives"], answers["quasi_steady"])
 
