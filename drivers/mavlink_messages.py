@@ -244,13 +244,17 @@ def _without_derived(name: str, fields: Mapping[str, float]) -> dict[str, float]
     return out
 
 
+UNIT_LENGTH2: Final = (0.8, 1.25)
+"""Square of a quaternion's length that is still taken for one."""
+
+
 def _euler(w: float, x: float, y: float, z: float) -> dict[str, float]:
     """Euler angles (3-2-1), rad, of the quaternion that turns the earth's axes into the body's.
 
     NaN if it is far from unit length, which no attitude is. Source: Stevens and Lewis 2003, eq. 1.3-33 and 1.3-34.
     """
     norm2 = w * w + x * x + y * y + z * z
-    if not 0.8 < norm2 < 1.25:
+    if not UNIT_LENGTH2[0] < norm2 < UNIT_LENGTH2[1]:
         return dict.fromkeys(("roll", "pitch", "yaw"), math.nan)
     return {
         "roll": math.atan2(2 * (w * x + y * z), w * w - x * x - y * y + z * z),

@@ -22,6 +22,9 @@ from station.convert.tracks import Column, Record, Track, in_si
 from station.profile import Aircraft
 from station.rows import LogError
 
+LATEST_S: Final = 9e9
+"""Beyond it nanoseconds do not fit in 64 bits."""
+
 _HEADING = re.compile(r"^(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?$")
 
 
@@ -128,7 +131,7 @@ def _value(path: Path, number: int, column: int, cell: str) -> float:
 
 
 def _nanoseconds(path: Path, seconds: Column) -> NDArray[np.int64]:
-    if np.max(np.abs(seconds)) > 9e9:
+    if np.max(np.abs(seconds)) > LATEST_S:
         raise LogError(f"{path}: time {seconds[-1]} s is out of range")
     t_ns = np.round(seconds * 1e9).astype(np.int64)
     steps = np.diff(t_ns)

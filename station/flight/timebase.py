@@ -22,6 +22,8 @@ MAX_DRIFT: Final = 1e-3
 STEP_NS: Final = 20_000_000
 """A jump of the device clock against arrival beyond any jitter of a working link."""
 MAX_ROUND_TRIP_NS: Final = 10_000_000
+STANDSTILLS: Final = 3
+"""So many equal device times in a row are a clock that stands still."""
 
 
 class Mapped(NamedTuple):
@@ -106,7 +108,7 @@ class ClockMap:
     def _note_standstill(self, device: int) -> None:
         """A device clock that stands still cannot be used until it goes again."""
         self._stuck = self._stuck + 1 if device == 0 else 0
-        if self._stuck >= 3:
+        if self._stuck >= STANDSTILLS:
             self.state = "rejected"
         elif self.state == "rejected" and device > 0:
             self.state = "unsynced"

@@ -39,6 +39,8 @@ __all__ = ["Page", "View", "write_report_rrd", "write_rrd"]
 FloatArray = NDArray[np.float64]
 
 TIMELINE: Final = "station_time"
+PROMPT_WINDOW_S: Final = 60
+"""Plots of a shorter past are drawn with every batch."""
 HOLD_NS: Final = 3_500_000_000
 """Plots of a long past wait this long for more points. A piece costs a browser the same whatever its length: one that
 draws without a graphics processor on a busy machine takes some 10 a second, and falls ever further behind with more."""
@@ -63,7 +65,7 @@ class Page:
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
         drawn = (*plots.FIXED, *self._derivatives, *self._links, *lateral_plots.drawn(setup))
-        self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < 60}
+        self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < PROMPT_WINDOW_S}
         for plot in drawn:
             self._style(plot)
         for what, known in plots.STATES.items():

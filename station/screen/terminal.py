@@ -50,7 +50,11 @@ _STREAM: Final = 22
 _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "bold red"}
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
 _CLOCK_STYLES: Final = {"synced": "green", "none": "", "converging": "yellow"}
+MOST_ALARMS: Final = 4
 MOST_WARNINGS: Final = 3
+LONGEST_NOTE: Final = 200
+MARK_DELAY_S: Final = 0.05
+"""A mark typed this long after the key m says so."""
 NO_ALPHA: Final = {
     "ready": "no estimate yet",
     "preparing": "the estimators are being prepared; recording meanwhile",
@@ -130,13 +134,15 @@ class _Keys:
     def _type(self, key: str, note: str) -> None:
         if key in "\r\n":
             late_s = (self._clock.now_ns() - self._marked_ns) * 1e-9
-            self._callbacks.on_mark(f"{note} (m pressed {late_s:.1f} s before)".lstrip() if late_s >= 0.05 else note)
+            self._callbacks.on_mark(
+                f"{note} (m pressed {late_s:.1f} s before)".lstrip() if late_s >= MARK_DELAY_S else note
+            )
             self.note = None
         elif key == "\x1b":
             self.note = None
         elif key in "\x7f\b":
             self.note = note[:-1]
-        elif key.isprintable() and len(note) < 200:
+        elif key.isprintable() and len(note) < LONGEST_NOTE:
             self.note = note + key
 
 
@@ -205,11 +211,12 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
 
 
 def _banner(board: Board, width: int) -> Iterator[Text]:
-    for alarm in board.alarms[:4]:
+    for alarm in board.alarms[:MOST_ALARMS]:
         text = f" ALARM  {alarm.source} {alarm.code}  {hms(board.elapsed_s(alarm.t_ns))}  {alarm.detail}"
         yield Text(set_cell_size(text, width), "bold white on red")
-    if len(board.alarms) > 4:
-        yield Text(set_cell_size(f" and {len(board.alarms) - 4} more alarms", width), "bold white on red")
+    if len(board.alarms) > MOST_ALARMS:
+        more = f" and {len(board.alarms) - MOST_ALARMS} more alarms"
+        yield Text(set_cell_size(more, width), "bold white on red")
     disagreements = board.disagreements
     for warning in disagreements[-MOST_WARNINGS:]:
         text = f" CHECK  {hms(board.elapsed_s(warning.t_ns))}  {warning.detail}"
