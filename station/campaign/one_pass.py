@@ -228,7 +228,8 @@ def _begin(e: Estimation) -> Memory:
     )
 
 
-@njit(cache=True, error_model="numpy")
+# Inlined: a call with a NamedTuple counts a reference to each of its arrays, which takes longer than the sample.
+@njit(cache=True, error_model="numpy", inline="always")
 def _add(e: Estimation, m: Memory, made: Array, t: float, has_split: bool, true_alpha: float, vane: float) -> None:
     """One sample that equation_error.sides made into the transforms, as Derivatives.add; `true_alpha` and `vane`: the
     regressors of perfect and raw, rad."""
@@ -250,26 +251,22 @@ def _add(e: Estimation, m: Memory, made: Array, t: float, has_split: bool, true_
 
 
 @njit(cache=True, error_model="numpy")
-def _fit(e: Estimation, m: Memory, s: tick.State, density: float, is_last: bool, results: Results, run: int) -> None:
-    """What every method makes of the spectra, where a segment is to be closed or the tick is the last."""
-    mean, lines = s.vane.seen.speed_mean, e.frequencies.shape[0]
+def _fit(e: Estimation, m: Memory, s: tick.State, results: Results, run: int) -> None:
+    """What every method makes of the spectra; closes segments that are full."""
+    lines = e.frequencies.shape[0]
     samples = m.steady.samples[spectra.TRANSFORMED], m.split.samples[spectra.TRANSFORMED]
-    if samples[0] + m.closed[0] == 0.0 or not mean > 0.0:
-        return
-    if moved(mean, m.at[0]) or moved(density, m.at[1]):
-        m.at[0], m.at[1] = mean, density
     independent, close = np.empty(2), np.empty(2, dtype=np.bool_)
     for i in range(2):
         independent[i] = samples[i] * _DT * e.step
         close[i] = samples[i] * _DT >= e.segment
-    if not (is_last or close[0] or close[1]):
-        return
     weights(e.lengths, m.at[0], e.frequencies, e.sears_k, e.sears, m.factors.scale, m.factors.tail)
     unsteady_lift.weights(e.unsteady, m.at[0], m.at[1], e.frequencies, m.doubt.lift)
     regressor_error.weights(e.paths, m.at[0], e.frequencies, e.noisy, m.doubt.regressors)
     every = samples[1] + m.closed[1]
     ridge = lines * every * e.vane_noise**2
-    extent = Extent(independent, close, every, ridge, regressor_error.wind_share(s.wind_sd, mean, every * _DT))
+    extent = Extent(
+        independent, close, every, ridge, regressor_error.wind_share(s.wind_sd, s.vane.seen.speed_mean, every * _DT)
+    )
     method_fits.fit_methods(m.steady.spectrum, m.split.spectrum, m.factors, m.doubt, extent, m.past, m.found)
     if e.has_benchmarks:
         _fit_benchmarks(e, m.steady.spectrum, m.benchmarks, m.past_benchmarks, close[0], results, run)
@@ -280,6 +277,13 @@ def _fit(e: Estimation, m: Memory, s: tick.State, density: float, is_last: bool,
     if close[1]:
         m.closed[1] += samples[1]
         spectra.clear(m.split)
+
+
+@njit(cache=True, error_model="numpy")
+def _take(shown: Array, k: int, has_split: bool, u: Array) -> None:
+    """The inputs `u` of a tick; without a split no attitude and velocity, from which it would follow."""
+    for i in range(len(_INPUTS)):
+        u[i] = shown[k, _INPUTS[i]] if has_split or i < cond.ATTITUDE else math.nan
 
 
 @njit(cache=True, error_model="numpy")
@@ -303,16 +307,13 @@ def estimate(
     sides = (e.sides, np.full((3, ee.ROW), math.nan), means, made)
     s: tick.State = state[0]
     m = _begin(e)
+    steady, split, closed, at = m.steady.samples, m.split.samples, m.closed, m.at
     split_run = 0
     if own is not None:
         kept = physical.begin(own, e.transform)
     for k in range(n):
         t = (k * TICK_NS) * 1e-9
-        for i in range(len(_INPUTS)):
-            u[i] = shown[k, _INPUTS[i]]
-        if not e.has_split:
-            for i in range(cond.ATTITUDE, len(_INPUTS)):
-                u[i] = math.nan
+        _take(shown, k, e.has_split, u)
         s.inertial.is_held = own is not None and kept.transform.samples[spectra.TRANSFORMED] > 0.0
         done = tick.advance(e.filters, state, sides, t, u, age)
         if done & tick.MADE and k + 1 > SETTLE_TICKS:
@@ -321,7 +322,14 @@ def estimate(
                 card, left = (e.warm_up, e.step), n - 1 - k
                 physical.add(own, kept, e.transform, e.frequencies, e.derivative, card, s, made, t, means[2], left)
         split_run = split_run + 1 if done & tick.SPLIT else 0
-        _fit(e, m, s, means[2], k + 1 == n, results, run)
+        mean, density = s.vane.seen.speed_mean, means[2]
+        if steady[spectra.TRANSFORMED] + closed[0] == 0.0 or not mean > 0.0:
+            continue
+        if moved(mean, at[0]) or moved(density, at[1]):
+            at[0], at[1] = mean, density
+        longest = max(steady[spectra.TRANSFORMED], split[spectra.TRANSFORMED]) * _DT
+        if k + 1 == n or longest >= e.segment:
+            _fit(e, m, s, results, run)
     if own is not None and kept.sums[2] > 0.0:
         _hand_over_physical(kept, results, run)
     _hand_over(m.found, results, run)

@@ -7,6 +7,7 @@ hands it to the outermost kernel, which takes the element out of it; kernels wit
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -18,6 +19,7 @@ Element = NDArray[np.void]
 Vector = Annotated[Array, 3]
 
 
+@cache
 def layout(of: type) -> np.dtype[np.void]:
     """The structured type of a class: a field for each annotation, which is float, int, bool, `Annotated[Array, shape]`
     or another such class."""
