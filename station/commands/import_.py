@@ -18,8 +18,9 @@ def import_(
 ) -> int:
     """Make a station recording of a record from elsewhere."""
     from drivers.dataflash import read_dataflash
-    from station.convert import import_file, reader_of
+    from station.convert import Importer, import_file, reader_of
 
-    count = import_file(file, out, load_aircraft(aircraft), {".bin": reader_of("dataflash", read_dataflash)})
+    dataflash = Importer(".bin", "ArduPilot's DataFlash", reader_of("dataflash", read_dataflash))
+    count = import_file(file, out, load_aircraft(aircraft), (dataflash,))
     say(f"{out}: {count} rows")
     return DONE

@@ -6,7 +6,6 @@ same. Time is kept to the nanosecond.
 
 from __future__ import annotations
 
-import difflib
 import io
 import math
 import re
@@ -18,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, Unit, unit_named
-from station.convert.tracks import Column, Record, Track, in_si
-from station.profile import Aircraft
+from station.convert.tracks import Column, Record, Track, in_si, ordered
+from station.profile import Aircraft, nearest
 from station.rows import LogError
 
 LATEST_S: Final = 9e9
@@ -91,10 +90,8 @@ def _headings(path: Path, number: int, header: str) -> tuple[list[str], list[Uni
         name, unit_name = match["name"], match["unit"]
         si = "s" if name == "time" else SIGNALS[name].unit if name in SIGNALS else None
         if si is None:
-            near = difflib.get_close_matches(name, (*SIGNALS, "time"), n=1, cutoff=0.4)
-            hint = f"; did you mean {near[0]}?" if near else ""
             known = f"known, each with its unit as in q [deg/s]: time, {', '.join(SIGNALS)}"
-            raise LogError(f"{where}: unknown signal {name!r}{hint}\n{known}")
+            raise LogError(f"{where}: unknown signal {name!r}{nearest(name, (*SIGNALS, 'time'))}\n{known}")
         if name in names:
             raise LogError(f"{where}: {name} is given twice, first in column {names.index(name) + 1}")
         fitting = ", ".join([*_units_of(si)])
@@ -171,5 +168,5 @@ def read_hfb(path: Path, aircraft: Aircraft) -> Record:
     t_ns = _nanoseconds(path, matrix[:, 0])
     found = {name: matrix[:, i].copy() for i, name in enumerate(_HFB_SIGNALS) if i}
     extra = {f"column_{i + 1}": matrix[:, i].copy() for i in range(len(_HFB_SIGNALS), matrix.shape[1])}
-    track = Track("record", t_ns, {n: found[n] for n in SIGNALS if n in found}, extra)
+    track = Track("record", t_ns, ordered(found), extra)
     return Record([track], aircraft, "hfb320", {"file": path.name})

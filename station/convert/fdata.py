@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat, savemat
 
-from station.conventions import SIGNALS, Unit, unit_named
-from station.convert.tracks import Column, Record, Track, from_si, in_si
+from station.conventions import Unit, unit_named
+from station.convert.tracks import Column, Record, Track, from_si, in_si, ordered
 from station.log import Table
 from station.profile import Aircraft
 from station.rows import LogError
 
 CHANNELS: Final = 90
+_LEAST_CHANNELS: Final = 48
+"""Up to the mass: what is there in files of any version."""
 _G: Final = Unit("m/s2", 32.174 * 0.3048)
 """SIDPAC's g, 32.174 ft/s2, which its accelerations are counted in: 1.5e-6 less than standard gravity."""
 
@@ -96,8 +98,12 @@ def read_fdata(path: Path, aircraft: Aircraft) -> Record:
     if "fdata" not in content:
         raise LogError(f"{path}: holds no variable fdata (SIDPAC's matrix), but {', '.join(variables) or 'nothing'}")
     fdata = content["fdata"]
-    if fdata.ndim != 2 or fdata.dtype.kind not in "fiu" or fdata.shape[1] < 48 or fdata.shape[0] < 2:
-        raise LogError(f"{path}: fdata is {fdata.shape} {fdata.dtype}: not a matrix of at least 2 rows and 48 channels")
+    is_long = fdata.shape[0] > 1
+    is_matrix = fdata.shape == fdata.shape[:2] and fdata.dtype.kind in "fiu"
+    if not (is_matrix and is_long and fdata.shape[1] >= _LEAST_CHANNELS):
+        raise LogError(
+            f"{path}: fdata is {fdata.shape} {fdata.dtype}: not a matrix of 2 rows and {_LEAST_CHANNELS} channels"
+        )
     full = np.zeros((fdata.shape[0], max(CHANNELS, fdata.shape[1])))
     full[:, : fdata.shape[1]] = fdata
     t_ns = _time_ns(path, full[:, 0])
@@ -105,7 +111,7 @@ def read_fdata(path: Path, aircraft: Aircraft) -> Record:
     thrusts = full[:, [c - 1 for c in _THRUST]]
     if np.any(thrusts) and _LBF is not None:
         columns["thrust"] = in_si(thrusts.sum(axis=1), _LBF)
-    columns = {name: columns[name] for name in SIGNALS if name in columns}
+    columns = ordered(columns)
     extra = {c.name: in_si(full[:, c.number - 1], c.unit) for c in _OTHER_CHANNELS if np.any(full[:, c.number - 1])}
     notes = {"file": path.name, "alpha_vane": "channel 4, at the CG: the aircraft is kept without its boom"}
     return Record([Track("record", t_ns, columns, extra)], _adapted(aircraft, columns, extra), "fdata", notes)

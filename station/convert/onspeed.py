@@ -19,8 +19,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import SIGNALS, to_si
-from station.convert.tracks import Column, Record, Track
+from station.conventions import UNITS
+from station.convert.tracks import Column, Record, Track, in_si, ordered
 from station.profile import Aircraft
 from station.rows import LogError
 
@@ -58,9 +58,14 @@ _SAME_MS: Final = 5.0
 """Two rows whose sample was true within this show the same sample."""
 
 
-def is_onspeed(first_line: str) -> bool:
-    """Whether a CSV's first line is such a log's header."""
-    return set(MARKS) <= {name.strip() for name in first_line.split(",")}
+def is_onspeed(path: Path) -> bool:
+    """Whether a CSV's first line is such a log's header. False too where the file cannot be read."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            names = file.readline().split(",")
+    except OSError:
+        return False
+    return set(MARKS) <= {name.strip() for name in names}
 
 
 def read_onspeed(path: Path, aircraft: Aircraft) -> Record:
@@ -79,17 +84,17 @@ def read_onspeed(path: Path, aircraft: Aircraft) -> Record:
             raise LogError(f"{path}: line 1: no column {name}: not a log of OnSpeed with boom and VectorNav")
     raw = {name: _column(path, rows[1:], names, name) for name in used}
     time_ms = raw["timeStamp"]
-    if len(time_ms) < 2:
+    if len(time_ms) <= 1:
         raise LogError(f"{path}: no rows below the header")
     for i in np.flatnonzero(~(np.diff(time_ms) > 0)):
         raise LogError(f"{path}: line {i + 3}, column timeStamp: time does not increase")
-    own = {signal: _in_si(raw[name], unit) for signal, (name, unit) in _OWN.items()}
-    vectornav = {signal: _in_si(raw[name], unit) for signal, (name, unit) in _VECTORNAV.items()}
+    own = {signal: in_si(raw[name], UNITS[unit]) for signal, (name, unit) in _OWN.items()}
+    vectornav = {signal: in_si(raw[name], UNITS[unit]) for signal, (name, unit) in _VECTORNAV.items()}
     boom = {signal: np.radians(np.polyval(curve, raw[name])) for signal, (name, curve) in _BOOM.items()}
     counts = {f"{signal}_counts": raw[name] for signal, (name, _) in _BOOM.items()}
     tracks = [
-        Track("onspeed", _ns(time_ms), _ordered(own)),
-        _aged("vectornav", time_ms, raw["vnDataAge"], _ordered(vectornav), {}),
+        Track("onspeed", _ns(time_ms), ordered(own)),
+        _aged("vectornav", time_ms, raw["vnDataAge"], ordered(vectornav), {}),
         _aged("boom", time_ms, raw["boomAge"], boom, counts),
     ]
     notes = {
@@ -112,15 +117,6 @@ def _column(path: Path, rows: Sequence[Sequence[str]], names: Sequence[str], nam
         except ValueError:
             raise LogError(f"{path}: line {i + 2}, column {name}: {cell!r} is not a number") from None
     return out
-
-
-def _in_si(values: Column, unit: str) -> Column:
-    zero = to_si(0.0, unit)
-    return np.asarray(values * (to_si(1.0, unit) - zero) + zero)
-
-
-def _ordered(columns: Mapping[str, Column]) -> dict[str, Column]:
-    return {name: columns[name] for name in SIGNALS if name in columns}
 
 
 def _ns(time_ms: Column) -> NDArray[np.int64]:

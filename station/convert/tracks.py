@@ -76,6 +76,11 @@ def _rows(tracks: Sequence[Track]) -> Iterator[Rows]:
             yield Extra(t_ns - zero, dict(zip(track.extra, extras[i][k], strict=True)))
 
 
+def ordered(columns: Mapping[str, Column]) -> dict[str, Column]:
+    """Those that are signals, in the order of SIGNALS."""
+    return {name: columns[name] for name in SIGNALS if name in columns}
+
+
 def in_si(values: Column, unit: Unit) -> Column:
     """Converted to SI; values that are in SI already keep their bits."""
     return _shifted(values if unit.factor == 1.0 else values * unit.factor, unit.offset)

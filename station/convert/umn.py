@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 
-from station.conventions import SEA_LEVEL_DENSITY, SIGNALS
-from station.convert.tracks import Column, Record, Track
+from station.conventions import SEA_LEVEL_DENSITY
+from station.convert.tracks import Column, Record, Track, ordered
 from station.numerics.atmosphere import PRESSURE_POWER, SEA_LEVEL_PRESSURE
 from station.profile import Aircraft
 from station.rows import LogError
@@ -46,6 +46,14 @@ _FIELDS: Final[Mapping[str, str]] = {
 _KEPT: Final = ("p_bias", "q_bias", "r_bias", "ax_bias", "ay_bias", "az_bias", "vn", "ve", "vd")
 
 
+def is_umn(path: Path) -> bool:
+    """Whether a .mat holds the structure. False too where the file cannot be read."""
+    try:
+        return VARIABLE in {name for name, _, kind in whosmat(path) if kind == "struct"}
+    except Exception:  # scipy raises whatever a broken file makes of it; read_fdata says it in words
+        return False
+
+
 def read_umn(path: Path, aircraft: Aircraft) -> Record:
     """A .mat with the struct `flight_data`. Raises LogError naming the field that is missing or of a wrong size."""
     try:
@@ -58,7 +66,7 @@ def read_umn(path: Path, aircraft: Aircraft) -> Record:
     time = _field(path, data, "time", None)
     n = len(time)
     t_ns = np.round(time * 1e9).astype(np.int64)
-    if n < 2 or not np.all(np.diff(t_ns) > 0):
+    if n <= 1 or not np.all(np.diff(t_ns) > 0):
         raise LogError(f"{path}: {VARIABLE}.time does not increase")
     columns = {signal: _field(path, data, name, n) for signal, name in _FIELDS.items()}
     right, left = _field(path, data, "da_r", n), _field(path, data, "da_l", n)
@@ -76,8 +84,7 @@ def read_umn(path: Path, aircraft: Aircraft) -> Record:
         "airspeed": "from indicated airspeed and the standard atmosphere at the static pressure",
         "alpha_vane": "five-hole probe as recorded, calibration unknown",
     }
-    ordered = {name: columns[name] for name in SIGNALS if name in columns}
-    return Record([Track("record", t_ns, ordered, extra)], aircraft, "umn", notes)
+    return Record([Track("record", t_ns, ordered(columns), extra)], aircraft, "umn", notes)
 
 
 def _field(path: Path, data: Any, name: str, n: int | None) -> Column:

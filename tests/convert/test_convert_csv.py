@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from records import record
 
 from station.conventions import SIGNALS
-from station.convert import Record, Track, export, import_file
+from station.convert import Importer, Record, Track, export, import_file
+from station.convert.delimited import read_csv
 from station.convert.tracks import write_record
 from station.log import read_rows, summarise, table
-from station.profile import load_aircraft
+from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, Sample
 
 AIRCRAFT = load_aircraft("twin_otter")
@@ -143,7 +144,7 @@ def test_a_byte_order_mark_and_windows_lines_are_no_trouble(tmp_path: Path) -> N
 
 
 def test_unknown_kinds_missing_files_and_taken_names(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"cannot import \.txt; known: \.mat, \.csv"):
+    with pytest.raises(LogError, match=r"cannot import \.txt; known: \.csv, \.mat, \.asc, \.ulg"):
         import_file(tmp_path / "a.txt", tmp_path / "a.mcap", AIRCRAFT)
     with pytest.raises(LogError, match="no such file"):
         import_file(tmp_path / "a.csv", tmp_path / "a.mcap", AIRCRAFT)
@@ -188,3 +189,22 @@ def test_every_signal_can_be_imported_in_every_unit_that_fits(tmp_path: Path) ->
     header = ",".join(["time [s]", *(f"{n} [{s.unit}]" for n, s in SIGNALS.items())])
     path = imported(tmp_path, header + "\n" + ",".join("1" for _ in range(len(SIGNALS) + 1)) + "\n")
     assert set(table(path).columns) == set(SIGNALS)
+
+
+def test_a_kind_of_file_is_one_row(tmp_path: Path) -> None:
+    """Pairs of elevator, deg, and pitch rate, rad/s, at 50 Hz; told from other .txt by its first line."""
+
+    def read(path: Path, aircraft: Aircraft) -> Record:
+        rows = np.array([[float(cell) for cell in line.split()] for line in path.read_text().splitlines()[1:]])
+        t_ns = np.arange(len(rows)) * 20_000_000
+        return Record([Track("pairs", t_ns, {"elevator": np.radians(rows[:, 0]), "q": rows[:, 1]})], aircraft, "pairs")
+
+    pairs = Importer(".txt", "pairs", read, lambda path: path.read_text().startswith("PAIRS"))
+    never = Importer(".txt", "another", read_csv, lambda _: False)
+    (tmp_path / "a.txt").write_text("PAIRS\n1 0.5\n2 0.25\n3 0.125\n")
+    assert import_file(tmp_path / "a.txt", tmp_path / "a.mcap", AIRCRAFT, (never, pairs)) == 3
+    found = table(tmp_path / "a.mcap")
+    assert found.columns["q"].tolist() == [0.5, 0.25, 0.125]
+    np.testing.assert_allclose(np.degrees(found.columns["elevator"]), [1, 2, 3])
+    with pytest.raises(LogError, match=r"cannot import \.txtt; known: \.txt, \.csv"):
+        import_file(tmp_path / "a.txtt", tmp_path / "b.mcap", AIRCRAFT, (pairs,))

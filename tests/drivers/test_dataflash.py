@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivers.dataflash import read_dataflash
-from station.convert import import_file, reader_of
+from station.convert import Importer, import_file, reader_of
 from station.log import table
 from station.profile import load_aircraft
 from station.rows import LogError
@@ -105,8 +105,8 @@ def test_without_static_pressure_there_is_no_true_airspeed(tmp_path: Path) -> No
 def test_a_log_is_imported(tmp_path: Path) -> None:
     rows = [(IMU, (1_000_000 + 20_000 * i, 0, 0.0, 0.25 * i, 0.0, 0.0, 0.0, -9.75)) for i in range(50)]
     path = written(tmp_path, log(*rows))
-    readers = {".bin": reader_of("dataflash", read_dataflash)}
-    import_file(path, tmp_path / "a.mcap", load_aircraft("twin_otter"), readers)
+    kinds = (Importer(".bin", "DataFlash", reader_of("dataflash", read_dataflash)),)
+    import_file(path, tmp_path / "a.mcap", load_aircraft("twin_otter"), kinds)
     found = table(tmp_path / "a.mcap")
     assert found.rate_hz == pytest.approx(50.0)
     assert found.columns["q"].tolist() == [0.25 * i for i in range(50)]

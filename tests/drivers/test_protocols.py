@@ -21,7 +21,6 @@ from drivers.adapter import check_devices, open_devices
 from drivers.codec import Reading
 from drivers.emulation import serve
 from drivers.faults import FAULTS
-from drivers.mavlink_messages import DERIVED, TABLE
 from drivers.protocols import GROUP, PROTOCOLS, protocol_named
 from station.clock import SystemClock
 from station.profile import Card, Fault, Profiles, Rig, load_aircraft, read_profile
@@ -31,45 +30,6 @@ README = (Path(drivers.__file__).parent / "README.md").read_text(encoding="utf-8
 BLOCKS = re.findall(r"^```(python|toml)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 (_, CODE), (_, ENTRY_POINT), (_, DEVICE) = BLOCKS
 SERVED_WITHIN_S = 60.0
-
-
-def of_protocols() -> str:
-    rows = []
-    for name in PROTOCOLS:
-        row = protocol_named(name)
-        fields = tuple(dict.fromkeys(field for known in row.fields.values() for field in known))
-        words = " ".join(f"`{f}`" for f in fields) if len(fields) < 20 else f"`{fields[0]}` to `{fields[-1]}`"
-        messages = row.messages or ", ".join(map(str, row.fields))
-        rows.append(f"| `{name}` | {row.sentence} | {messages} | {words} | {row.baud} |\n")
-    return "| protocol | on the wire | `message` | fields | baud |\n|---|---|---|---|---|\n" + "".join(rows)
-
-
-def of_mavlink() -> str:
-    rows = []
-    for name, layout in TABLE.items():
-        units = {**{field: f.unit for field, f in layout.fields.items()}, **DERIVED.get(name, {})}
-        groups: dict[str, list[str]] = {}
-        for field, unit in units.items():
-            groups.setdefault(unit, []).append(f"`{field}`")
-        told = "; ".join(
-            f"{' '.join(names) if len(names) < 10 else f'{names[0]} to {names[-1]}'} {unit}".removesuffix(" 1")
-            for unit, names in groups.items()
-        )
-        rows.append(f"| `{name}` | {told} |\n")
-    return "| message | fields |\n|---|---|\n" + "".join(rows)
-
-
-def of_faults() -> str:
-    rows = [
-        f"| `{kind}` | {row.sentence} | {row.value} | {f'{row.usual:g}' if row.value else ''} |\n"
-        for kind, row in FAULTS.items()
-    ]
-    return "| kind | what the device does | `value` | if left out |\n|---|---|---|---|\n" + "".join(rows)
-
-
-@pytest.mark.parametrize("table", [of_protocols, of_mavlink, of_faults], ids=lambda made: made.__name__)
-def test_the_readme_has_the_tables_of_the_code(table) -> None:
-    assert table() in README, f"drivers/README.md should have:\n\n{table()}"
 
 
 def test_every_kind_of_fault_that_a_card_may_name_is_a_row() -> None:

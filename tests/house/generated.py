@@ -12,7 +12,7 @@ import re
 import sys
 import tomllib
 import types
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args, get_origin
@@ -21,10 +21,14 @@ import msgspec
 from pydantic import BaseModel, BeforeValidator
 from pydantic_core import PydanticUndefined
 
+from drivers.faults import FAULTS
+from drivers.mavlink_messages import DERIVED, TABLE
+from drivers.protocols import PROTOCOLS, protocol_named
 from station import rows
 from station.__main__ import VERBS
 from station.campaign import spec
 from station.conventions import SIGNALS, STREAMS, UNIT_ALIASES, UNITS, from_si
+from station.convert import IMPORTERS
 from station.diagnosis.effects import BY_ID, EFFECTS, Term
 from station.estimation.method_table import METHODS
 from station.profile import aircraft, card, rig, uncertainty
@@ -338,6 +342,43 @@ def effects() -> str:
     )
 
 
+# --- drivers and other people's files
+
+
+def protocols() -> str:
+    body = []
+    for name in PROTOCOLS:
+        row = protocol_named(name)
+        fields = tuple(dict.fromkeys(field for known in row.fields.values() for field in known))
+        messages = row.messages or ", ".join(map(str, row.fields))
+        body.append((f"`{name}`", row.sentence, messages, listed(fields), str(row.baud)))
+    return markdown(("protocol", "on the wire", "`message`", "fields", "baud"), body)
+
+
+def mavlink_messages() -> str:
+    body = []
+    for name, layout in TABLE.items():
+        by_unit: dict[str, list[str]] = {}
+        for field, unit in {**{n: f.unit for n, f in layout.fields.items()}, **DERIVED.get(name, {})}.items():
+            by_unit.setdefault(unit, []).append(field)
+        body.append((f"`{name}`", "; ".join(f"{listed(n)} {unit}".removesuffix(" 1") for unit, n in by_unit.items())))
+    return markdown(("message", "fields"), body)
+
+
+def listed(names: Sequence[str], most: int = 9) -> str:
+    return " ".join(f"`{n}`" for n in names) if len(names) <= most else f"`{names[0]}` to `{names[-1]}`"
+
+
+def faults() -> str:
+    body = ((f"`{k}`", row.sentence, row.value, f"{row.usual:g}" if row.value else "") for k, row in FAULTS.items())
+    return markdown(("kind", "what the device does", "`value`", "if left out"), body)
+
+
+def importers() -> str:
+    body = [(f"`{row.suffix}`", row.sentence) for row in IMPORTERS]
+    return markdown(("file", "from"), [*body, ("`.bin`", "ArduPilot's DataFlash")])
+
+
 def verbs() -> str:
     return markdown(("verb", ""), ((f"`station {name}`", words) for name, words in VERBS.items()))
 
@@ -357,6 +398,10 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "methods": methods,
     "effects": effects,
     "verbs": verbs,
+    "protocols": protocols,
+    "mavlink": mavlink_messages,
+    "faults": faults,
+    "importers": importers,
 }
 
 
