@@ -16,7 +16,7 @@ from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import corrector
 from station.estimation.methods import Estimator
 from station.flight.alignment import Aligner
-from station.flight.loop import recorded_beats, run
+from station.flight.loop import Chain, recorded_beats, run
 from station.identification.analysis import identify
 from station.identification.request import Request
 from station.log import About, LogWriter, Table, table
@@ -71,15 +71,15 @@ def recorded(aircraft: Aircraft, folder: Path) -> tuple[Table, list[AlphaEstimat
     about = About(aircraft, flown, RIG, card())
     writer = LogWriter(folder, about, ManualClock(10**10), lambda _: None, "flight")
     noise, made = RIG.frame_noise_si(), []
+    estimator = Estimator(aircraft, card(), RIG.imu_position, noise, ("split",))
+    chain = Chain(estimator, None, corrector(aircraft, noise, RIG.imu_position))
     run(
         recorded_beats(rows),
         Aligner(flown, RIG.noise_si()),
-        Estimator(aircraft, card(), RIG.imu_position, noise, ("split",)),
+        lambda: chain,
         writer,
         None,
         lambda _, rows: made.extend(r for r in rows if isinstance(r, AlphaEstimate)),
-        None,
-        corrector(aircraft, noise, RIG.imu_position),
     )
     writer.close()
     return table(writer.path), made
