@@ -21,7 +21,7 @@ from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
 from station.estimation.physical_method import SEGMENT
 from station.model import regressor_error, unsteady_lift
-from station.model.physical_columns import constants, why_not
+from station.model.physical_constants import constants, why_not
 from station.numerics import spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
@@ -178,10 +178,16 @@ def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
     if "physical" not in campaign.methods or why_not(known):
         return None
     body = known.boom.upwash_body if known.boom else 0.0
+    frequencies = spectra.grid(campaign.low, campaign.high, campaign.step)
     return physical.Constants(
-        regressors=constants(known),
+        profile=constants(known),
         noise=(DEFAULT_NOISE["alpha_vane"] / (1.0 + body)) ** 2,
         segment=round(SEGMENT / campaign.step / _TICK_S) if campaign.segments else math.inf,
+        warm_up=campaign.warm_up,
+        step=campaign.step,
+        omega=2.0 * np.pi * frequencies,
+        derivative=spectra.central_difference_factor(frequencies, _TICK_S),
+        transform=spectra.design(frequencies, _TICK_S),
     )
 
 

@@ -23,7 +23,7 @@ from station.estimation import method_fits, tick
 from station.estimation.derivatives import SLACK_S, moved, weights
 from station.estimation.method_fits import KINDS, SPLIT_CHANNELS, STEADY_CHANNELS, Extent, Factors
 from station.estimation.methods import SETTLE_TICKS
-from station.model import regressor_error, unsteady_lift
+from station.model import physical_fit, regressor_error, unsteady_lift
 from station.numerics import spectra
 from station.numerics.named_state import Element
 from station.simulation import airframe as ac
@@ -310,7 +310,7 @@ def estimate(
     steady, split, closed, at = m.steady.samples, m.split.samples, m.closed, m.at
     split_run = 0
     if own is not None:
-        kept = physical.begin(own, e.transform)
+        kept = physical.begin(own)
     for k in range(n):
         t = (k * TICK_NS) * 1e-9
         _take(shown, k, e.has_split, u)
@@ -319,8 +319,7 @@ def estimate(
         if done & tick.MADE and k + 1 > SETTLE_TICKS:
             _add(e, m, made, t, split_run > 0, true_alpha[k - 1], shown[k - 1, _VANE])
             if own is not None and split_run > SETTLE_TICKS:
-                card, left = (e.warm_up, e.step), n - 1 - k
-                physical.add(own, kept, e.transform, e.frequencies, e.derivative, card, s, made, t, means[2], left)
+                physical.add(own, kept, s, made, t, means[2], n - 1 - k)
         split_run = split_run + 1 if done & tick.SPLIT else 0
         mean, density = s.vane.seen.speed_mean, means[2]
         if steady[spectra.TRANSFORMED] + closed[0] == 0.0 or not mean > 0.0:
@@ -330,22 +329,22 @@ def estimate(
         longest = max(steady[spectra.TRANSFORMED], split[spectra.TRANSFORMED]) * _DT
         if k + 1 == n or longest >= e.segment:
             _fit(e, m, s, results, run)
-    if own is not None and kept.sums[2] > 0.0:
-        _hand_over_physical(kept, results, run)
+    if own is not None and kept.flown[physical.SOLVED] > 0.0:
+        _hand_over_physical(kept.found, results, run)
     _hand_over(m.found, results, run)
 
 
 @njit(cache=True, error_model="numpy")
-def _hand_over_physical(kept: physical.Memory, results: Results, run: int) -> None:
+def _hand_over_physical(found: physical_fit.Found, results: Results, run: int) -> None:
     for i in range(6):
         equation, j = i // 3, i % 3
-        results.estimate[run, PHYSICAL, equation, j] = kept.theta[i]
-        results.error[run, PHYSICAL, equation, j] = kept.stat[i]
-        more = kept.total[i] ** 2 - kept.stat[i] ** 2
+        results.estimate[run, PHYSICAL, equation, j] = found.theta[i]
+        results.error[run, PHYSICAL, equation, j] = found.statistical[i]
+        more = found.total[i] ** 2 - found.statistical[i] ** 2
         results.model[run, PHYSICAL, equation, j] = math.sqrt(max(more, 0.0))
     for equation in range(2):
         results.solved[run, PHYSICAL, equation] = True
-        results.r2[run, PHYSICAL, equation] = 1.0 - kept.quality[equation] / kept.quality[2 + equation]
+        results.r2[run, PHYSICAL, equation] = 1.0 - found.residual[equation] / found.signal[equation]
 
 
 @njit(cache=True, error_model="numpy")

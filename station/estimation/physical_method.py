@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-from station.model import physical_columns as pc
-from station.model import physical_fit as pf
+from station.model import physical_fit
+from station.model.physical_columns import CHANNELS, DE, Segment
+from station.model.physical_constants import CM_ALPHA, FIRST_NUISANCE, constants, why_not
 from station.model.physical_signals import SIGNALS
 from station.numerics.spectra import HIGH_PASS_HZ, HIGH_PASS_ORDER, Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
@@ -44,7 +45,7 @@ WORSE: Final = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """An estimate: CL_alpha, CL_q, CL_de, Cm_alpha, Cm_q, Cm_de, then the nuisances of physical_columns."""
+    """An estimate: physical_constants.DERIVATIVES, then NUISANCES."""
 
     theta: Array
     """(PARAMETERS,)"""
@@ -67,24 +68,24 @@ class Equations:
         """`noise`: standard deviations of the sensors, SI."""
         self._omega = 2.0 * np.pi * frequencies_hz
         self._derivative = central_difference_factor(frequencies_hz, dt)
-        self._constants = pc.constants(aircraft, noise)
+        self._constants = constants(aircraft, noise)
         body = aircraft.boom.upwash_body if aircraft.boom else 0.0
         self._noise = (noise["alpha_vane"] / (1.0 + body)) ** 2
-        self._past = np.zeros((pc.PARAMETERS, 2 * pc.PARAMETERS + 1 + pc.N))
-        self._energies = np.zeros(4)
-        """Of the closed segments: what is left of CL and Cm, and both."""
+        self._past = physical_fit.no_sums()
+        self._energies = np.zeros((2, 2))
+        """Of the closed segments: of the residuals and of the left sides, CL and Cm."""
         self._preference = 0.0
 
     def clear(self) -> None:
         """Forget the closed segments."""
-        self._past[:] = 0.0
-        self._energies[:] = 0.0
+        for sums in (*self._past, self._energies):
+            sums[:] = 0.0
         self._preference = 0.0
 
     def fade(self, keep: float) -> None:
         """Keep this share of the closed segments."""
-        self._past *= keep
-        self._energies *= keep
+        for sums in (*self._past, self._energies):
+            sums *= keep
         self._preference *= keep
 
     def solve(
@@ -102,36 +103,29 @@ class Equations:
         `share`: T df, of independent lines; `speed`: mean, m/s; `density`: of the air, kg/m3; `wind_sd`: standard
         error of the mean wind, m/s; `close` adds the segment to those before.
         """
-        theta, stat, total = np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS), np.zeros(pc.PARAMETERS)
-        quality, rho = np.zeros(pf.QUALITY), np.zeros(len(self._omega))
-        pc.set_air(self._constants, density, wind_sd / speed)
-        solved = pf.fit(
+        segment = Segment(
             spectrum,
             self._omega,
             self._derivative,
-            speed,
-            self._constants,
-            samples * self._noise,
-            share,
-            self._past,
-            close,
-            theta,
-            stat,
-            total,
-            quality,
-            rho,
+            independent=share,
+            vane_noise=samples * self._noise,
+            speed=speed,
+            density=density,
+            wind_sd=wind_sd / speed,
         )
-        if not solved:
+        found = physical_fit.nothing_found(len(self._omega))
+        if not physical_fit.fit(segment, self._constants, self._past, close, found):
             return None
-        energies = self._energies + quality[:4]
-        left, signal = energies[:2].tolist(), energies[2:].tolist()
-        r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(left, signal, strict=True))
-        better = float(quality[6] - quality[5])
+        energies = self._energies + np.array((found.residual, found.signal))
+        residual, signal = energies.tolist()
+        r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(residual, signal, strict=True))
+        gust, deviance, quasi_steady = found.summary.tolist()
+        better = quasi_steady - deviance
         preference = self._preference + (better if math.isfinite(better) else 0.0)
         if close:
             self._preference = preference
             self._energies = energies
-        return Solution(theta, stat, total, (r2[0], r2[1]), float(quality[4]), preference)
+        return Solution(found.theta, found.statistical, found.total, (r2[0], r2[1]), gust, preference)
 
 
 def transform(x: Array, frequencies_hz: Array, dt: float, first: int) -> Complex:
@@ -160,7 +154,7 @@ class Physical:
         """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives."""
         self.lacking = ""
         """What it waits for, while that is not there."""
-        self.why_not = pc.why_not(aircraft)
+        self.why_not = why_not(aircraft)
         """Why the method cannot be applied to this aircraft; "" if it can."""
         if not self.why_not and names[0].startswith("CZ"):
             self.why_not = "estimates wind-axes derivatives only"
@@ -171,13 +165,13 @@ class Physical:
         self._step_hz = card.step
         self._minimum = MIN_PERIODS / card.low
         self._frequencies = grid(card.low, card.high, card.step)
-        self._transform = Transform(pc.CHANNELS, self._frequencies, dt)
+        self._transform = Transform(CHANNELS, self._frequencies, dt)
         self._segment = round(SEGMENT / card.step / dt)
         self._keep = math.exp(-self._segment * dt / forgetting_s)
         self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise)
         self._has_inertia = aircraft.inertia.iyy is not None
         self._known = [abs(aircraft.value(n)) for n in names]
-        self._row = np.zeros(pc.CHANNELS)
+        self._row = np.zeros(CHANNELS)
         self._from_s = 0.0
         self._speed_sum = 0.0
         self._wind_sd = 0.0
@@ -240,7 +234,7 @@ class Physical:
             self._speed_sum = 0.0
 
     def _elevator_energy(self) -> float:
-        elevator = self._transform.spectrum[pc.DE]
+        elevator = self._transform.spectrum[DE]
         return float(np.vdot(elevator, elevator).real)
 
     def estimate(self, t_ns: int) -> MethodEstimate:
@@ -255,13 +249,13 @@ class Physical:
         if solution is None:
             found = tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in self._names)
             return found, not self.why_not, self.why_not
-        values = solution.theta[:6].tolist()
-        errors = solution.total[:6].tolist()
+        values = solution.theta[:FIRST_NUISANCE].tolist()
+        errors = solution.total[:FIRST_NUISANCE].tolist()
         parameters = []
         for i, name in enumerate(self._names):
             this, reason = status, why
-            r2 = solution.r2[i // 3]
-            if i >= 3 and not self._has_inertia:
+            r2 = solution.r2[i >= CM_ALPHA]
+            if i >= CM_ALPHA and not self._has_inertia:
                 reason = "the aircraft profile gives no iyy"
                 parameters.append(ParamEstimate(name, math.nan, math.nan, Status.INVALID, reason))
                 continue

@@ -16,379 +16,372 @@ radians.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from station.model.physical_columns import (
-    CHANNELS,
-    CL,
+from station.model.physical_columns import CL, CM, EVERY, Columns, Segment, all_columns, design, wiener
+from station.model.physical_constants import (
+    ARM_LENGTH,
     CL_ALPHA,
-    CM,
     CM_ALPHA,
-    DE,
-    HAS_MOMENT,
-    KNOWN_AT,
-    LEARNT_AT,
-    NOISE_AT,
+    FIRST_NUISANCE,
+    OF_CM,
     PARAMETERS,
-    QH,
     SOURCES,
-    WING,
+    WIND,
+    Constants,
     N,
-    columns,
-    design,
-    noise_spectrum,
-    wiener,
 )
-from station.model.physical_signals import GC, GT, X
+from station.model.residual_spectrum import (
+    EQUATIONS,
+    ORDER,
+    PASSES,
+    Weighting,
+    deviance,
+    quasi_steady_deviance,
+    weigh,
+)
 from station.numerics.regression import invert
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-PASSES: Final = 4
-QUALITY: Final = 7
-MOST_COHERENT: Final = 0.9
-ORDER: Final = 3.5
-"""Residual energy is scaled by n/(n - ORDER): parameters used up by each equation."""
+GUST, DEVIANCE, QUASI_STEADY = range(3)
+"""Places in Found.summary."""
 SMALL_RECORD: Final = 1.2
 """On standard errors: weights come from the residuals of the record itself, of some 40 independent lines. From Monte
 Carlo with known constants, so that 95 % intervals cover 95 %."""
-EVERY: Final = 4
-"""Lines from one to the next at which the noise of the sensors is evaluated: it is smooth."""
 TAKEN_OFF: Final = (1.0, 0.5, 0.0)
 """Share of the sensors' noise that is taken off the normal equations: the first that leaves them positive, and every
 constant known no worse than before (Fuller takes off less for the same reason)."""
-_SOURCES: Final = len(SOURCES)
+SMALLEST: Final = 1e-18
+"""Of a prior's variance: a constant without any is known exactly."""
+
+
+class Sums(NamedTuple):
+    """Over closed segments."""
+
+    normal: Array
+    """Normal matrix, (PARAMETERS, PARAMETERS)."""
+    scores: Array
+    """Score products of neighbouring lines, (PARAMETERS, PARAMETERS)."""
+    right: Array
+    """(PARAMETERS,)"""
+    cross: Array
+    """Normal matrix of parameters and nuisances without what noise adds to it, (PARAMETERS, N)."""
+
+
+class Found(NamedTuple):
+    """What `fit` makes of a segment and those before."""
+
+    theta: Array
+    """Derivatives and nuisances, (PARAMETERS,)."""
+    statistical: Array
+    """Standard errors by the residuals alone, (PARAMETERS,)."""
+    total: Array
+    """With what the priors leave, (PARAMETERS,)."""
+    residual: Array
+    """Energy of both equations' residuals, (2,), of this segment, as the next two."""
+    signal: Array
+    """And of their left sides, (2,)."""
+    summary: Array
+    """How far the gust's spectrum stands out of the vane's noise, 0 calm to 1 turbulent; deviance of both equations
+    for this model; and for the quasi-steady one on the same angle of attack, (3,)."""
+    rho: Array
+    """Share of the gust's spectrum that is not noise, (frequencies,)."""
+
+
+class Normal(NamedTuple):
+    """Normal equations of spectra."""
+
+    slopes: Complex
+    """Of both whitened equations by each parameter, (frequencies, 2, PARAMETERS)."""
+    white: Complex
+    """Their residuals, (frequencies, 2)."""
+    matrix: Array
+    """(PARAMETERS, PARAMETERS)"""
+    gradient: Array
+    """(PARAMETERS,)"""
+
+
+class Solved(NamedTuple):
+    """The segment's own normal equations, less the sensors' noise, and the solution with segments before and prior."""
+
+    matrix: Array
+    right: Array
+    inverse: Array
+    """Of the whole normal matrix."""
+
+
+@register_jitable
+def no_sums() -> Sums:
+    """Before the first segment is closed."""
+    n = PARAMETERS
+    return Sums(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((n, N)))
+
+
+@register_jitable
+def nothing_found(lines: int) -> Found:
+    """Zeros, to be filled."""
+    n = PARAMETERS
+    return Found(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(lines))
+
+
+@register_jitable
+def _no_normal(lines: int) -> Normal:
+    n = PARAMETERS
+    slopes = np.zeros((lines, EQUATIONS, n), dtype=np.complex128)
+    return Normal(slopes, np.zeros((lines, EQUATIONS), dtype=np.complex128), np.zeros((n, n)), np.zeros(n))
 
 
 @njit(cache=True, error_model="numpy")
-def _residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
-    """Log-quadratic spectrum of a residual, by gamma regression from a logarithmic start -> `smooth` (frequencies,)."""
-    lines = omega.shape[0]
-    z = np.empty((lines, 3))
-    power = np.empty(lines)
-    zz = np.zeros((3, 3))
-    for i in range(lines):
-        u = math.log(omega[i] / math.pi)
-        z[i, 0], z[i, 1], z[i, 2] = 1.0, u, u * u
-        power[i] = residual[i].real ** 2 + residual[i].imag ** 2 + 1e-300
-        for a in range(3):
-            for b in range(3):
-                zz[a, b] += z[i, a] * z[i, b]
-    inverse = np.empty((3, 3))
-    if not invert(zz, 3, inverse):
-        smooth[:] = power.mean()
-        return
-    beta = np.zeros(3)
-    for k in range(5):
-        pull = np.zeros(3)
-        for i in range(lines):
-            level = beta[0] * z[i, 0] + beta[1] * z[i, 1] + beta[2] * z[i, 2]
-            # E ln|r|^2 of a complex normal is 0.577 below the logarithm of its mean.
-            off = math.log(power[i]) + 0.5772156649 if k == 0 else power[i] / math.exp(level) - 1.0
-            for a in range(3):
-                pull[a] += z[i, a] * off
-        step = inverse @ pull
-        most = 0.0
-        for i in range(lines):
-            most = max(most, abs(step[0] + step[1] * z[i, 1] + step[2] * z[i, 2]))
-        # A line far above the curve would throw it: a step changes no line by more than e^2.
-        if k > 0 and most > 2.0:
-            step *= 2.0 / most
-        beta += step
-    for i in range(lines):
-        smooth[i] = math.exp(beta[0] + beta[1] * z[i, 1] + beta[2] * z[i, 2])
+def _priors(segment: Segment, con: Constants, turbulent: float, prior: Array, considered: Array) -> None:
+    """Inverse variances of what is estimated, `prior` (PARAMETERS,), and variances of what is only `considered` (N,).
 
-
-@njit(cache=True, error_model="numpy")
-def _deviance(residual: Complex, omega: Array, smooth: Array) -> float:
-    """-2 log likelihood of a residual whose spectrum is log-quadratic, but for a constant."""
-    _residual_spectrum(residual, omega, smooth)
-    total = 0.0
-    for i in range(omega.shape[0]):
-        total += 2.0 * (math.log(smooth[i]) + (residual[i].real ** 2 + residual[i].imag ** 2) / smooth[i])
-    return total
-
-
-@njit(cache=True, error_model="numpy")
-def _quasi_steady(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Array) -> float:
-    """Deviance of z = c_alpha (x + g_cg) + c_q qhat + c_de de + c_d (g_cg - g_tail), generalised least squares: what
-    split+gust assumes, and in calm air split. The last term costs what the record tells of it (Schwarz 1978)."""
-    lines = omega.shape[0]
-    g = np.empty((4, lines), dtype=np.complex128)
-    gust = 0.0
-    for i in range(lines):
-        g[0, i], g[1, i], g[2, i] = f[X, i] + rho[i] * f[GC, i], f[QH, i], f[DE, i]
-        g[3, i] = rho[i] * (f[GC, i] - f[GT, i])
-        gust += abs(g[3, i])
-    n = 4 if gust > 0.0 else 3
-    residual = z.copy()
-    smooth[:] = 1.0
-    inverse = np.empty((n, n))
-    for k in range(PASSES):
-        m = np.zeros((n, n))
-        rhs = np.zeros(n)
-        for i in range(lines):
-            for a in range(n):
-                rhs[a] += (g[a, i].real * z[i].real + g[a, i].imag * z[i].imag) / smooth[i]
-                for b in range(n):
-                    m[a, b] += (g[a, i].real * g[b, i].real + g[a, i].imag * g[b, i].imag) / smooth[i]
-        if not invert(m, n, inverse):
-            return math.inf
-        theta = inverse @ rhs
-        for i in range(lines):
-            residual[i] = z[i]
-            for a in range(n):
-                residual[i] -= theta[a] * g[a, i]
-        if k < PASSES - 1:
-            _residual_spectrum(residual, omega, smooth)
-    return _deviance(residual, omega, smooth) + (n - 3) * math.log(2.0 * lines)
+    The mean wind stretches the time to the tail, as a wrong tail arm does, which is only considered: what the data show
+    of the stretch is the wind's in the ratio of the two prior variances, all of it if the arm is known exactly.
+    """
+    if not con.has_moment:
+        prior[OF_CM] = 1.0
+    for j in range(N):
+        sd, learnt = con.prior[j], con.learnt[j]
+        if j == WIND:
+            sd, arm = segment.wind_sd, con.prior[ARM_LENGTH]
+            learnt = sd / math.sqrt(sd * sd + arm * arm + SMALLEST)
+        moved = 1.0 - turbulent * (1.0 - learnt**2)
+        prior[FIRST_NUISANCE + j] = 1.0 / max(sd**2 * moved, SMALLEST)
+        considered[j] = sd**2 * (1.0 - moved)
 
 
 @njit(cache=True, error_model="numpy")
 def _accumulate(
-    f: Complex,
-    derivative: Array,
-    wing: Complex,
-    base: Complex,
-    con: Array,
-    theta: Array,
-    spectrum: Array,
-    coherence: complex,
-    energy: float,
-    every: int,
-    equations: int,
-    g: Complex,
-    residual: Complex,
-    m: Array,
-    rhs: Array,
+    of: Columns, derivative: Array, con: Constants, theta: Array, weighting: Weighting, energy: float, into: Normal
 ) -> None:
-    """Add `energy` times the normal matrix and gradient of the spectra `f` to `m` and `rhs`.
+    """Add `energy` times the normal matrix (its lower triangle) and gradient of the columns to `into`.
 
-    Both equations are divided by their spectra, and the second is freed of what it shares with the first: `g` (lines,
-    2, PARAMETERS), `residual` (lines, 2).
+    Both equations are divided by their spectra, and the second is freed of what it shares with the first.
     """
     n = PARAMETERS
-    plain = np.empty((2, n), dtype=np.complex128)
-    left = np.empty(2, dtype=np.complex128)
+    g, residual = into.slopes, into.white
+    plain = np.empty((EQUATIONS, n), dtype=np.complex128)
+    rest = np.empty(EQUATIONS, dtype=np.complex128)
+    coherence = weighting.coherence[0]
     alone = 1.0 / math.sqrt(1.0 - abs(coherence) ** 2)
     shared = np.conj(coherence)
-    weight = 2.0 * energy * every
-    for i in range(every // 2, f.shape[1], every):
-        design(f, i, derivative[i], wing, base, con, theta, plain, left)
-        first, second = 1.0 / math.sqrt(spectrum[0, i]), 1.0 / math.sqrt(spectrum[1, i])
+    weight = 2.0 * energy * of.every
+    for i in range(of.every // 2, derivative.shape[0], of.every):
+        design(of, i, derivative[i], con, theta, plain, rest)
+        first, second = 1.0 / math.sqrt(weighting.spectrum[0, i]), 1.0 / math.sqrt(weighting.spectrum[1, i])
         for a in range(n):
             g[i, 0, a] = first * plain[0, a]
             g[i, 1, a] = alone * (second * plain[1, a] - shared * g[i, 0, a])
-        residual[i, 0] = first * left[0]
-        residual[i, 1] = alone * (second * left[1] - shared * residual[i, 0])
-        for q in range(equations):
-            r = residual[i, q]
-            for a in range(n):
-                re, im = weight * g[i, q, a].real, weight * g[i, q, a].imag
-                if re == 0.0 and im == 0.0:
-                    continue
-                rhs[a] += re * r.real + im * r.imag
-                for b in range(a + 1):
-                    m[a, b] += re * g[i, q, b].real + im * g[i, q, b].imag
+        residual[i, 0] = first * rest[0]
+        residual[i, 1] = alone * (second * rest[1] - shared * residual[i, 0])
+        for q in range(EQUATIONS if con.has_moment else 1):
+            _add_line(g[i, q], residual[i, q], weight, into)
 
 
 @njit(cache=True, error_model="numpy")
-def fit(
-    f: Complex,
-    omega: Array,
-    derivative: Array,
-    speed: float,
-    con: Array,
-    noise: float,
-    share: float,
-    past: Array,
-    close: bool,
-    theta: Array,
-    stat: Array,
-    total: Array,
-    quality: Array,
-    rho: Array,
-) -> bool:
-    """Estimate from the spectra `f` (CHANNELS, frequencies) and the sums over segments closed before.
+def _add_line(g: Complex, r: complex, weight: float, into: Normal) -> None:
+    """Add one line of an equation, its slopes `g` (PARAMETERS,) and residual, to the normal equations."""
+    for a in range(g.shape[0]):
+        re, im = weight * g[a].real, weight * g[a].imag
+        if re == 0.0 and im == 0.0:
+            continue
+        into.gradient[a] += re * r.real + im * r.imag
+        for b in range(a + 1):
+            into.matrix[a, b] += re * g[b].real + im * g[b].imag
 
-    `derivative`: factor of Cm for its central difference; `noise`: energy of the vane's noise on a line; `share`: T df,
-    of independent lines. Edits `past` (PARAMETERS, 2 PARAMETERS + 1 + N): normal matrix, score cloud, right side,
-    cross terms; `close` adds this segment. Fills `theta` (PARAMETERS,), `stat` and `total` standard errors
-    (PARAMETERS,), `quality` (QUALITY,): residual and signal energy of CL and Cm, gust share, and the deviance of both
-    equations for this model and for the quasi-steady one on the same angle of attack.
-    """
-    lines = omega.shape[0]
+
+@njit(cache=True, error_model="numpy")
+def _fill_upper(m: Array) -> None:
+    for a in range(m.shape[0]):
+        for b in range(a):
+            m[b, a] = m[a, b]
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(own: Normal, noisy: Normal, past: Sums, prior: Array, theta: Array, change: Array, solved: Solved) -> bool:
+    """Normal equations in the form m theta = rhs, to which segments before and the prior, about zero, add; `theta`
+    (PARAMETERS,): where they were made, and then what they give, a `change` (PARAMETERS,). False if there is no
+    solution."""
     n = PARAMETERS
-    gust_power = np.empty(lines)
-    turbulent = wiener(f, omega, noise, gust_power, rho)
-    spectra = np.empty((1 + _SOURCES, CHANNELS, lines), dtype=np.complex128)
-    wing = np.empty((1 + _SOURCES, WING, lines), dtype=np.complex128)
-    base = np.empty((1 + _SOURCES, N, 3, lines), dtype=np.complex128)
-    spectra[0] = f
-    for k in range(1 + _SOURCES):
-        every = EVERY if k > 0 else 1
-        if k > 0:
-            noise_spectrum(k - 1, omega, speed, con, derivative, every, spectra[k])
-        columns(spectra[k], omega, speed, con, rho, every, wing[k], base[k])
-    prior = np.zeros(n)
-    considered = np.zeros(N)
-    equations = 2 if con[HAS_MOMENT] > 0.0 else 1
-    if equations == 1:
-        prior[3:6] = 1.0
-    for j in range(N):
-        learnt = 1.0 - turbulent * (1.0 - con[LEARNT_AT + j] ** 2)
-        prior[6 + j] = 1.0 / max(con[KNOWN_AT + j] ** 2 * learnt, 1e-18)
-        considered[j] = con[KNOWN_AT + j] ** 2 * (1.0 - learnt)
-    independent = min(max(share, 1e-3), 1.0)
-    spectrum = np.ones((2, lines))
-    spectrum[1] = 0.1
-    coherence = 0.0j
-    g = np.zeros((lines, 2, n), dtype=np.complex128)
-    white = np.zeros((lines, 2), dtype=np.complex128)
-    scratch = np.empty((lines, 2, n), dtype=np.complex128)
-    spare = np.empty((lines, 2), dtype=np.complex128)
-    residual = np.empty((2, lines), dtype=np.complex128)
-    alone = np.zeros((n, n))
-    noisy = np.empty((n, n))
-    noisy_rhs = np.empty(n)
-    own = np.empty((n, n))
-    own_rhs = np.empty(n)
     m = np.empty((n, n))
-    rhs = np.empty(n)
-    inverse = np.empty((n, n))
-    theta[:] = 0.0
-    theta[0], theta[3] = con[CL_ALPHA], con[CM_ALPHA]
-    before = np.empty(n)
-    for k in range(PASSES):
-        alone[:] = 0.0
-        rhs[:] = 0.0
-        w, b0 = wing[0], base[0]
-        _accumulate(
-            f, derivative, w, b0, con, theta, spectrum, coherence, independent, 1, equations, g, white, alone, rhs
-        )
-        noisy[:] = 0.0
-        noisy_rhs[:] = 0.0
-        for source in range(_SOURCES):
-            energy = independent * noise * con[NOISE_AT + source]
-            _accumulate(
-                spectra[1 + source],
-                derivative,
-                wing[1 + source],
-                base[1 + source],
-                con,
-                theta,
-                spectrum,
-                coherence,
-                energy,
-                EVERY,
-                equations,
-                scratch,
-                spare,
-                noisy,
-                noisy_rhs,
-            )
+    found = False
+    for taken in TAKEN_OFF:
         for a in range(n):
-            for b in range(a):
-                noisy[b, a] = noisy[a, b]
-                alone[b, a] = alone[a, b]
-        before[:] = theta
-        solved = False
-        for taken in TAKEN_OFF:
-            # In the form m theta = rhs, to which segments before and the prior, about zero, add.
-            own[:] = alone - taken * noisy
-            for a in range(n):
-                own_rhs[a] = rhs[a] - taken * noisy_rhs[a]
-                for b in range(n):
-                    own_rhs[a] += own[a, b] * before[b]
-            m[:] = own + past[:, :n]
-            for a in range(n):
-                m[a, a] += prior[a]
-            solved = invert(m, n, inverse)
-            for a in range(6, n):
-                solved = solved and 0.0 < inverse[a, a] * prior[a] < 1.0 + 1e-6
-            if solved:
-                break
-        if not solved:
-            return False
-        theta[:] = inverse @ (own_rhs + past[:, 2 * n])
-        for q in range(2):
-            for i in range(lines):
-                left = white[i, q]
-                for a in range(n):
-                    left -= g[i, q, a] * (theta[a] - before[a])
-                white[i, q] = left
-        for i in range(lines):
-            first = white[i, 0]
-            second = math.sqrt(1.0 - abs(coherence) ** 2) * white[i, 1] + np.conj(coherence) * first
-            residual[0, i] = first * math.sqrt(spectrum[0, i])
-            residual[1, i] = second * math.sqrt(spectrum[1, i])
-        if k < PASSES - 1:
-            product = 0.0j
-            for q in range(2):
-                _residual_spectrum(residual[q], omega, spectrum[q])
-                for i in range(lines):
-                    spectrum[q, i] *= lines / (lines - ORDER)
-            if equations == 2:
-                for i in range(lines):
-                    product += residual[0, i] * np.conj(residual[1, i]) / math.sqrt(spectrum[0, i] * spectrum[1, i])
-                coherence = product / lines
-                if abs(coherence) > MOST_COHERENT:
-                    coherence *= MOST_COHERENT / abs(coherence)
+            solved.right[a] = own.gradient[a] - taken * noisy.gradient[a]
+            for b in range(n):
+                solved.matrix[a, b] = own.matrix[a, b] - taken * noisy.matrix[a, b]
+                solved.right[a] += solved.matrix[a, b] * theta[b]
+                m[a, b] = solved.matrix[a, b] + past.normal[a, b]
+            m[a, a] += prior[a]
+        found = invert(m, n, solved.inverse)
+        for a in range(FIRST_NUISANCE, n):
+            found = found and 0.0 < solved.inverse[a, a] * prior[a] < 1.0 + 1e-6
+        if found:
+            break
+    right = np.empty(n)
+    for a in range(n):
+        right[a] = solved.right[a] + past.right[a]
+    right = solved.inverse @ right
+    for a in range(n if found else 0):
+        change[a] = right[a] - theta[a]
+        theta[a] = right[a]
+    return found
 
+
+@njit(cache=True, error_model="numpy")
+def _move(own: Normal, weighting: Weighting, change: Array, residual: Complex) -> None:
+    """Whitened residuals of `own` and plain ones, `residual` (2, frequencies), after a `change` of the parameters."""
+    white, g = own.white, own.slopes
+    for q in range(EQUATIONS):
+        for i in range(white.shape[0]):
+            rest = white[i, q]
+            for a in range(PARAMETERS):
+                rest -= g[i, q, a] * change[a]
+            white[i, q] = rest
+    coherence = weighting.coherence[0]
+    for i in range(white.shape[0]):
+        first = white[i, 0]
+        second = math.sqrt(1.0 - abs(coherence) ** 2) * white[i, 1] + np.conj(coherence) * first
+        residual[0, i] = first * math.sqrt(weighting.spectrum[0, i])
+        residual[1, i] = second * math.sqrt(weighting.spectrum[1, i])
+
+
+@njit(cache=True, error_model="numpy")
+def _score_products(own: Normal, independent: float, equations: int, cloud: Array) -> None:
+    """Sum over lines up to the grid's dependence apart (Newey and West) -> `cloud` (PARAMETERS, PARAMETERS)."""
+    lines, n = own.white.shape[0], PARAMETERS
     score = np.zeros((lines, n))
     for i in range(lines):
         for q in range(equations):
-            re, im = 2.0 * independent * white[i, q].real, 2.0 * independent * white[i, q].imag
+            re, im = 2.0 * independent * own.white[i, q].real, 2.0 * independent * own.white[i, q].imag
             for a in range(n):
-                score[i, a] += g[i, q, a].real * re + g[i, q, a].imag * im
+                score[i, a] += own.slopes[i, q, a].real * re + own.slopes[i, q, a].imag * im
     lags = min(max(math.ceil(2.0 / independent), 2), 12)
-    cloud = np.zeros((n, n))
     for lag in range(lags + 1):
         weight = (0.5 if lag == 0 else 1.0 - lag / (lags + 1.0)) * lines / (lines - ORDER)
         for i in range(lines - lag):
             for a in range(n):
                 for b in range(n):
                     cloud[a, b] += weight * (score[i, a] * score[i + lag, b] + score[i + lag, a] * score[i, b])
-    cross = alone[:, 6:] + past[:, 2 * n + 1 :]
-    spread = inverse @ (cloud + past[:, n : 2 * n]) @ inverse
-    effect = inverse @ cross
+
+
+@njit(cache=True, error_model="numpy")
+def _errors(
+    solved: Solved, past: Sums, cloud: Array, cross: Array, prior: Array, considered: Array, found: Found
+) -> None:
+    """Standard errors -> `found`. `cross` (PARAMETERS, N): see Sums."""
+    n, inverse = PARAMETERS, solved.inverse
+    scores, crossed = np.empty((n, n)), np.empty((n, N))
+    for a in range(n):
+        for b in range(n):
+            scores[a, b] = cloud[a, b] + past.scores[a, b]
+        for j in range(N):
+            crossed[a, j] = cross[a, j] + past.cross[a, j]
+    spread = inverse @ scores @ inverse
+    effect = inverse @ crossed
     for a in range(n):
         smallest = 0.0
         for b in range(n):
             for c in range(n):
-                smallest += inverse[a, b] * (own[b, c] + past[b, c]) * inverse[c, a]
+                smallest += inverse[a, b] * (solved.matrix[b, c] + past.normal[b, c]) * inverse[c, a]
         square = SMALL_RECORD**2 * max(smallest, spread[a, a])
-        stat[a] = math.sqrt(square)
+        found.statistical[a] = math.sqrt(square)
         for b in range(n):
             square += inverse[a, b] ** 2 * prior[b] * SMALL_RECORD**2
         for j in range(N):
             square += effect[a, j] ** 2 * considered[j]
-        total[a] = math.sqrt(square)
+        found.total[a] = math.sqrt(square)
 
-    quality[:] = 0.0
-    quality[4] = turbulent
+
+@njit(cache=True, error_model="numpy")
+def _judge(segment: Segment, residual: Complex, weighting: Weighting, equations: int, found: Found) -> None:
+    """Energies and deviances -> `found`; overwrites the weighting's spectra."""
+    lines = segment.omega.shape[0]
     z = np.empty(lines, dtype=np.complex128)
+    found.residual[:] = 0.0
+    found.signal[:] = 0.0
+    found.summary[DEVIANCE] = found.summary[QUASI_STEADY] = 0.0
+    independent = _share(segment)
     for q in range(equations):
+        smooth = weighting.spectrum[q]
         for i in range(lines):
-            z[i] = f[CL, i] if q == 0 else f[CM, i] * derivative[i]
-            quality[q] += residual[q, i].real ** 2 + residual[q, i].imag ** 2
-            quality[2 + q] += z[i].real ** 2 + z[i].imag ** 2
-        quality[5] += independent * _deviance(residual[q], omega, spectrum[q])
-        quality[6] += independent * _quasi_steady(f, rho, z, omega, spectrum[q])
+            z[i] = segment.spectrum[CL, i] if q == 0 else segment.spectrum[CM, i] * segment.derivative[i]
+            found.residual[q] += residual[q, i].real ** 2 + residual[q, i].imag ** 2
+            found.signal[q] += z[i].real ** 2 + z[i].imag ** 2
+        found.summary[DEVIANCE] += independent * deviance(residual[q], segment.omega, smooth)
+        quasi_steady = quasi_steady_deviance(segment.spectrum, found.rho, z, segment.omega, smooth)
+        found.summary[QUASI_STEADY] += independent * quasi_steady
+
+
+@register_jitable
+def _share(segment: Segment) -> float:
+    return min(max(segment.independent, 1e-3), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _close(solved: Solved, cloud: Array, cross: Array, past: Sums) -> None:
+    """Add this segment to the `past`."""
+    for a in range(PARAMETERS):
+        for b in range(PARAMETERS):
+            past.normal[a, b] += solved.matrix[a, b]
+            past.scores[a, b] += cloud[a, b]
+        past.right[a] += solved.right[a]
+        for j in range(N):
+            past.cross[a, j] += cross[a, j]
+
+
+@njit(cache=True, error_model="numpy")
+def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found) -> bool:
+    """Estimate from a segment's spectra and the sums over segments closed before -> `found`; `close` adds this segment
+    to the `past`. False if there is no solution."""
+    n, lines, omega = PARAMETERS, segment.omega.shape[0], segment.omega
+    equations = EQUATIONS if con.has_moment else 1
+    theta, independent = found.theta, _share(segment)
+    turbulent = wiener(segment.spectrum, omega, segment.vane_noise, found.rho)
+    found.summary[GUST] = turbulent
+    spectra, wing, spans, base = all_columns(segment, con, found.rho)
+    prior, considered = np.zeros(n), np.zeros(N)
+    _priors(segment, con, turbulent, prior, considered)
+    weighting = Weighting(np.ones((EQUATIONS, lines)), np.zeros(1, dtype=np.complex128))
+    weighting.spectrum[1] = 0.1
+    own, noisy = _no_normal(lines), _no_normal(lines)
+    solved = Solved(np.empty((n, n)), np.empty(n), np.empty((n, n)))
+    residual = np.empty((EQUATIONS, lines), dtype=np.complex128)
+    change = np.empty(n)
+    theta[:] = 0.0
+    theta[CL_ALPHA], theta[CM_ALPHA] = con.cl_alpha, con.cm_alpha
+    for k in range(PASSES):
+        if k > 0:
+            weigh(residual, omega, con.has_moment, weighting)
+        for normal in (own, noisy):
+            normal.matrix[:] = 0.0
+            normal.gradient[:] = 0.0
+        for part in range(1 + len(SOURCES)):
+            every, into = (EVERY, noisy) if part > 0 else (1, own)
+            energy = independent * segment.vane_noise * con.noise[part - 1] if part > 0 else independent
+            of = Columns(spectra[part], wing[part], spans[part], base[part], every)
+            _accumulate(of, segment.derivative, con, theta, weighting, energy, into)
+        _fill_upper(own.matrix)
+        _fill_upper(noisy.matrix)
+        if not _solve(own, noisy, past, prior, theta, change, solved):
+            return False
+        _move(own, weighting, change, residual)
+
+    cloud = np.zeros((n, n))
+    _score_products(own, independent, equations, cloud)
+    cross = own.matrix[:, FIRST_NUISANCE:]
+    _errors(solved, past, cloud, cross, prior, considered, found)
+    _judge(segment, residual, weighting, equations, found)
     # A model that fits only with constants far from the profile's, and just there, is the less likely one (Laplace).
-    for a in range(6, n):
-        quality[5] += prior[a] * theta[a] ** 2 - math.log(inverse[a, a] * prior[a])
+    for a in range(FIRST_NUISANCE, n):
+        found.summary[DEVIANCE] += prior[a] * theta[a] ** 2 - math.log(solved.inverse[a, a] * prior[a])
     if close:
-        for a in range(n):
-            for b in range(n):
-                past[a, b] += own[a, b]
-                past[a, n + b] += cloud[a, b]
-            past[a, 2 * n] += own_rhs[a]
-            for j in range(N):
-                past[a, 2 * n + 1 + j] += alone[a, 6 + j]
+        _close(solved, cloud, cross, past)
     return math.isfinite(theta.sum())

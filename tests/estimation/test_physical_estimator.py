@@ -13,6 +13,7 @@ from station.estimation.methods import Estimator
 from station.estimation.physical_method import SEGMENT, Equations, transform
 from station.model import physical_columns as pc
 from station.model import physical_signals as ps
+from station.model.physical_constants import NUISANCES, PARAMETERS, WIND, constants
 from station.numerics.named_state import blank, packed
 from station.numerics.spectra import grid
 from station.profile import Aircraft, Card, Indicial, load_aircraft
@@ -231,15 +232,22 @@ def test_an_error_of_the_mean_wind_does_what_its_column_says() -> None:
             estimator.filters["inertial"]["wind"] = (wrong, 0.0, 0.0)
             estimator.step(frame)
         f, speed = seen[-1]
-        wing = np.empty((pc.WING, len(omega)), dtype=complex)
-        base = np.empty((pc.N, 3, len(omega)), dtype=complex)
-        pc.columns(f, omega, speed, pc.constants(aircraft), np.ones(len(omega)), 1, wing, base)
-        wings.append(wing[:3])
-        bases.append(base[pc.WIND])
+        made = columns_of(f, omega, speed, aircraft, np.ones(len(omega)))
+        wings.append(made.wing)
+        bases.append(made.nuisances[WIND])
         share = wrong / speed
     for was, now, column in zip(*wings, bases[0], strict=True):
         left = np.linalg.norm((now - was) / share - column) / np.linalg.norm(column)
         assert left < 0.1
+
+
+def columns_of(f: np.ndarray, omega: np.ndarray, speed: float, aircraft: Aircraft, rho: np.ndarray) -> pc.Columns:
+    """Every line of the equations' columns."""
+    segment = pc.Segment(f, omega, np.ones(len(omega)), 1.0, 0.0, speed, 1.2, 0.0)
+    _, wing, spans, base = (part[0] for part in pc.no_columns(1, len(omega)))
+    made = pc.Columns(f, wing, spans, base, 1)
+    pc.columns(segment, constants(aircraft), rho, made)
+    return made
 
 
 def scaled(response: Indicial | None, amplitude: float, rate: float) -> Indicial:
@@ -263,10 +271,8 @@ def test_wrong_constants_do_what_their_columns_say() -> None:
         equations.solve = lambda f, n, s, v, *_: seen.append((f.copy(), v))  # type: ignore[method-assign]
         for frame in given:
             estimator.step(frame)
-        wing = np.empty((pc.WING, len(omega)), dtype=complex)
-        base = np.empty((pc.N, 3, len(omega)), dtype=complex)
-        pc.columns(*(seen[-1][0], omega, seen[-1][1]), pc.constants(known), np.full(len(omega), 0.4), 1, wing, base)
-        return wing[:3], base
+        made = columns_of(seen[-1][0], omega, seen[-1][1], known, np.full(len(omega), 0.4))
+        return made.wing, made.nuisances
 
     boom, unsteady, speed = aircraft.boom, aircraft.unsteady, 110 * 0.514444
     assert boom is not None
@@ -288,7 +294,7 @@ def test_wrong_constants_do_what_their_columns_say() -> None:
     before, columns = found(aircraft)
     for name, by, part, keys in constants:
         after, _ = found(changed(aircraft, part, **keys))
-        column = columns[pc.NUISANCES.index(name)]
+        column = columns[NUISANCES.index(name)]
         left = np.linalg.norm((after - before) / by - column) / np.linalg.norm(column)
         # Memories act in time, their slopes on spectra of a record that begins somewhere: up to 0.17.
         assert left < 0.25, name
@@ -319,20 +325,17 @@ def test_slopes_are_those_of_the_residual() -> None:
         return rng.normal(size=shape) + 1j * rng.normal(size=shape)
 
     f, rho = complex_normal(pc.CHANNELS, lines), rng.uniform(size=lines)
-    con = pc.constants(aircraft)
-    wing = np.empty((pc.WING, lines), dtype=complex)
-    base = np.empty((pc.N, 3, lines), dtype=complex)
-    pc.columns(f, omega, speed, con, rho, 1, wing, base)
-    theta = rng.normal(size=pc.PARAMETERS)
-    g, left = np.empty((2, pc.PARAMETERS), dtype=complex), np.empty(2, dtype=complex)
-    up, down = left.copy(), left.copy()
-    pc.design(f, 3, 1.1, wing, base, con, theta, g, left)
-    for a in range(pc.PARAMETERS):
-        step = np.zeros(pc.PARAMETERS)
+    con, made = constants(aircraft), columns_of(f, omega, speed, aircraft, rho)
+    theta = rng.normal(size=PARAMETERS)
+    g, rest = np.empty((2, PARAMETERS), dtype=complex), np.empty(2, dtype=complex)
+    up, down = rest.copy(), rest.copy()
+    pc.design(made, 3, 1.1, con, theta, g, rest)
+    for a in range(PARAMETERS):
+        step = np.zeros(PARAMETERS)
         step[a] = 1e-5
         spare = np.empty_like(g)
-        pc.design(f, 3, 1.1, wing, base, con, theta + step, spare, up)
-        pc.design(f, 3, 1.1, wing, base, con, theta - step, spare, down)
+        pc.design(made, 3, 1.1, con, theta + step, spare, up)
+        pc.design(made, 3, 1.1, con, theta - step, spare, down)
         np.testing.assert_allclose(g[:, a], (down - up) / 2e-5, rtol=1e-6, atol=1e-6)
 
 
@@ -361,4 +364,3 @@ def test_constants_come_from_the_profile() -> None:
     other = changed(aircraft, "unsteady", tail_arm=1.15 * aircraft.unsteady.tail_arm)
     two = last(Estimator(other, c, methods=("physical",)), given)
     assert abs(two.parameters[4].value / one.parameters[4].value - 1) > 0.003
-    assert len(pc.constants(aircraft)) == pc.CONSTANTS
