@@ -75,36 +75,39 @@ class Preparation:
     def _prepare(self) -> None:
         profiles = self._profiles
         done = _mark(self._card)
-        is_compiled = done.exists() or self._compile((FRAMES,))
-        if self._stopping.is_set():
-            return
-        Aligner(self._streams, profiles.rig.noise_si()).begin()
-        self._say(FRAMES, Code.READY, "frames begin")
-        if not done.exists() and self._compile(("signals", "physical")) and is_compiled:
+        children = {} if done.exists() else {part: self._compiling(part) for part in (FRAMES, "signals", "physical")}
+        try:
+            if not self._has_ended(children.get(FRAMES)):
+                return
+            Aligner(self._streams, profiles.rig.noise_si()).begin()
+            self._say(FRAMES, Code.READY, "frames begin")
+            if not all(self._has_ended(child) for child in children.values()):
+                return
+        finally:
+            for child in children.values():
+                child.kill()
+                child.wait()
+        if all(child.returncode == 0 for child in children.values()):
             with contextlib.suppress(OSError):
                 done.touch()
-        if self._stopping.is_set():
-            return
         from station.flight.chain import chain, undone
 
         self._chain = chain(profiles.aircraft, profiles.card, profiles.rig)
         words = undone(profiles.aircraft, self._chain.correct)
         self._say(ESTIMATORS, Code.READY, "estimates begin" + (f"; {words}" if words else ""))
 
-    def _compile(self, parts: Iterable[str]) -> bool:
-        """Fill the cache of kernels, each part in a process of its own; False where it is left to this one."""
-        words = [sys.executable, "-m", "station.flight.preparing", self._card]
+    def _compiling(self, part: str) -> subprocess.Popen[bytes]:
+        """A process that fills the cache with a part's kernels; where it fails, this one compiles them."""
+        words = [sys.executable, "-m", "station.flight.preparing", self._card, part]
         quiet = subprocess.DEVNULL
-        children = [subprocess.Popen([*words, part], stdin=quiet, stdout=quiet, stderr=quiet) for part in parts]
-        try:
-            while any(child.poll() is None for child in children):
-                if self._stopping.wait(0.05):
-                    return False
-        finally:
-            for child in children:
-                child.kill()
-                child.wait()
-        return all(child.returncode == 0 for child in children)
+        return subprocess.Popen(words, stdin=quiet, stdout=quiet, stderr=quiet)
+
+    def _has_ended(self, child: subprocess.Popen[bytes] | None) -> bool:
+        """Wait for a process; False where this preparation is to stop."""
+        while child is not None and child.poll() is None:
+            if self._stopping.wait(0.05):
+                return False
+        return not self._stopping.is_set()
 
     def _say(self, part: str, code: Code, detail: str) -> None:
         self._put(Event(self._clock.now_ns(), part, code, 1, detail))

@@ -74,9 +74,12 @@ def take(rings: Rings, given: Array, stamps: Whole, count: int) -> None:
             continue
         for i in range(end, at, -1):
             times[s, i % length] = times[s, (i - 1) % length]
-            values[s, i % length] = values[s, (i - 1) % length]
+            for j in range(values.shape[2]):
+                values[s, i % length, j] = values[s, (i - 1) % length, j]
         times[s, at % length] = t
-        values[s, at % length] = given[n, 2:]
+        # By element: numba takes seconds to compile the check of two arrays' shapes.
+        for j in range(values.shape[2]):
+            values[s, at % length, j] = given[n, 2 + j]
         kept[s] = end + 1
 
 

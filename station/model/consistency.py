@@ -202,12 +202,12 @@ def _differences(y: Array, x: Array, z: Array, ticks: float, columns: Array, goo
         was = now
         if good[i]:
             used += 1
-            mean += columns[i]
+            for j in range(5):
+                mean[j] += columns[i, j]
+    # By element: numba takes seconds to compile the check of two arrays' shapes.
     for i in range(n):
-        if good[i]:
-            columns[i] -= mean / used
-        else:
-            columns[i] = 0.0
+        for j in range(5):
+            columns[i, j] = columns[i, j] - mean[j] / used if good[i] else 0.0
     return used
 
 
