@@ -104,7 +104,6 @@ class _Flight:
             self.board.address = self.viewer.start()
             if self.board.address:
                 say(f"viewer: {self.board.address}")
-            self.preparation.start()
             self._show(as_json, write)
         finally:
             self.stop.set()
@@ -116,6 +115,7 @@ class _Flight:
         """The operator's screen, or lines, until the flight ends."""
         from station.screen.terminal import Callbacks, json_lines, plain_lines, run_panel
 
+        self.preparation.start()
         if as_json:
             json_lines(self.board, self.stop, self.clock, write)
         elif sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM") != "dumb":

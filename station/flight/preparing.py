@@ -26,6 +26,8 @@ from station.profile import Profiles, load_card
 from station.rows import Code, Event, Rows
 
 NICE: Final = 10
+SETTLE_S: Final = 0.3
+"""The first rows are to be recorded and shown before anything else wants the processor."""
 
 
 class Preparation:
@@ -73,6 +75,8 @@ class Preparation:
             gc.enable()
 
     def _prepare(self) -> None:
+        if self._stopping.wait(SETTLE_S):
+            return
         profiles = self._profiles
         done = _mark(self._card)
         children = {} if done.exists() else {part: self._compiling(part) for part in (FRAMES, "signals", "physical")}

@@ -3,8 +3,8 @@
     uv run python tests/benchmarks/start.py
 
 Cold: the cache of compiled kernels is empty. Warm: the same flight again. Then both where Python may write no bytecode
-and finds none. Seconds since the command; processor time is that of the station and its devices until the first
-estimate. On a machine with more, it is held to two cores.
+beside its sources and finds none. Seconds since the command; processor time is that of the station and its devices
+until the first estimate. On a machine with more, it is held to two cores.
 """
 
 import argparse
