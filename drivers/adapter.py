@@ -31,7 +31,7 @@ Opener = Callable[[], Port]
 
 
 @dataclass(slots=True)
-class _Told:
+class _Reported:
     """How many of a link's faults have been reported, and when last."""
 
     count: int = 0
@@ -80,7 +80,7 @@ class Adapter:
             self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", channels))
         self._timelines: dict[int, _Timeline] = {}
         self._seqs: dict[str | int, int] = {}
-        self._told = {Code.CRC: _Told(), Code.GAP: _Told()}
+        self._reported = {Code.CRC: _Reported(), Code.GAP: _Reported()}
         self._may_excuse = False
         self._ever_connected = False
         self._lost = False
@@ -182,21 +182,21 @@ class Adapter:
 
     def _report(self, t_ns: int) -> None:
         bad = self.codec.bad + self.codec.resyncs
-        if self._may_excuse and bad > self._told[Code.CRC].count:
+        if self._may_excuse and bad > self._reported[Code.CRC].count:
             self._may_excuse = False
-            self._told[Code.CRC].count += 1
+            self._reported[Code.CRC].count += 1
         if self._heard:
             self._may_excuse = False
         signed = f", {self.codec.refused} so far for their signature" if self.codec.refused else ""
-        self._tell(t_ns, Code.CRC, bad, f"unreadable messages{signed}")
-        self._tell(t_ns, Code.GAP, self.codec.lost, "messages lost by the link's count")
+        self._report_one(t_ns, Code.CRC, bad, f"unreadable messages{signed}")
+        self._report_one(t_ns, Code.GAP, self.codec.lost, "messages lost by the link's count")
 
-    def _tell(self, t_ns: int, code: Code, count: int, detail: str) -> None:
+    def _report_one(self, t_ns: int, code: Code, count: int, detail: str) -> None:
         """At once, then at most one event in REPORT_EVERY_NS."""
-        told = self._told[code]
-        if count > told.count and (told.t_ns is None or t_ns - told.t_ns >= REPORT_EVERY_NS):
-            self._put(Event(t_ns, self.device.name, code, count - told.count, detail))
-            told.count, told.t_ns = count, t_ns
+        last = self._reported[code]
+        if count > last.count and (last.t_ns is None or t_ns - last.t_ns >= REPORT_EVERY_NS):
+            self._put(Event(t_ns, self.device.name, code, count - last.count, detail))
+            last.count, last.t_ns = count, t_ns
 
 
 def _si(channel: Channel, fields: Mapping[str, float]) -> float:

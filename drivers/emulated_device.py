@@ -38,7 +38,7 @@ class Wire:
 
 
 def heed_signals() -> None:
-    """In a process of the emulator: leave Ctrl-C to the serving process; clean up when told to end."""
+    """In a process of the emulator: leave Ctrl-C to the serving process; clean up when asked to end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: sys.exit())

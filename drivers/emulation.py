@@ -211,7 +211,7 @@ class _Child:
         self.process.start()
         theirs.close()
 
-    def told(self, timeout_s: float) -> tuple[str, Any] | None:
+    def heard(self, timeout_s: float) -> tuple[str, Any] | None:
         """What it says, if it says something in time. A process that has died says "error"."""
         try:
             if self.control.poll(timeout_s):
@@ -312,7 +312,7 @@ def _first_word(child: _Child, stop: threading.Event) -> tuple[str, Any]:
     for _ in range(round(READY_TIMEOUT_S / _POLL_S)):
         if stop.is_set():
             return "stop", None
-        if word := child.told(_POLL_S):
+        if word := child.heard(_POLL_S):
             return word
     return "error", DeviceError(f"{child.name}: not ready after {READY_TIMEOUT_S:g} s")
 
@@ -321,9 +321,9 @@ def _watch(children: Sequence[_Child], announce: Callable[[dict[str, Any]], None
     alive = list(children)
     while not stop.wait(_POLL_S):
         for child in list(alive):
-            if (told := child.told(0.0)) is None:
+            if (word_and_detail := child.heard(0.0)) is None:
                 continue
-            word, detail = told
+            word, detail = word_and_detail
             if word == "end":
                 announce({"end_s": detail})
             else:

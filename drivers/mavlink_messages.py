@@ -29,7 +29,7 @@ class Field:
 class Layout:
     """What of a message is read: its time field (time_boot_ms, time_usec or none) and its fields.
 
-    Several of one kind from one device are told apart by the field `instance`: they are called MESSAGE:INSTANCE, and
+    Several of one kind from one device are distinguished by the field `instance`: they are called MESSAGE:INSTANCE, and
     plain MESSAGE for instance 0. `short_time`: senders count the time in 32 bits.
     """
 

@@ -71,7 +71,7 @@ class Scenario(Frozen):
     aircraft: str = "twin_otter"
     """Name or path of the profile."""
     lift: Literal["steady", "unsteady"] = "unsteady"
-    """steady: no memory, everything at the CG; unsteady: as the aircraft's profile says."""
+    """steady: quasi-steady lift, everything at the CG; unsteady: as the aircraft's profile says."""
     speed: MetresPerSecond = to_si(110.0, "kt")
     """True airspeed of the trim."""
     altitude: Metres = to_si(2500.0, "ft")

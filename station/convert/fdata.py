@@ -180,7 +180,7 @@ def write_fdata(path: Path, table: Table, alpha_cg: Column | None) -> None:
 
 
 def _vanes_and_rates(table: Table) -> dict[str, Column]:
-    """What SIDPAC keeps besides, for a flight of the station: raw vane angles and normalised rates."""
+    """What SIDPAC keeps as well, for a flight of the station: raw vane angles and normalised rates."""
     found: dict[str, Column] = {}
     for vane, channel in (("beta_vane", "beta_measured"), ("alpha_vane", "alpha_measured")):
         if vane in table.columns:

@@ -28,7 +28,7 @@ class Damage:
     offset: int | None
     why: str
     lost_s: float | None
-    """Seconds of recording in it; None if nothing tells."""
+    """Seconds of recording in it; None if not known."""
 
 
 @dataclass(slots=True)
@@ -247,7 +247,7 @@ class PartReader:
             self._hurt = len(self.damage) - 1
 
     def _healed(self, first_ns: int) -> None:
-        """Where nothing else tells, what was lost is the time between the last row before and the first after."""
+        """Where nothing else says so, what was lost is the time between the last row before and the first after."""
         if self._hurt is not None and self._last_ns is not None:
             hurt = self.damage[self._hurt]
             self.damage[self._hurt] = Damage(hurt.offset, hurt.why, max(0.0, (first_ns - self._last_ns) * 1e-9))

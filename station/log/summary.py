@@ -60,7 +60,7 @@ class Summary:
     path: str
     verdict: Verdict
     seconds_lost: float | None
-    """Known to be missing, within the recording and in a broken last chunk; None where nothing tells how much. What a
+    """Known to be missing, within the recording and in a broken last chunk; None where it is not known how much. What a
     killed station had not yet written is not in it: at most 0.1 s."""
     problems: list[str]
     files: int
@@ -148,7 +148,7 @@ def summarise(path: Path) -> Summary:
                     event = EventSummary((t_ns - first) * 1e-9, row.source, row.code, row.count, row.detail)
                     out.events.append(event)
         if broke and part_first is not None:
-            # The file before ended early, and this one tells when recording went on.
+            # The file before ended early, and this one says when recording went on.
             lost.append(max(0.0, (part_first - previous_last) * 1e-9))
         broke = _judge(out, reader, lost) or broke
         previous_last = last
@@ -206,7 +206,7 @@ def describe(summary: Summary) -> str:
     if s.verdict == "complete":
         verdict = "complete"
     elif s.seconds_lost is None:
-        verdict = f"{s.verdict}: how much is missing cannot be told"
+        verdict = f"{s.verdict}: how much is missing is not known"
     else:
         verdict = f"{s.verdict}: {s.seconds_lost:.2f} s known to be missing"
         verdict += ", and up to 0.1 s that was not yet written" if s.verdict == "truncated" else ""
@@ -243,7 +243,7 @@ def recover(path: Path, out: Path) -> Summary:
     )  # fmt: skip
     written = write_log(out, about, _rows(path), info.station_ns, info.utc_ns)
     if summarise(out).verdict != "complete" or _digest(path, info) != _digest(out, info) or written != summary.rows:
-        raise LogError(f"{out}: does not read back as it was written: do not trust it\nuntouched: {path}")
+        raise LogError(f"{out}: does not read back as it was written: do not use it\nthe original is as it was: {path}")
     return summary
 
 

@@ -87,7 +87,7 @@ class Indicial(Frozen):
 
 
 class Boom(Frozen):
-    """The nose boom and its vane. Upwash is split into a body part without memory and a wing part with memory."""
+    """The nose boom and its vane. Of the upwash, the body's part is quasi-steady and the wing's unsteady."""
 
     vane_x: Metres
     """Vane ahead of the CG, positive forward."""
@@ -240,9 +240,9 @@ class Aircraft(Frozen):
     @property
     def gust_edge(self) -> float:
         """How far ahead of the CG, at a quarter of the chord, the wing meets a gust, m: its leading edge, where its
-        memories of gusts begin; without such, the CG."""
-        remembers = self.unsteady.lift_gust or self.unsteady.upwash_gust
-        return self.geometry.chord / 4 if remembers else 0.0
+        responses to gusts begin; without such, the CG."""
+        is_unsteady = self.unsteady.lift_gust or self.unsteady.upwash_gust
+        return self.geometry.chord / 4 if is_unsteady else 0.0
 
     @model_validator(mode="before")
     @classmethod

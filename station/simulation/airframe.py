@@ -31,7 +31,7 @@ class Constants(NamedTuple):
     cl_v: float
     cl_alpha: float
     cl_alpha2: float
-    """Per rad2 of alpha itself, not from trim; the powers count the whole alpha without memory. alpha3 and Cm alike."""
+    """Per rad2 of alpha itself, not from trim, and quasi-steady; alpha3 and Cm alike."""
     cl_alpha3: float
     cl_q: float
     cl_de: float
@@ -57,9 +57,9 @@ class Constants(NamedTuple):
     thrust_cos: float
     thrust_sin: float
     thrust_arm: float
-    memory: float
+    unsteady: float
     """1: unsteady lift and a tail that meets the gust late; 0: quasi-steady, everything at the CG."""
-    memory_chord: float
+    indicial_chord: float
     tail_slope: float
     tail_arm: float
     gust_arm: float
@@ -71,8 +71,8 @@ class Constants(NamedTuple):
     actuator_lag: float
     actuator_rate: float
     actuator_limit: float
-    elevator_play: float
-    """Half of the play between the elevator's drive, where its sensor is, and its surface, rad."""
+    elevator_backlash: float
+    """Half of the backlash between the elevator's drive, where its sensor is, and its surface, rad."""
     trim_alpha: float
     trim_elevator: float
     trim_thrust: float
@@ -117,7 +117,7 @@ def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float) -> tuple[
 
 
 _TRIMMED: Final = 1e-9
-"""Imbalance left, in weights, and the moment coefficient."""
+"""Imbalance that a trim may have: forces in weights, and the moment coefficient."""
 _LEAST_STEP: Final = 1e-13
 """Imbalance at which Newton's method ends: the rounding of the coefficients."""
 _SINGULAR: Final = 1e-12
@@ -170,10 +170,10 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
     return Trim(alpha, de, thrust, _steady(aircraft, speed, alpha, de)[0])
 
 
-def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True, play: float = 0.0) -> Constants:
+def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True, backlash: float = 0.0) -> Constants:
     """The equations' constants for an aircraft trimmed at that true airspeed (m/s) and height (m).
 
-    `hold` lets the pilot hold both with thrust; `play` is the elevator's (whole, rad). Raises ProfileError for an
+    `hold` lets the pilot hold both with thrust; `backlash` is the elevator's (whole, rad). Raises ProfileError for an
     aircraft that cannot be simulated.
     """
     iyy = aircraft.inertia.iyy
@@ -220,8 +220,8 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         thrust_cos=math.cos(aircraft.thrust_angle),
         thrust_sin=math.sin(aircraft.thrust_angle),
         thrust_arm=aircraft.thrust_pitch_arm,
-        memory=float(unsteady.memory),
-        memory_chord=unsteady.reference_chord or aircraft.geometry.chord,
+        unsteady=float(unsteady.memory),
+        indicial_chord=unsteady.reference_chord or aircraft.geometry.chord,
         tail_slope=unsteady.tail_lift_slope,
         tail_arm=unsteady.tail_arm,
         gust_arm=unsteady.tail_arm * unsteady.tail_penetration,
@@ -231,7 +231,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         actuator_lag=aircraft.elevator.time_constant,
         actuator_rate=aircraft.elevator.rate_limit,
         actuator_limit=aircraft.elevator.position_limit,
-        elevator_play=0.5 * play,
+        elevator_backlash=0.5 * backlash,
         trim_alpha=trim.alpha,
         trim_elevator=trim.elevator,
         trim_thrust=trim.thrust,
@@ -262,7 +262,7 @@ def indicial_tables(aircraft: Aircraft) -> Tables:
 
 
 def indicial_table(indicial: Indicial | None) -> NDArray[np.float64]:
-    """(2, n): amplitudes, and exponents per chord travelled; n = 0 for a response without memory."""
+    """(2, n): amplitudes, and exponents per chord travelled; n = 0 for a quasi-steady response."""
     return np.array([indicial.a, indicial.b]) if indicial else np.zeros((2, 0))
 
 

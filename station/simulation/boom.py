@@ -3,8 +3,8 @@
     vane = H_v{ (1 + k_f) alpha_boom + k_w (F_m{alpha_i} + F_g{alpha_g at the wing's leading edge}) + bend } + zero
 
 alpha_boom is the flow angle where the vane is: from the motion, with w lowered by q r (a nose-up rate moves the boom
-up), and from the gust met there. k_f, the upwash of the body, has no memory; k_w, that of the wing, follows the
-vorticity, so it has one (F_m for motion, F_g for a gust met at the leading edge). H_v is the vane's second-order
+up), and from the gust met there. k_f, the upwash of the body, is quasi-steady; k_w, that of the wing, follows the
+vorticity, so it is unsteady (F_m for motion, F_g for a gust met at the leading edge). H_v is the vane's second-order
 dynamics.
 
 The boom bends by c_b az under its own weight and by c_t qbar times the flow angle under the load on its tip. Without a
@@ -107,7 +107,7 @@ def lag(state: float, old: float, new: float, steps: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def upwash_step(table: NDArray[np.float64], state: NDArray[np.float64], old: float, new: float, chords: float) -> float:
-    """Advance one memory of the upwash by an interval of `chords` chords travelled; its output, rad.
+    """Advance one indicial response of the upwash by an interval of `chords` chords travelled; its output, rad.
 
     table (2, n): amplitudes and exponents of the indicial response; state (n), changed in place.
     """

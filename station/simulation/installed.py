@@ -2,8 +2,8 @@
 
     shown = gain * lagged(true + cubic true^3, latency earlier) + bias + drift
 
-A negative latency or lag shows what comes: the flight is then flown a little ahead. The sensor of a surface with play
-is on its drive. The drift is the rig's; its noise, quantisation and gaps come after.
+A negative latency or lag shows what comes: the flight is then flown a little ahead. The sensor of a surface with
+backlash is on its drive. The drift is the rig's; its noise, quantisation and gaps come after.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from station.simulation.sensors import Late, Walk, lagged
 Array = NDArray[np.float64]
 
 DRIVES: Final = {"elevator": "elevator_drive"}
-"""Surfaces whose play is flown, and the signal on the other side of it."""
+"""Surfaces whose backlash is flown, and the signal on the other side of it."""
 
 
 class Source(Protocol):
@@ -82,7 +82,7 @@ class Installed:
                 known = ", ".join(DRIVES)
                 raise ProfileError(f"aircraft {aircraft.name}: instruments.{name}.backlash: flown of {known} only")
         self._source = source
-        # One step of the lead goes into the slope of a negative lag.
+        # One step of the time ahead goes into the slope of a negative lag.
         earliest = max((-e.latency + (DT if e.lag < 0 else 0.0) for e in errors.values()), default=0.0)
         self._ahead = max(0, math.ceil(earliest / DT - 1e-9))
         self._stages = {

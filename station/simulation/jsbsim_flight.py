@@ -24,7 +24,7 @@ from station.simulation.gusts import dryden_of, gust_at
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import DONE, DT, TRUTH, memory_of, vanes_now
 from station.simulation.sensors import lagged
-from station.simulation.three_degrees import ORIGIN, elevator_play, gusts_of, site
+from station.simulation.three_degrees import ORIGIN, elevator_backlash, gusts_of, site
 
 MODEL: Final = "DHC6"
 FINER: Final = 4
@@ -109,12 +109,12 @@ def trimmed(speed: float, height: float, heading: float = 0.0, dt: float = DT / 
 
 
 class _Surface:
-    """The command of a surface, through the profile's actuator and the play behind it, at DT."""
+    """The command of a surface, through the profile's actuator and the backlash behind it, at DT."""
 
-    def __init__(self, actuator: Actuator, at: float, play: float = 0.0) -> None:
+    def __init__(self, actuator: Actuator, at: float, backlash: float = 0.0) -> None:
         self._actuator = actuator
         self._state = np.array([at, at])
-        self._half = 0.5 * play
+        self._half = 0.5 * backlash
         self.drive = at
         self.surface = at
 
@@ -160,8 +160,8 @@ class JsbsimFlight:
         self._memory = memory_of(np.zeros(eq.LAGS), 1, self._tables, 0.0)
         actuators = {"elevator": aircraft.elevator, "aileron": aircraft.aileron, "rudder": aircraft.rudder}
         self._trim = {name: _COMMANDS[name][2] * float(self._sim[_POSITIONS[name]]) for name in actuators}
-        plays = {"elevator": elevator_play(aircraft)}
-        self._surfaces = {n: _Surface(a, self._trim[n], plays.get(n, 0.0)) for n, a in actuators.items()}
+        backlashes = {"elevator": elevator_backlash(aircraft)}
+        self._surfaces = {n: _Surface(a, self._trim[n], backlashes.get(n, 0.0)) for n, a in actuators.items()}
         self._power = [float(self._sim[f"fcs/throttle-cmd-norm[{i}]"]) for i in (0, 1)]
         self._thrust = max(1.0, sum(float(self._sim[_READ[n][0]]) * _POUND for n in ("left", "right")))
         self._held = 0.0

@@ -3,9 +3,9 @@
 Axes as in conventions. u, w and q are inertial (relative to the air mass that the mean wind carries along); a gust
 (u_g, w_g) adds to them to give the velocity relative to the air, so w_g > 0 is an updraught and u_g > 0 a headwind.
 
-Sources: Klein and Morelli 2006 (equations of motion); thin-wing and tail model: wing incidence with Wagner-like memory
-of the motion and Kuessner-like memory of the gust met at the leading edge, a tail that meets gust and downwash one
-tail arm later. In the steady limit both models return the profile's derivatives exactly.
+Sources: Klein and Morelli 2006 (equations of motion); thin-wing and tail model: wing incidence with a Wagner-like
+response to the motion and a Kuessner-like response to the gust met at the leading edge, a tail that meets gust and
+downwash one tail arm later. In the steady limit both models return the profile's derivatives exactly.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from station.simulation.trigonometry import arctangent, sine_cosine
 
 U, W, Q, THETA, DISTANCE, HEIGHT, ELEVATOR, THRUST, LAGS = range(9)
 """State: u, w (m/s), q (rad/s), theta (rad), distance flown through the air mass (m), height (m), the elevator's drive
-(rad), which its surface follows with the play there is, thrust (N); from LAGS on the memory of the lift, first of the
-motion, then of the gust (rad)."""
+(rad), which its surface follows with the backlash there is, thrust (N); from LAGS on the lagged incidences of the
+unsteady lift, first of the motion, then of the gust (rad)."""
 
 _MOST_THRUST: Final = 3.0
 """That the engines give, in trim thrusts."""
@@ -63,7 +63,7 @@ class Gust(NamedTuple):
 
 
 class Met(NamedTuple):
-    """What acts on the aircraft at an instant, besides its own motion."""
+    """What acts on the aircraft at an instant, apart from its own motion."""
 
     air: Air
     gust: Gust
@@ -100,7 +100,7 @@ class Flow(NamedTuple):
 
 
 def trimmed_state(c: Constants, lags: int) -> NDArray[np.float64]:
-    """The state in trim, with that many memory states at rest."""
+    """The state in trim, with that many lagged incidences at rest."""
     x = np.zeros(LAGS + lags)
     x[U] = c.trim_speed * math.cos(c.trim_alpha)
     x[W] = c.trim_speed * math.sin(c.trim_alpha)
@@ -128,11 +128,11 @@ def _incidences(
     c: Constants, tables: Tables, x: NDArray[np.float64], met: Met, speed: float, alpha_inertial: float,
     gust_edge: float, dx: NDArray[np.float64],
 ) -> tuple[float, float]:  # fmt: skip
-    """Effective incidence of wing and tail from trim, rad, with unsteady lift; its memory's derivative into `dx`."""
+    """Effective incidence of wing and tail from trim, rad, with unsteady lift; its lags' derivatives into `dx`."""
     motions, gusts = tables.lift_motion.shape[1], tables.lift_gust.shape[1]
     from_trim = alpha_inertial - c.trim_alpha
     wing = from_trim + gust_edge
-    chords = speed / c.memory_chord
+    chords = speed / c.indicial_chord
     for i in range(motions):
         wing += tables.lift_motion[0, i] * (x[LAGS + i] - from_trim)
         dx[LAGS + i] = tables.lift_motion[1, i] * chords * (from_trim - x[LAGS + i])
@@ -154,12 +154,12 @@ def rates(c: Constants, tables: Tables, x: NDArray[np.float64], met: Met, dx: ND
     alpha = arctangent(wa, ua)
     pressure = 0.5 * (met.air.density + met.air.slope * (x[HEIGHT] - met.air.height)) * speed * speed
     qhat = 0.5 * q * c.chord / (c.reference_speed if c.fixed_rate_reference > 0.0 else speed)
-    moved = min(max(met.surface, x[ELEVATOR] - c.elevator_play), x[ELEVATOR] + c.elevator_play)
+    moved = min(max(met.surface, x[ELEVATOR] - c.elevator_backlash), x[ELEVATOR] + c.elevator_backlash)
     de = moved - c.trim_elevator
     faster = (speed - c.trim_speed) / c.reference_speed
 
     gust_edge = arctangent(w + met.gust.w_edge, u + met.gust.u_edge) - alpha_inertial
-    if c.memory > 0.0:
+    if c.unsteady > 0.0:
         wing, tail = _incidences(c, tables, x, met, speed, alpha_inertial, gust_edge, dx)
         share, arm = c.tail_slope, c.tail_arm / c.chord
         cl = (c.cl_alpha - share * (1.0 - c.downwash)) * wing + share * tail

@@ -23,7 +23,7 @@ EVERY: Final = RATE_HZ // TICK_HZ
 TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm", "elevator_drive")
 """What no sensor shows: angle of attack at the CG and its parts from motion and gust (rad), the gust at the CG (m/s,
 updraught and headwind positive), the aerodynamic coefficients about the CG, and the angle (rad) that drives the
-elevator's surface through its play: where the sensor is."""
+elevator's surface through its backlash: where the sensor is."""
 COLUMNS: Final = (*SIGNALS, *TRUTH)
 
 
@@ -113,7 +113,7 @@ def memory_of(x: NDArray[np.float64], ring: int, tables: Tables, surface: float)
 
 
 def at_rest(c: Constants, tables: Tables, behind: float, field: Field) -> Memory:
-    """Trimmed flight, the wing's memory of gusts as if the one at the start had lasted.
+    """Trimmed flight, the wing's response to gusts as if the one at the start had lasted.
 
     `behind`: where the wake begins, m behind the origin; farther than the tail.
     """
@@ -232,11 +232,11 @@ def advance(
     command (2n + 1): commanded elevator at steps and half-steps. out (., len(COLUMNS)): the instants before the steps,
     every `every`-th of them.
     """
-    x, marks = memory.x, memory.marks
+    c, x, marks = flown.constants, memory.x, memory.marks
     n = x.shape[0]
     slope, total, trial = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(every * out.shape[0]):
-        air = eq.air_at(flown.constants, x[eq.HEIGHT])
+        air = eq.air_at(c, x[eq.HEIGHT])
         for i in range(n):
             trial[i] = x[i]
             total[i] = 0.0
@@ -246,9 +246,8 @@ def advance(
             if stage == 0:
                 marks[AT_TAIL] = entry
                 memory.last[SURFACE] = flow.surface
-                vanes = vanes_now(
-                    flown.constants.memory_chord, flown.tables, flown.vane, memory, field, (slope[eq.Q], 0.0, 0.0), flow
-                )
+                moving = (slope[eq.Q], 0.0, 0.0)
+                vanes = vanes_now(c.indicial_chord, flown.tables, flown.vane, memory, field, moving, flow)
                 if k % every == 0:
                     record(flown, marks[DONE] * DT, x, slope, flow, gust, vanes, out[k // every])
                 remember(memory, x[eq.DISTANCE], flow.wing)
@@ -266,8 +265,8 @@ def vanes_now(
 ) -> tuple[float, float]:  # fmt: skip
     """The angles that both vanes show now, rad, from the flow at the last step and at this one.
 
-    `chord`: what the upwash's memory is counted in, m. `moving`: pitch acceleration (rad/s2), and how much faster than
-    pitching alone makes it the vane moves sideways and down, m/s.
+    `chord`: what the times of the upwash's responses are counted in, m. `moving`: pitch acceleration (rad/s2), and how
+    much faster than pitching alone makes it the vane moves sideways and down, m/s.
     """
     x, last = memory.x, memory.last
     begins = memory.marks[DONE] == 0

@@ -265,7 +265,7 @@ def advance_lateral(
                 vane = flown.vane
                 sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
                 moving = (slope.along[eq.Q], sideways, y[ROLL] * side.vane_y)
-                vanes = vanes_now(c.memory_chord, flown.tables, vane, memory, field, moving, flow)
+                vanes = vanes_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
                 record(flown, marks[DONE] * DT, x, slope.along, flow, gust, vanes, out[k])
                 _record_lateral(flown.site, marks[DONE] * DT, now, slope, flow, seen, out[k])
                 remember(memory, x[eq.DISTANCE], flow.wing)

@@ -99,7 +99,7 @@ class Simulation:
 def flown_by(aircraft: Aircraft, flight: Flight, imu_position: tuple[float, float, float], hold: bool) -> Flown:
     """The aircraft trimmed at the flight's speed and altitude, and where it flies. Raises ProfileError."""
     return Flown(
-        constants(aircraft, flight.speed, flight.altitude, hold, elevator_play(aircraft)),
+        constants(aircraft, flight.speed, flight.altitude, hold, elevator_backlash(aircraft)),
         indicial_tables(aircraft),
         vane_constants(aircraft.boom or NO_BOOM, DT),
         site(flight, imu_position),
@@ -117,8 +117,8 @@ def gusts_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> G
     return field
 
 
-def elevator_play(aircraft: Aircraft) -> float:
-    """Width of the play between the elevator's drive and its surface, rad."""
+def elevator_backlash(aircraft: Aircraft) -> float:
+    """Width of the backlash between the elevator's drive and its surface, rad."""
     errors = aircraft.instruments.get("elevator")
     return errors.backlash if errors else 0.0
 

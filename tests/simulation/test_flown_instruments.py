@@ -8,12 +8,12 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from drivers.emulation import _source
-from station.profile import Aircraft, Card, Instrument, Profiles, load_aircraft, load_card, load_rig
+from station.profile import Aircraft, Card, Instrument, load_aircraft, load_card, load_rig
 from station.rows import ProfileError
 from station.simulation import Simulation, fly
 from station.simulation.installed import Installed
 from station.simulation.motion import DT
+from station.simulation.sortie import installed
 
 RAMP, N = 0.02, 800
 DOUBLET = {"kind": "doublet", "start": "1 s", "width": "0.7 s", "amplitude": "3 deg"}
@@ -142,15 +142,14 @@ def test_a_diagnosed_profile_is_flown_by_simulate_and_by_the_emulators_alike() -
     np.testing.assert_allclose(shown["alpha_vane"][5:], 1.2 * late[5:], atol=3e-3)
     early = np.interp(t + 0.02, t, truth["q"])
     np.testing.assert_allclose(shown["q"][:-1], early[:-1], atol=1e-9)
-    assert np.abs(truth["alpha"] - plain_truth["alpha"]).max() > 1e-4  # the play has flown
+    assert np.abs(truth["alpha"] - plain_truth["alpha"]).max() > 1e-4  # the backlash was flown
     # Where the imu is: rig and profile together.
     x, z = rig.imu_position[0] + 0.6, rig.imu_position[2] - 0.2
     still = Simulation(aircraft, flown.flight, flown.manoeuvres).advance(1600)
     felt = still["az"] - still["qdot"] * x - still["q"] ** 2 * z
     np.testing.assert_allclose(shown["az"], felt[::4], atol=1e-9)
 
-    profiles = Profiles(aircraft=aircraft, rig=rig, card=flown)
-    source = _source(profiles, None)
+    source = installed(aircraft, rig, flown)  # what the emulators fly
     rows = [source.advance(20) for _ in range(80)]
     for name, values in shown.items():
         np.testing.assert_array_equal(np.concatenate([r[name] for r in rows])[::4], values, err_msg=name)
