@@ -1,4 +1,4 @@
-"""Play: what follows a moving part that has slack; and what a bent sensor has met."""
+"""Backlash and nonlinearity of a sensor: the lost motion behind it, and the true value of a cubic reading."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def _linearise(x: Array, cubic: float, out: Array) -> None:
 
 
 def lost_motion(x: Array, width: float) -> Array:
-    """How far a part with that slack in all stands from x (..., n) that drives it; x starts in the middle."""
+    """The lost motion: position of a part with backlash `width` less that of x (..., n) which drives it; x starts in
+    the middle of the backlash."""
     flat = np.ascontiguousarray(x).reshape(-1, x.shape[-1])
     out = np.empty_like(flat)
     _lost_motion(flat, width, out)
@@ -35,7 +36,7 @@ def lost_motion(x: Array, width: float) -> Array:
 
 
 def linearised(shown: Array, cubic: float) -> Array:
-    """What a sensor that shows x + cubic x3 has met; beyond where that turns back, the turning point."""
+    """The true x of a sensor that reads x + cubic x3; beyond the turning point of that, the turning point."""
     flat = np.ascontiguousarray(shown).ravel()
     out = np.empty_like(flat)
     _linearise(flat, cubic, out)

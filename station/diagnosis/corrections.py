@@ -16,7 +16,7 @@ from station.profile import Aircraft, Instrument
 Array = NDArray[np.float64]
 
 CORRECTION_STOP_HZ: Final = (6.0, 9.0)
-"""Corrections that would raise noise (lags, play) are passed up to the first and stopped from the second."""
+"""Corrections that would raise noise (lags, backlash) are passed up to the first and stopped from the second."""
 
 PRESENT: Final = {
     "v_along": "v_north",
@@ -51,7 +51,7 @@ def corrected(x: Array, found: Instrument | None, s: Setting, moved: Array | Non
     if found.backlash:
         dither = DITHER * s.elevator_noise
         moved = lost_motion(x, found.backlash + dither) - lost_motion(x, dither)
-        # The play stands between sensor and surface: the surface follows the sensor late.
+        # Backlash between sensor and surface: the surface follows the sensor late.
         x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
     return x
 

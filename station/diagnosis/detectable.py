@@ -24,7 +24,7 @@ NINE_IN_TEN: Final = 1.2816
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    """One effect in one card and air; SI. `named` is the size that also tells it from its nearest rival."""
+    """One effect in one card and air; SI. `named` is the size that also separates it from its nearest alternative."""
 
     id: str
     found: float

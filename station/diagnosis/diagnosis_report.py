@@ -227,18 +227,18 @@ def _derivatives(found: Diagnosis) -> str:
 
 def _records(found: Diagnosis) -> str:
     references = found.problem.references
-    lines = [
-        f"<li>{text(r.record.name)}: vertical gust {gust:.2f} m/s (standard deviation)</li>"
-        for r, gust in zip(references, found.found.accepted.gust, strict=True)
-    ]
-    lines += [f"<li>{text(r[:1].upper() + r[1:])}.</li>" for r in found.remarks]
+    lines = [f"<li>{text(r[:1].upper() + r[1:])}.</li>" for r in found.remarks]
     held = text(", ".join(r.record.name for r in found.held_out) or "none")
     names = list(dict.fromkeys(s for r in references for s in r.noise))
     rows = [
-        (text(r.record.name), *(f"{from_si(r.noise[s], _unit(s)):.2g}" if s in r.noise else "–" for s in names))
-        for r in references
+        (
+            text(r.record.name),
+            f"{gust:.2f}",
+            *(f"{from_si(r.noise[s], _unit(s)):.2g}" if s in r.noise else "–" for s in names),
+        )
+        for r, gust in zip(references, found.found.accepted.gust, strict=True)
     ]
-    head = ("noise found (sd)", *(f"{text(s)}<br>{text(_unit(s))}" for s in names))
+    head = ("noise found (sd)", "vertical gust<br>m/s", *(f"{text(s)}<br>{text(_unit(s))}" for s in names))
     return f"<h2>Records</h2><ul>{''.join(lines)}</ul>{_table(head, rows)}{_note(f'Held out: {held}.')}"
 
 

@@ -79,7 +79,7 @@ class Term:
     sentence: str
     """For the report; {value} is the value with sign and unit, {size} without the sign."""
     separate_by: str
-    """The experiment that tells it from what it is confounded with."""
+    """The experiment that separates it from what it is confounded with."""
     extend: Extend
     """How it acts on a profile."""
     shows_in: tuple[str, ...] = ()
@@ -120,7 +120,7 @@ class Term:
     without_velocity: tuple[str, ...] = ()
     """What it may be instead where no vertical velocity is measured and the model is in error."""
     same_value: Callable[[Aircraft], tuple[str, float] | None] = lambda _: None
-    """Another effect that is this one with a value that the profile tells."""
+    """Another effect that acts as this one does, and the value that it then has by the profile."""
 
     # --- with the model in error, or without any model
     free_sd: float = 0.0

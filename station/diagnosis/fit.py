@@ -1,4 +1,4 @@
-"""Candidates fitted to all manoeuvres together: effects, what is allowed for, the gust's strength, by likelihood."""
+"""Candidates fitted to all manoeuvres together: effects, nuisances and the gust's strength, by likelihood."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Fit:
     values: Mapping[str, float]
     sds: Mapping[str, float]
     moved: Array
-    """The quantities allowed for, then the drift of each manoeuvre, each in its standard deviation, (a,)."""
+    """The nuisances, then the drift of each manoeuvre, each in its prior standard deviation, (a,)."""
     gust: tuple[float, ...]
     """Standard deviation of the vertical gust, m/s, by manoeuvre."""
     cost: float
@@ -106,8 +106,8 @@ class Problem:
         nuisances: Sequence[Nuisance] | None = None,
         about: Array | None = None,
     ) -> None:
-        """`allowed` in place of what the profile's uncertainties allow; `about` (a,), in their standard deviations, is
-        where what is allowed for is taken as straight, in place of the profile itself."""
+        """`nuisances` in place of those with the profile's priors; the residuals are linear in them about `about` (a,),
+        in their standard deviations, in place of about the profile."""
         self.references = tuple(references)
         self.aircraft = aircraft
         self.nuisances: tuple[Nuisance, ...] = nuisance_priors(aircraft) if nuisances is None else tuple(nuisances)
@@ -125,8 +125,7 @@ class Problem:
             self._base = self.at({})
 
     def at(self, values: Mapping[str, float]) -> list[Array]:
-        """Whitened differences for effects, by manoeuvre, as the straight line through `about` has them at nothing else
-        moved."""
+        """Whitened differences for effects, by manoeuvre, with the nuisances, by their linear model, at zero."""
         return self._differences(extended(self._centre, values))
 
     def _differences(self, candidate: Aircraft) -> list[Array]:
@@ -144,7 +143,7 @@ class Problem:
         return columns
 
     def nuisance_columns(self, values: Mapping[str, float], here: list[Array]) -> list[Array]:
-        """Change per standard deviation of each quantity allowed for, (a, N) by manoeuvre.
+        """Change per standard deviation of each nuisance, (a, N) by manoeuvre.
 
         Made anew where an effect changes what the derivatives multiply."""
         relinear = any(BY_ID[n].relinear for n in values)
@@ -154,12 +153,12 @@ class Problem:
     def _nuisance_columns_at(self, values: Mapping[str, float], here: list[Array], anew: bool) -> list[Array]:
         rows = []
         for nuisance, x in zip(self.nuisances, self._about, strict=True):
-            key = f"allowed {nuisance.name}"
+            key = f"nuisance {nuisance.name}"
             if key in self._columns and not (anew and nuisance.relinear):
                 rows.append(self._columns[key])
                 continue
             step = nuisance.step / (1 + nuisance.sd * float(x)) if nuisance.relative else nuisance.step
-            # First what is allowed for, then the effects, as in `complete`: a shifted CG leaves little of Cm_alpha
+            # First the nuisances, then the effects, as in `complete`: a shifted CG leaves little of Cm_alpha
             # to be a share of.
             moved = self._differences(extended(nuisance.extend(self._centre, step * nuisance.sd), values))
             row = [(a - b) / nuisance.step for a, b in zip(moved, here, strict=True)]
@@ -187,8 +186,8 @@ class Problem:
     def solve(
         self, y: list[Array], effects: list[Array], nuisances: list[Array], gust: Sequence[float], rounds: int = 3
     ) -> tuple[Array, Array, tuple[float, ...], float]:
-        """Linear step: y + effects' d + allowed' a with the gust re-estimated; per manoeuvre y (N,), effects (e, N),
-        allowed (a, N). Returns d with a, their covariance, the gusts' standard deviations and the cost."""
+        """Linear step: y + effects' d + nuisances' a with the gust re-estimated; per manoeuvre y (N,), effects (e, N),
+        nuisances (a, N). Returns d with a, their covariance, the gusts' standard deviations and the cost."""
         e = effects[0].shape[0]
         p = e + nuisances[0].shape[0]
         penalty = np.concatenate([np.zeros(e), np.ones(p - e)])
@@ -212,47 +211,47 @@ class Problem:
         cost = self.cost([data + x @ column for data, column in zip(y, columns, strict=True)], u, x[e:])
         return x, inverse, tuple(math.sqrt(v) for v in u), cost
 
-    def cost(self, left: list[Array], u: Sequence[float], moved: Array) -> float:
-        """-2 log likelihood of what is left, with the price of what was moved."""
+    def cost(self, residuals: list[Array], u: Sequence[float], moved: Array) -> float:
+        """-2 log likelihood of residuals, with the penalty of the nuisances `moved`."""
         total = float(moved @ moved)
-        for k, data in enumerate(left):
+        for k, data in enumerate(residuals):
             scale = 1 + u[k] * self.shares[k]
             total += float((self.counts[k] * (np.log(scale) + data * data / scale)).sum())
         return total
 
     def null(self) -> Fit:
-        """Nothing but what is allowed for."""
+        """Without effects: the nuisances and the gust fitted."""
         return self.fixed({}, [r.gust_guess for r in self.references])
 
     def fixed(self, values: Mapping[str, float], gust: Sequence[float]) -> Fit:
-        """Effects as given; what is allowed for, and the gust, fitted."""
+        """Effects as given; the nuisances and the gust fitted."""
         here = self.at(values) if values else self._base
         none = [np.zeros((0, len(y))) for y in here]
         x, _, found, cost = self.solve(here, none, self.nuisance_columns(values, here), gust, 5)
         return Fit(dict(values), {}, x, found, cost + price(values))
 
     def complete(self, fit: Fit) -> Aircraft:
-        """The base aircraft with a fit's effects and everything allowed for moved as the fit has it."""
+        """The base aircraft with a fit's effects and nuisances."""
         return extended(moved_by(self.aircraft, self.nuisances, fit.moved), fit.values)
 
     def whole_cost(self, values: Mapping[str, float], moved: Array, gust: Sequence[float]) -> float:
-        """-2 log likelihood, of everything moved as it is rather than along straight lines; the manoeuvres' own noise
-        counts, too."""
+        """-2 log likelihood without linearisation of the nuisances; the determinants of the noise covariances count,
+        too."""
         aircraft = extended(moved_by(self.aircraft, self.nuisances, moved), values)
         own = zip(self.references, moved[len(self.nuisances) :], strict=True)
-        left = [whitened(r, r.differences(aircraft, float(x) * r.drift_sd)) for r, x in own]
+        residuals = [whitened(r, r.differences(aircraft, float(x) * r.drift_sd)) for r, x in own]
         volume = 0.0
         for r in self.references:
             volume -= 2 * INDEPENDENT * float(np.linalg.slogdet(r.bins.rotate)[1].sum())
             volume -= 2 * float(np.linalg.slogdet(r.steady.rotate)[1].sum())
-        return self.cost(left, [g * g for g in gust], moved) + volume
+        return self.cost(residuals, [g * g for g in gust], moved) + volume
 
     def noise_corrected(self, fit: Fit) -> Fit:
-        """A fit with what the sensors' noise makes of its values taken out, and the standard deviations that remain.
+        """A fit corrected for the noise in its regressors, and its standard deviations then.
 
-        The slopes are made from measured signals: their noise adds to what a value seems to be known by, and where it
-        goes with the noise of the differences it draws the value, mostly towards zero. More noise of the same kind,
-        laid over the measured signals, tells how much of either is noise.
+        The regressors (slopes) are made from measured signals: their noise adds to the information matrix, and where it
+        is correlated with the noise of the residuals it biases the value, mostly towards zero (errors in variables).
+        Further noise of the same kind, added to the measured signals, measures both.
         """
         own = [BY_ID[i] for i in fit.values]
         here = self.at(fit.values)
@@ -266,10 +265,10 @@ class Problem:
         for k, more in enumerate(noisy.slopes(own, fit.values, there)):
             weight = self.counts[k] / (1 + fit.gust[k] ** 2 * self.shares[k])
             slope_noise = more - slopes[k][:, None, :]
-            left_noise = there[k] - here[k] + np.einsum("p,pdn->dn", x, slope_noise)
+            residual_noise = there[k] - here[k] + np.einsum("p,pdn->dn", x, slope_noise)
             normal += (slopes[k] * weight) @ slopes[k].T
-            noise += np.einsum("pdn,n,qdn->pq", slope_noise, weight, slope_noise) / len(left_noise)
-            drawn += np.einsum("pdn,n,dn->p", slope_noise, weight, left_noise) / len(left_noise)
+            noise += np.einsum("pdn,n,qdn->pq", slope_noise, weight, slope_noise) / len(residual_noise)
+            drawn += np.einsum("pdn,n,dn->p", slope_noise, weight, residual_noise) / len(residual_noise)
         inverse = np.linalg.pinv(normal - noise, rcond=1e-10, hermitian=True)
         step, covariance = inverse @ drawn, inverse @ normal @ inverse
         values = {t.id: min(max(fit.values[t.id] + float(step[j]), t.low), t.high) for j, t in enumerate(own)}
@@ -277,7 +276,7 @@ class Problem:
         return Fit(values, sds, fit.moved + step[e:], fit.gust, fit.cost)
 
     def slopes(self, own: Sequence[Term], values: Mapping[str, float], here: list[Array]) -> list[Array]:
-        """Columns of effects and of what is allowed for, at a candidate; (p, ..., N) by manoeuvre."""
+        """Columns of effects, then of nuisances, at a candidate; (p, ..., N) by manoeuvre."""
         columns = [self.effect_columns(t, values, here) for t in own]
         nuisances = self.nuisance_columns(values, here)
         return [
@@ -308,12 +307,12 @@ class Problem:
             for _ in range(_HALVINGS):
                 trial = {t.id: min(max(values[t.id] + step * float(x[j]), t.low), t.high) for j, t in enumerate(terms)}
                 there = self.at(trial)
-                beside = self.nuisance_columns(trial, there)
-                moved, _, g, cost = self.solve(there, none, beside, gust, 2)
+                moved_columns = self.nuisance_columns(trial, there)
+                moved, _, g, cost = self.solve(there, none, moved_columns, gust, 2)
                 if cost + asked < best.cost:
                     gained = best.cost - cost - asked
                     best = Fit(trial, sds, moved, g, cost + asked)
-                    values, here, nuisances, gust = trial, there, beside, g
+                    values, here, nuisances, gust = trial, there, moved_columns, g
                     break
                 step *= 0.5
             if gained < _DONE:

@@ -1,4 +1,5 @@
-"""After the search: is anything left that no named effect explains, what is confounded, and what the model gains."""
+"""After the search: whether a residual remains that no effect explains, what is confounded, and the gain on held-out
+data."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 FALSE_ALARM: Final = 2e-4
-"""Chance that noise makes a test of what is left speak, over everything that it looks at."""
+"""Chance of a false alarm of a residual test, over everything that it looks at."""
 LEVEL_DOF: Final = 200
 """Independent values that a sensor's noise level is estimated from, which is as uncertain as that."""
 RIDGE: Final = 0.01
@@ -67,7 +68,7 @@ class RemainingResidual:
     """log p of each series as a whole."""
     log_p_limit: float
     score_limit: float
-    """Beyond which something is left: the more that was looked at, the further out."""
+    """Beyond which a residual remains unexplained: the more tests, the further out."""
 
     @property
     def coherent(self) -> bool:
@@ -79,14 +80,14 @@ class RemainingResidual:
 
 
 def remaining_residual(problem: Problem, found: Found) -> RemainingResidual:
-    """The tests of what is left after the accepted effects."""
+    """The residual tests after the accepted effects."""
     fit = found.accepted
     aircraft = problem.complete(fit)
-    left = [r.differences(aircraft, problem.drift(fit, k)) for k, r in enumerate(problem.references)]
+    residuals = [r.differences(aircraft, problem.drift(fit, k)) for k, r in enumerate(problem.references)]
     worst = (0.0, 0, (0.0, 0.0))
     totals: dict[int, tuple[float, float]] = {}
     looks = 0
-    for reference, gust, z in zip(problem.references, fit.gust, left, strict=True):
+    for reference, gust, z in zip(problem.references, fit.gust, residuals, strict=True):
         power, order = _sequential(reference, gust, z)
         f = reference.setting.frequencies
         edges = np.linspace(0, len(f), min(BANDS, len(f)) + 1).round().astype(int)
@@ -101,7 +102,7 @@ def remaining_residual(problem: Problem, found: Found) -> RemainingResidual:
             worst = min(worst, (single, j, (float(f[max(k - 1, 0)]), float(f[min(k + 1, len(f) - 1)]))))
             total, count = totals.get(j, (0.0, 0.0))
             totals[j] = (total + float(x.sum()), count + len(x))
-    score, like, at = _coherence(problem, fit, left)
+    score, like, at = _coherence(problem, fit, residuals)
     log_p_limit = math.log(FALSE_ALARM / looks)
     score_limit = 2 * math.log(len(problem.references[0].setting.judged) * len(_LIKE) / FALSE_ALARM)
     band = worst[2]
@@ -138,12 +139,12 @@ def _sequential(reference: Reference, gust: float, z: Spectra) -> tuple[Array, l
 _LIKE: Final = ("q", "az", "ax", "alpha", "airspeed", "elevator", "alpha2", "alpha3")
 
 
-def _coherence(problem: Problem, fit: Fit, left: Sequence[Spectra]) -> tuple[float, str, int]:
+def _coherence(problem: Problem, fit: Fit, residuals: Sequence[Spectra]) -> tuple[float, str, int]:
     """The largest score (chi2 of two) of a signal of the motion and its integral in one series, the signal, the series.
 
-    The motion is the noiseless simulation's: a measured signal shares its noise with what is left.
+    The motion is the noiseless simulation's: a measured signal shares its noise with the residual.
     """
-    y = [whitened(r, z) for r, z in zip(problem.references, left, strict=True)]
+    y = [whitened(r, z) for r, z in zip(problem.references, residuals, strict=True)]
     here = problem.at(fit.values)
     weights = [
         independent_values(r) / (1 + g**2 * turbulent_share(r))
@@ -202,7 +203,7 @@ def _motion(reference: Reference) -> dict[str, Complex]:
 
 
 def gain(before_aircraft: Aircraft, after_aircraft: Aircraft, held_out: Sequence[Reference]) -> Gain | None:
-    """Held-out error without and with what was found, both aircraft as fitted; None with nothing held out."""
+    """Held-out error without and with the effects, both aircraft as fitted; None with nothing held out."""
     if not held_out:
         return None
     blocks: list[tuple[float, float, float]] = []
@@ -269,7 +270,7 @@ def alternatives_of(found: Found, effect: str) -> tuple[str, ...]:
 
 
 def channel_error(reference: Reference, aircraft: Aircraft) -> dict[str, float]:
-    """Whitened-in-its-own-right rms of each series: what is left over the standard deviation of its own noise."""
+    """Rms of each series over the standard deviation of its own noise, correlation with the others not regarded."""
     z = reference.differences(aircraft)
     inverse = np.linalg.inv(reference.bins.rotate)
     calm = np.einsum("mij,mkj->mik", inverse, np.conj(inverse))
@@ -280,7 +281,7 @@ def channel_error(reference: Reference, aircraft: Aircraft) -> dict[str, float]:
 
 
 class SeriesError(NamedTuple):
-    """One series of the fitted records: rms over its own noise before and after, and whether what is left is noise."""
+    """One series of the fitted records: rms over its own noise before and after, and whether the residual is white."""
 
     name: str
     before: float

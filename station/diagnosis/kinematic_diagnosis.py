@@ -2,7 +2,7 @@
 
 For aircraft that nobody has described, and records without an elevator. The vane's bias, scale and delay come from
 vane_calibration, biases from the reconstruction of compatibility; an effect is named where its estimate is ACCEPTED
-standard deviations from what changes nothing. Gusts that hide the vane are said, and the vane is then not judged.
+standard deviations from its null. Where gusts hide the vane's errors it is not judged, and the result says so.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from station.rows import ParamEstimate, Status, UsageError
 Array = NDArray[np.float64]
 
 ACCEPTED: Final = 4.0
-"""Standard deviations of an estimate from nothing: the evidence that diagnosis asks of a first effect."""
+"""Standard deviations of an estimate from its null: the evidence that diagnosis asks of a first effect."""
 BLOCK_S: Final = 5.0
 RESAMPLES: Final = 400
 HELD: Final = ("alpha_vane", "theta", "v_down")
@@ -76,9 +76,9 @@ class KinematicDiagnosis:
     fitted: tuple[Judged, ...]
     held_out: tuple[Judged, ...]
     judged: tuple[str, ...]
-    """Effects that the records tell, whether they are there or not."""
+    """Effects that could be judged, found or not."""
     not_judged: Mapping[str, str]
-    """What they do not tell, and why."""
+    """What could not be judged, and why."""
     extended: Aircraft
 
     @property
@@ -119,7 +119,7 @@ def diagnose_kinematics(fitted: Sequence[Judged], held_out: Sequence[Judged], ai
     estimates, reasons = _estimates(fitted, aircraft)
     pooled = {name: _pooled(found) for name, found in estimates.items()}
     if any(_is_beyond(name, *found) for name, found in pooled.items() if BY_ID[name].of_vane):
-        # The reconstruction has no delay of the vane: what that leaves there would be taken for airspeed.
+        # The reconstruction has no delay of the vane: its residual would be taken for airspeed.
         for name in [n for n in pooled if (k := BY_ID[n].kinematic) and k.sound_vane]:
             del pooled[name]
             reasons[name] = "the vane has an error: correct that first"
@@ -150,7 +150,7 @@ def diagnose_kinematics(fitted: Sequence[Judged], held_out: Sequence[Judged], ai
 def _estimates(
     fitted: Sequence[Judged], aircraft: Aircraft
 ) -> tuple[dict[str, list[tuple[float, float]]], dict[str, str]]:
-    """By effect, its value and standard deviation in each record that tells it; and why others do not."""
+    """By effect, its value and standard deviation in each record that determines it; and why others do not."""
     estimates: dict[str, list[tuple[float, float]]] = {}
     reasons: dict[str, str] = {}
     for j in fitted:
@@ -168,7 +168,7 @@ def _estimates(
 
 
 def _parameters(j: Judged, aircraft: Aircraft) -> Iterator[ParamEstimate]:
-    """What a record tells of its instruments, as the difference from the profile; named as in effects.Kinematic."""
+    """What a record says of its instruments, as the difference from the profile; named as in effects.Kinematic."""
     vane, reconstruction = j.made.vane, j.made.compatibility
     if isinstance(vane, VaneCalibration):
         bias, scale, lag = _stated(aircraft)
@@ -219,19 +219,19 @@ def _seen(fitted: Sequence[Judged]) -> tuple[Effect, ...]:
 
 
 def _gain(values: Mapping[str, float], held_out: Sequence[Judged]) -> Gain | None:
-    """Vane against the inertial flow angle in records not used, before and after its zero, scale and delay."""
+    """Vane against the inertial flow angle in records not used, before and after its bias, scale and delay."""
     own = {k.parameter: v for n, v in values.items() if (k := BY_ID[n].kinematic) and BY_ID[n].of_vane}
     squares: list[tuple[float, float, float]] = []
     for j in held_out:
         part = j.made.vane
         if not own or not isinstance(part, VaneCalibration):
             continue
-        zero, scale, lag = _stated(j.record.aircraft)
+        bias, scale, lag = _stated(j.record.aircraft)
         reading = j.record.motion["alpha_vane"][j.made.rows]
         t = np.arange(len(reading)) * j.record.dt
-        before = (np.interp(t + lag, t, reading) - zero) / scale - part.expected
+        before = (np.interp(t + lag, t, reading) - bias) / scale - part.expected
         late = np.interp(t + lag + own.get("vane delay", 0.0), t, reading)
-        found = (zero + own.get("vane bias", 0.0), scale * (1 + own.get("vane scale", 0.0)))
+        found = (bias + own.get("vane bias", 0.0), scale * (1 + own.get("vane scale", 0.0)))
         after = (late - found[0]) / found[1] - part.expected
         width = round(BLOCK_S / j.record.dt)
         squares += [

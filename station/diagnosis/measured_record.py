@@ -63,7 +63,7 @@ class Record:
     stated: Mapping[str, float] = field(default_factory=dict)
     """The noise that the rig states, SI."""
     remarks: tuple[str, ...] = ()
-    """What was left out of the recording, and mended in it."""
+    """What was left out of the recording, and corrected in it."""
     seen: tuple[Effect, ...] = ()
     """Signs and units of the recording that were mistaken, and have been taken back."""
 
@@ -128,7 +128,7 @@ def manoeuvres(
 
 
 def _between_gaps(t_s: Array, columns: Mapping[str, Array], start: float, end: float) -> list[tuple[float, float]]:
-    """The parts of a span, long enough to be judged, in which no signal that is needed is away for longer than
+    """The parts of a span, long enough to be judged, in which no signal that is needed is missing for longer than
     BRIDGED_S; the span itself where there is none."""
     inside = (t_s >= start - 1e-9) & (t_s <= end + 1e-9)
     missing_spans: list[tuple[float, float]] = []
@@ -267,10 +267,10 @@ def _along(signals: dict[str, Array]) -> None:
 
 
 def describe_missing(record: Record) -> list[str]:
-    """What was left out or mended, and what cannot be judged for want of signals."""
+    """What was left out or corrected, and what cannot be judged for want of signals."""
     words = list(record.remarks)
     if "v_down" in record.missing:
-        words.append("no vertical velocity: slow gusts and slow motion are not told apart, velocity is not judged")
+        words.append("no vertical velocity: slow gusts are not separated from slow motion, velocity is not judged")
     if "v_along" in record.missing:
         words.append("no ground speed along a steady heading: horizontal accelerations are not checked against it")
     if "thrust" in record.missing:

@@ -1,6 +1,6 @@
-"""Where the aircraft's model itself is in doubt: what may be wrong with it, and by how much.
+"""Where the aircraft's model itself may be in error: which of its parameters are freed, and by how much.
 
-Terms that the profile lacks, and its derivatives well beyond their stated uncertainty, are all allowed for at once.
+Terms that the profile lacks, and its derivatives well beyond their stated uncertainty, are nuisances all at once.
 What the model still misses in lift, moment and drag is added to the noise of those series, so that only what exceeds it
 can name anything.
 """
@@ -31,25 +31,25 @@ Complex = NDArray[np.complex128]
 WIDENING: Final = 3.0
 """Standard deviations of the derivatives, over those stated."""
 TRIM_SD: Final[Mapping[str, float]] = {"CL_0": 0.2, "Cm_0": 0.1, "CD_0": 0.05}
-"""Standard deviations of what says where the aircraft trims: next to nothing is known of it."""
+"""Prior standard deviations of trim: next to nothing is known of it."""
 NAMED: Final = 18.0
 """(value / standard deviation)2 from which a part of the model is named as wrong."""
 LEAST_CHANGE: Final = 2.0
 """Stated standard deviations by which a derivative must have moved to be named as wrong."""
 BEYOND: Final = 3.5
-"""The same, with the model's structure not in doubt, within the price that they put on it."""
+"""The same, with the model's structure taken as exact, under their priors."""
 GYRO: Final = "q bias"
 SHARES: Final = (1.0, 0.5, 0.25)
 """Of a step, tried in turn."""
 ROUNDS: Final = 4
-"""How often what the model misses is found from what is left and the model fitted again."""
+"""How often the model's misfit is found from the residuals and the model fitted again."""
 WIDTH: Final = 11
 """Frequencies over which what the model misses is taken as smooth."""
 
 ABSENT: Final[dict[str, float]] = {"Cm_alpha": 1.0, "Cm_q": 15.0, "Cm_de": 1.0, "CL_alpha": 5.0}
 """The same of derivatives that a profile does not have at all."""
 NONLINEAR: Final[dict[str, float]] = {"CL_alpha3": 150.0, "Cm_alpha2": 5.0, "Cm_alpha3": 50.0}
-"""The same of what bends lift and moment beside aero.alpha_squared: tables do not follow a parabola."""
+"""The same of nonlinear lift and moment beside aero.alpha_squared: tables do not follow a parabola."""
 TAIL: Final = (
     Nuisance("tail lift slope", 0.4, unsteady("tail_lift_slope")),
     Nuisance("downwash", 0.2, unsteady("downwash")),
@@ -59,7 +59,7 @@ UNSTATED: Final = (
     Nuisance("vane position", 8.0, boom("vane_x")),
     Nuisance("vane upwash", 0.15, boom("upwash_body")),
     Nuisance("vane latency", 0.1, delay("alpha_vane")),
-    Nuisance("vane zero", math.radians(1.0), bias("alpha_vane")),
+    Nuisance("vane bias", math.radians(1.0), bias("alpha_vane")),
 )
 """Of a vane that the profile says nothing about: where it is, what the body does to the flow there, how late it is."""
 
@@ -70,7 +70,7 @@ def incomplete(aircraft: Aircraft) -> bool:
 
 
 def model_error_priors(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple[Nuisance, ...], dict[str, Term]]:
-    """What is allowed for where the model is in doubt, and the terms, by allowance, that name what was moved."""
+    """The nuisances where the model may be in error, and the terms, by nuisance, that name those that moved."""
     named: dict[str, Term] = {}
     out: list[Nuisance] = []
     for a in nuisance_priors(aircraft):
@@ -96,7 +96,7 @@ def model_error_priors(aircraft: Aircraft, terms: Sequence[Term]) -> tuple[tuple
 
 
 def with_constant_forces(aircraft: Aircraft) -> Aircraft:
-    """An aircraft whose forces do not change: what is left against it is all of what was measured."""
+    """An aircraft whose forces do not change: the residual against it is all of what was measured."""
     gone = {n: d.model_copy(update={"value": 0.0}) for n, d in aircraft.derivatives.items() if not n.endswith("_0")}
     drag = aircraft.drag and aircraft.drag.model_copy(update={"induced": 0.0})
     unsteady = aircraft.unsteady.model_copy(update={"memory": False})
@@ -106,7 +106,7 @@ def with_constant_forces(aircraft: Aircraft) -> Aircraft:
 
 
 def structures(aircraft: Aircraft) -> tuple[Aircraft, ...]:
-    """What the aircraft may be like: as the profile has it; and as the classical models have it, lift without memory,
+    """What the aircraft may be like: as the profile has it; and as the classical models have it, quasi-steady lift,
     wing and tail at one place. One is no small change of the other."""
     if not aircraft.unsteady.memory:
         return (aircraft,)
@@ -147,7 +147,7 @@ class Freed:
     shares: Mapping[str, float]
     """What the model misses, as a share of what was measured (root mean square), by series."""
     moved: Array
-    """What is allowed for, then the drift of each manoeuvre, in standard deviations."""
+    """The nuisances, then the drift of each manoeuvre, in standard deviations."""
     cost: float
     """-2 log likelihood."""
 
@@ -158,21 +158,22 @@ def freed(
 ) -> Freed:  # fmt: skip
     """The model freed, and the noise of what it misses found from what it leaves, in turn.
 
-    `gust` as the instruments alone have it: a model in doubt would take its own errors for gusts. `values` are effects
+    `gust` as the instruments alone have it: a model in error would take its misfit for gusts. `values` are effects
     thought to be there. `start` is what was moved before."""
     subject = extended(aircraft, values)
     whole = [r.differences(with_constant_forces(subject)) for r in references]
     strength = tuple(gust)
     moved = np.zeros(len(nuisances) + len(references)) if start is None else start
 
-    def left() -> list[Spectra]:
+    def residuals() -> list[Spectra]:
         there = extended(moved_by(aircraft, nuisances, moved), values)
         own = moved[len(nuisances) :]
         return [r.differences(there, float(x) * r.drift_sd) for x, r in zip(own, references, strict=True)]
 
     for _ in range(ROUNDS):
         made = [
-            with_misfit_as_noise(r, z, w, g) for r, z, w, g in zip(references, left(), whole, strength, strict=True)
+            with_misfit_as_noise(r, z, w, g)
+            for r, z, w, g in zip(references, residuals(), whole, strength, strict=True)
         ]
         problem = Problem([m[0] for m in made], aircraft, nuisances, moved[: len(nuisances)])
         moved, cost = _on_the_way(problem, values, moved, problem.fixed(values, strength), strength)
@@ -209,8 +210,8 @@ def parts(problem: Problem, fit: Fit, named: Mapping[str, Term]) -> tuple[Effect
 
 
 def beyond(problem: Problem, fit: Fit) -> dict[str, Effect]:
-    """Derivatives, and the gyro's zero, that the data put where they are taken to be impossible, though nothing is left
-    over; by allowance."""
+    """Derivatives, and the gyro's bias, that the data put far outside their prior, though no residual remains; by
+    nuisance."""
     far = {
         a.name: BY_ID["q.bias"] if a.name == GYRO else derivative_effect(a.name, problem.aircraft)
         for a, x in zip(problem.nuisances, fit.moved, strict=False)
@@ -226,12 +227,12 @@ def beyond(problem: Problem, fit: Fit) -> dict[str, Effect]:
 
 
 LEAST_SD: Final = 0.02
-"""Least standard deviation of a derivative that was found with the model in doubt, as a share of it."""
+"""Least standard deviation of a derivative that was found with the model in error, as a share of it."""
 
 
 def corrected_profile(problem: Problem, fit: Fit) -> Aircraft:
     """The profile with the effects found, and with the model as the data have it; derivatives with what is then known
-    of them. Zeros of instruments within what is usual are left out: they are of the flight."""
+    of them. Usual biases of instruments are left out: they are of the flight."""
     aircraft = problem.aircraft
     out = extended(aircraft, fit.values)
     _, sds = _posterior(problem, fit)
@@ -252,7 +253,7 @@ def corrected_profile(problem: Problem, fit: Fit) -> Aircraft:
 
 
 def _posterior(problem: Problem, fit: Fit) -> tuple[Array, Array]:
-    """What is allowed for, and its standard deviation, with the effects free beside it."""
+    """The nuisances and their standard deviations, with the effects free, too."""
     here = problem.at(fit.values)
     own = [problem.effect_columns(BY_ID[i], fit.values, here) for i in fit.values]
     effects = [np.array([c[k] for c in own]).reshape(len(own), len(y)) for k, y in enumerate(here)]
@@ -267,8 +268,8 @@ def gusts(problem: Problem, fit: Fit) -> Effect | None:
     nuisances = problem.nuisance_columns(fit.values, here)
     _, _, found, cost = problem.solve(here, none, nuisances, fit.gust)
     calm, _, _, _ = problem.solve(here, none, nuisances, [0.0] * len(here), 1)
-    left = [y + calm @ a for y, a in zip(here, nuisances, strict=True)]
-    reduction = problem.cost(left, [0.0] * len(here), calm) - cost
+    residuals = [y + calm @ a for y, a in zip(here, nuisances, strict=True)]
+    reduction = problem.cost(residuals, [0.0] * len(here), calm) - cost
     k = int(np.argmax(found))
     if reduction < NAMED or not found[k]:
         return None

@@ -1,7 +1,8 @@
-"""A search with the aircraft's model in doubt: what instruments say of each other, and what then still stands.
+"""A search with the aircraft's model in error: what instruments say of each other, and which effects still stand.
 
-Two safeguards keep instruments from being blamed for the model, which is free (`structure`): what it misses counts as
-noise, and an instrument is a candidate only if the instruments among themselves, without any aerodynamics, say so too.
+Two safeguards keep errors of the model, whose parameters are free, from being named as instruments: its misfit counts
+as noise, and an instrument is a candidate only if the instruments among themselves, without any aerodynamics, say so
+too.
 """
 
 from __future__ import annotations
@@ -38,23 +39,23 @@ from station.profile import Aircraft
 KINEMATIC: Final = (THETA, DOWN, NORTH, VANE)
 """Series in which instruments are compared with each other."""
 KINEMATIC_CHI2: Final = 9.0
-"""chi2 of an effect, of the instruments among themselves, without which an instrument is no candidate."""
-APART: Final = 3.0
-"""Standard deviations by which its value there may differ from the one named."""
-LEANS: Final = 0.4
-"""Share of its value by which an effect may lean, at most, to make up for the model."""
+"""chi2 of an effect in the kinematic series, below which an instrument is no candidate."""
+DISAGREEMENT: Final = 3.0
+"""Standard deviations by which the kinematic value of an effect may differ from the one of the whole fit."""
+COMPENSATION: Final = 0.4
+"""Share of an effect's value, at most, that may compensate the model's error."""
 NEXT: Final = 0.3
 """Share of the best chi2 that another effect must have to be a candidate beside it."""
-UNSUPPORTED: Final = 50.0
-"""(value / standard deviation)2 asked of an effect at the vane in turbulence that the other instruments neither confirm
-nor deny: the gust hides it from them."""
+UNCONFIRMED: Final = 50.0
+"""(value / standard deviation)2 asked of an effect at the vane in turbulence that the kinematic series neither confirm
+nor contradict: the gust hides it in them."""
 ASKED: Final = 25.0
-"""Drop of -2 log likelihood asked of a first effect: noise made of what a model misses is not noise."""
+"""Deviance reduction asked of a first effect: a model's misfit taken as noise is not noise."""
 MOST_ROUNDS: Final = 3
 WELL_KNOWN: Final = 0.15
 """Standard deviation of a freed derivative, as a share of it, up to which it is known well."""
 ALIKE: Final = 0.2
-"""Share of the model's motion that the measured one must be."""
+"""Least correlation of the measured motion with the simulated one, as a share of the latter."""
 MOST_MISSED: Final = 0.25
 """Share of what was measured of lift or moment that a model may miss and still be a model."""
 
@@ -92,8 +93,8 @@ def kinematic_estimates(
     terms: Sequence[Term],
     values: Mapping[str, float],
 ) -> dict[str, tuple[float, float]]:
-    """Value and standard deviation of each instrument's effect, of the instruments among themselves (`problem`), beside
-    those thought to be there (`values`).
+    """Value and standard deviation of each instrument's effect in the kinematic series (`problem`), given those
+    accepted so far (`values`).
 
     How an effect shows is taken from the noiseless simulation: the measured motion answers the gust that the vane
     shows, and an effect that goes with the motion would be seen in every gust. How large it shows is taken from the
@@ -135,7 +136,7 @@ def kinematic_estimates(
 
 @dataclass(frozen=True, slots=True)
 class WithModelError:
-    """Outcome of a search with the model in doubt."""
+    """Outcome of a search with the model in error."""
 
     problem: Problem
     found: Found
@@ -154,12 +155,12 @@ class WithModelError:
 def with_model_error(
     references: Sequence[Reference], aircraft: Aircraft, terms: Sequence[Term], progress: Callable[[str], None]
 ) -> WithModelError:
-    """Search with the model in doubt."""
+    """Search with the model in error."""
     progress("what instruments say of each other")
     without = kinematic_problem(references, aircraft)
     gust = without.null().gust
     if all(g < CALM_BELOW * r.flights.sigma / TURBULENT for g, r in zip(gust, references, strict=True)):
-        terms = [t for t in terms if not t.gust_only]  # a vane that nothing is said of looked like turbulence
+        terms = [t for t in terms if not t.gust_only]  # a vane without a profile looked like turbulence
     kinematic = kinematic_estimates(references, without, gust, terms, {})
     kinematic_chi2 = {n: (v / sd) ** 2 for n, (v, sd) in kinematic.items()}
     progress("freeing the model")
@@ -203,15 +204,14 @@ def with_model_error(
 def _kinematic_estimate(
     references: Sequence[Reference], problem: Problem, gust: Sequence[float], values: Mapping[str, float], name: str
 ) -> tuple[float, float]:
-    """What the instruments among themselves say of an effect with the other `values` there, those as large as it
-    takes."""
+    """Value and standard deviation of an effect in the kinematic series, with the other `values` re-estimated."""
     others = {n: v for n, v in values.items() if n != name and BY_ID[n].kinematic_check}
     return kinematic_estimates(references, problem, gust, [BY_ID[name]], others).get(name, (0.0, math.inf))
 
 
 def _redundant(references: Sequence[Reference], problem: Problem, gust: Sequence[float], found: Found) -> list[str]:
-    """Of several effects at the vane that one which the instruments among themselves can do without beside the others,
-    and which explains least alone: what the model misses is also shaped like a little of each."""
+    """Of several effects at the vane the one that is not significant in the kinematic series given the others, and
+    explains least alone: a model's misfit looks like a little of each."""
     values = found.accepted.values
     vane = [n for n in values if BY_ID[n].of_vane]
     if len(vane) <= 1:
@@ -225,8 +225,8 @@ def _redundant(references: Sequence[Reference], problem: Problem, gust: Sequence
 def _with_kinematic_values(
     references: Sequence[Reference], without: Problem, gust: Sequence[float], problem: Problem, accepted: Fit
 ) -> Fit:
-    """The effects with the values that instruments tell among themselves, where they can; elsewhere as sure as a value
-    is that may lean to make up for the model."""
+    """The effects with their kinematic values, where those are significant; elsewhere with an sd that includes how far
+    a value may compensate the model's error."""
     values, sds = dict(accepted.values), dict(accepted.sds)
     for name in accepted.values:
         if not BY_ID[name].kinematic_check:
@@ -235,8 +235,8 @@ def _with_kinematic_values(
         if (value / sd) ** 2 >= KINEMATIC_CHI2:
             values[name], sds[name] = value, sd
         else:
-            leans = LEANS if BY_ID[name].like_lift_slope else 0.5 * LEANS
-            sds[name] = math.hypot(sds[name], leans * abs(values[name]))
+            share = COMPENSATION if BY_ID[name].like_lift_slope else 0.5 * COMPENSATION
+            sds[name] = math.hypot(sds[name], share * abs(values[name]))
     if not values:
         return accepted
     fit = problem.fixed(values, accepted.gust)
@@ -247,21 +247,21 @@ def _freed_structure(
     references: Sequence[Reference], aircraft: Aircraft, terms: Sequence[Term], gust: Sequence[float]
 ) -> tuple[list[Reference], dict[str, Term], Freed]:
     """Manoeuvres with one structure of the model free, their noise as it passes through that, and the terms by
-    allowance."""
+    nuisance."""
     nuisances, named = model_error_priors(aircraft, [t for t in terms if t.applies(aircraft)])
     angles = [r.flow_angle(aircraft) for r in references]
     nuisances += nonlinear_priors(aircraft, angles, [r.record.signals["elevator"] for r in references])
     first = freed(references, aircraft, nuisances, gust, {})
     moved = moved_by(aircraft, nuisances, first.moved)
-    heard = [with_noise_through(r, moved) for r in references]
-    return heard, named, freed(heard, aircraft, nuisances, gust, {}, first.moved)
+    references = [with_noise_through(r, moved) for r in references]
+    return references, named, freed(references, aircraft, nuisances, gust, {}, first.moved)
 
 
 def _kinematic_alternatives(
     problem: Problem, found: Found, terms: Sequence[Term], kinematic: Mapping[str, tuple[float, float]]
 ) -> list[Fit]:
-    """What could stand in place of an effect named, were the instruments among themselves not too unsure of it to name
-    it first."""
+    """Candidates with another instrument's effect in place of an accepted one, which fit as well but are too uncertain
+    in the kinematic series to be searched."""
     accepted = found.accepted
     out = []
     for name in accepted.values:
@@ -280,21 +280,22 @@ def _kinematic_alternatives(
 
 
 def _contradicted(fit: Fit, name: str, kinematic: tuple[float, float]) -> bool:
-    """Whether the value that the model asks for is not the one that the instruments say, or too unsure without them."""
+    """Whether the value of the whole fit contradicts the kinematic one, or is too uncertain where that is not
+    significant."""
     value, sd = kinematic
     found, own = fit.values[name], fit.sds[name]
-    if (value / sd) ** 2 < KINEMATIC_CHI2 and (found / own) ** 2 < UNSUPPORTED:
+    if (value / sd) ** 2 < KINEMATIC_CHI2 and (found / own) ** 2 < UNCONFIRMED:
         return True
-    return abs(found - value) > APART * math.hypot(sd, own) + LEANS * abs(value)
+    return abs(found - value) > DISAGREEMENT * math.hypot(sd, own) + COMPENSATION * abs(value)
 
 
 def _candidate(term: Term, aircraft: Aircraft, kinematic: Mapping[str, tuple[float, float]], gusty: bool) -> bool:
-    """Whether the instruments say so of an effect, and of no other much more."""
+    """Whether an effect is significant in the kinematic series, and no other much more."""
     if term.id not in kinematic:
         return False
     if term.of_vane:
         if aircraft.boom is None:
-            return False  # nothing was said that could be wrong
+            return False  # the profile says nothing that could be wrong
         if gusty and term.hidden_by_gusts:
             return True
     strength = {n: (v / sd) ** 2 for n, (v, sd) in kinematic.items()}

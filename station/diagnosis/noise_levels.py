@@ -21,7 +21,7 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 
 COLOURED_SHARE: Final = 0.25
-"""Part of a sensor's variance that is slow: its spectrum is not known below the motion's, so this is allowed for."""
+"""Part of a sensor's variance that is slow: its spectrum is not known below the motion's, so this much is assumed."""
 COLOUR_S: Final = 0.3
 THRUST_SHARE: Final = 0.05
 THRUST_S: Final = 1.0
@@ -57,7 +57,7 @@ def stated_noise(record: Record) -> dict[str, float]:
 
 
 def true_noise(noise: Mapping[str, float], aircraft: Aircraft) -> dict[str, float]:
-    """What is left of each signal's noise once its instrument's gain is taken out."""
+    """Each signal's noise once its instrument's gain is taken out."""
     return {name: sd / _gain(aircraft, name) for name, sd in noise.items()}
 
 

@@ -1,9 +1,9 @@
-"""What an aircraft's lift and moment may do that no derivative says: allowed for where its model is in doubt.
+"""Nonlinear lift and moment that no derivative describes: nuisances where the aircraft's model may be in error.
 
-Tables follow no low polynomial: lift and moment may bend anywhere in the flow angles that were flown, the moment also
-in the elevator, by as much as a random walk of the slope would; and the moment may follow the rate of the flow angle,
-as the classical models have it. None of it is named, nor written to a profile: it is what keeps the aircraft's own
-shape from being taken for an instrument's error.
+Tables follow no low polynomial: the slopes of lift and moment may change anywhere in the flow angles that were flown,
+that of the moment also in the elevator, by as much as a random walk of the slope would; and the moment may follow the
+rate of the flow angle, as the classical models have it. None of it is named, nor written to a profile: it is what keeps
+the aircraft's own shape from being taken for an instrument's error.
 """
 
 from __future__ import annotations
@@ -57,15 +57,15 @@ class Nonlinear(Aircraft):
 
     def more_moment(self, alpha: Array, rate: Array, elevator: Array) -> Array:
         """Cm beside the profile's; `rate` is that of the flow angle times c/2V."""
-        bend = self.moment_rate * rate
+        extra = self.moment_rate * rate
         if self.moment:
-            bend = bend + np.interp(alpha, self.alpha_knots, self.moment)
+            extra = extra + np.interp(alpha, self.alpha_knots, self.moment)
         if self.elevator_moment:
-            bend = bend + np.interp(elevator, self.elevator_knots, self.elevator_moment)
+            extra = extra + np.interp(elevator, self.elevator_knots, self.elevator_moment)
         if self.moment_cross:
             product = (alpha - alpha.mean(-1, keepdims=True)) * (elevator - elevator.mean(-1, keepdims=True))
-            bend = bend + self.moment_cross * product
-        return np.asarray(bend)
+            extra = extra + self.moment_cross * product
+        return np.asarray(extra)
 
 
 LEAST_VISITS: Final = 0.25
@@ -73,7 +73,7 @@ LEAST_VISITS: Final = 0.25
 
 
 def nonlinear_priors(aircraft: Aircraft, alpha: Sequence[Array], elevator: Sequence[Array]) -> tuple[Nuisance, ...]:
-    """What is allowed for, from the flow angles (rad, by manoeuvre) and elevator angles that were flown."""
+    """The nuisances, from the flow angles (rad, by manoeuvre) and elevator angles that were flown."""
     out = []
     angles, deflections = _knots(np.concatenate(alpha)), _knots(np.concatenate(elevator))
     curves: dict[Curve, tuple[tuple[Array, Array], int]] = {

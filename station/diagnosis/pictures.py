@@ -24,19 +24,19 @@ Array = NDArray[np.float64]
 
 _YELLOW: Final = "#e69f00"
 MEANING: Final = {
-    "theta": ("attitude less integral of pitch rate", "deg", "deg"),
-    "v_down": ("sink rate less integral of accelerations", "m/s", "m/s"),
-    "v_north": ("ground speed less integral of accelerations", "m/s", "m/s"),
-    "alpha_vane": ("vane less inertial flow angle: the gust", "deg", "deg"),
-    "lift": ("lift coefficient less model", "1", ""),
-    "moment": ("pitching-moment coefficient less model", "1", ""),
-    "drag": ("drag coefficient less model", "1", ""),
+    "theta": ("attitude minus integral of pitch rate", "deg", "deg"),
+    "v_down": ("sink rate minus integral of accelerations", "m/s", "m/s"),
+    "v_north": ("ground speed minus integral of accelerations", "m/s", "m/s"),
+    "alpha_vane": ("vane minus inertial flow angle: the gust", "deg", "deg"),
+    "lift": ("lift coefficient minus model", "1", ""),
+    "moment": ("pitching-moment coefficient minus model", "1", ""),
+    "drag": ("drag coefficient minus model", "1", ""),
 }
 _MEASURED: Final = {
     "theta": "attitude, and integral of pitch rate",
     "v_down": "sink rate, and integral of accelerations",
     "v_north": "ground speed, and integral of accelerations",
-    "alpha_vane": "vane, and what the motion shows there: what is between is the gust",
+    "alpha_vane": "vane, and the inertial flow angle there: the difference is the gust",
     "lift": "lift coefficient, and that of the model in the measured motion and gust",
     "moment": "pitching-moment coefficient, and that of the model in the measured motion and gust",
     "drag": "drag coefficient, and that of the model in the measured motion and gust",
@@ -219,7 +219,8 @@ def measured_and_predicted(found: Diagnosis, before: Aircraft, after: Aircraft) 
     one, other = _over_expected(found, r, before), _over_expected(found, r, after)
     names = sorted(one, key=lambda n: -abs(one[n] - other[n]))[:3]
     t = r.record.start_s + r.record.dt * np.arange(r.record.n, dtype=np.float64)
-    # Against an aircraft whose forces do not change, all of what was measured is left; instruments are their own.
+    # Against an aircraft whose forces do not change, the residual is all of what was measured; instruments are their
+    # own.
     whole = _series_of(r, with_constant_forces(before))
     for name, signal in _SIGNAL_OF.items():
         if signal in r.record.signals:
@@ -261,6 +262,8 @@ def reductions(found: Diagnosis) -> Figure:
     axes.barh(names[::-1], reductions[::-1], color=colours[::-1])
     axes.axvline(FIRST, color=INK, lw=0.8, ls=":")
     axes.set_xscale("log")
-    axes.set_xlabel("drop of -2 log likelihood, alone (dotted: asked for; orange: accepted; yellow: rival)", fontsize=8)
+    axes.set_xlabel(
+        "deviance reduction, alone (dotted: asked of a first effect; orange: accepted; yellow: confounded)", fontsize=8
+    )
     axes.tick_params(labelsize=8)
     return figure

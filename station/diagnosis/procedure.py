@@ -198,8 +198,8 @@ def _with_exact_model(problem: Problem, terms: Sequence[Term], progress: Callabl
 
 
 def _with_model_error(d: WithModelError, base: Problem, exact: _Outcome | None) -> _Outcome:
-    """What stands with the aircraft's model in error; what remains unexplained is told of the exact one, where that
-    was searched."""
+    """What stands with the aircraft's model in error; what remains unexplained is that of the exact
+    one, where it was searched."""
     remaining = judge.remaining_residual(d.problem, d.found) if exact is None else exact.remaining
     effects = _effects_with_error(d, base.aircraft)
     before = base.complete(base.null())
@@ -232,7 +232,7 @@ def _with_noise_through_model(problem: Problem) -> Problem:
 
 
 def significant(problem: Problem, fit: Fit) -> Fit:
-    """A fit free of what the sensors' noise makes of its values, without the effects that are nothing then."""
+    """A fit corrected for the noise in its regressors, without the effects that are not significant then."""
     while True:
         freed = problem.noise_corrected(fit)
         if not freed.values:
@@ -245,7 +245,7 @@ def significant(problem: Problem, fit: Fit) -> Fit:
 
 
 def _resimulated(problem: Problem, found: Found) -> tuple[Problem, Found]:
-    """Simulate with the accepted effects, refit them against that, and drop those that are no longer needed.
+    """Simulate with the accepted effects, refit them against that, and leave out those that are no longer needed.
 
     A large correction leaves traces that the simulation without it does not have.
     """
@@ -259,7 +259,7 @@ def _resimulated(problem: Problem, found: Found) -> tuple[Problem, Found]:
             problem.references,
         )
     except UsageError:
-        return problem, found  # an aircraft with these effects could not have flown: what is left will tell
+        return problem, found  # an aircraft with these effects could not have flown: the residual test shows it
     again = Problem(references, problem.aircraft)
     values, gust = dict(found.accepted.values), found.accepted.gust
     accepted = again.refit(tuple(values), values, gust)
@@ -312,7 +312,7 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
 
 
 def _effects_with_error(d: WithModelError, aircraft: Aircraft) -> tuple[Effect, ...]:
-    """The effects that stand with the model in doubt, and what of the model is wrong."""
+    """The effects that stand with the model in error, and what of the model is wrong."""
     found = [replace(e, alternatives=(*e.alternatives, *_as_likely(d, e))) for e in _effects(d.found, d.problem)]
     if any(r.setting.rebuilt for r in d.problem.references):
         found = [replace(e, alternatives=(*e.alternatives, *e.term.without_velocity)) for e in found]
@@ -325,7 +325,7 @@ def _effects_with_error(d: WithModelError, aircraft: Aircraft) -> tuple[Effect, 
 
 def _as_likely(d: WithModelError, e: Effect) -> tuple[str, ...]:
     """Effects that the instruments among themselves like better than one named, or as well if they explain as much of
-    the rest: a likelihood with the model's errors in it does not tell apart what is that near."""
+    the rest: a likelihood with the model's errors in it does not separate what is that near."""
     own = d.kinematic_chi2.get(e.term.id)
     if own is None:
         return ()

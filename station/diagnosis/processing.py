@@ -39,7 +39,7 @@ class Setting:
     n: int
     bridge: int
     gusty: bool
-    """Whether the vane's leftover is a gust that acts on the aircraft, or noise that does not."""
+    """Whether the vane's residual is a gust that acts on the aircraft, or noise that does not."""
     judged: tuple[int, ...]
     """The series that can be judged."""
     imu: tuple[float, float, float]

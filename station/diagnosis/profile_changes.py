@@ -72,7 +72,7 @@ boom, whose tip swings about a point a third of its length from the root."""
 
 
 def boom_mode(a: Aircraft, x: float) -> Aircraft:
-    """The boom bends with the load at its tip, not at the CG, and swings."""
+    """The boom flexes with the load at its tip, not at the CG, through its first bending mode."""
     if x == 0:
         return a
     old = a.boom or NO_BOOM

@@ -113,7 +113,7 @@ class Reference:
         return replace(self, record=replace(self.record, signals=signals), memo=Memo())
 
     def flow_angle(self, aircraft: Aircraft) -> Array:
-        """The angle of attack at the CG that an aircraft's vane and motion tell, rad, (n,)."""
+        """The angle of attack at the CG from an aircraft's vane and the motion, rad, (n,)."""
         own = loaded(aircraft, self.record, self.mass_share, self.iyy_share)
         return flow_angle(self.record.signals, own, self.setting, self.memo)
 
@@ -139,7 +139,7 @@ def bare(aircraft: Aircraft) -> Aircraft:
 
 
 def fly(record: Record, aircraft: Aircraft, seed: int = 0, loading: tuple[float, float] | None = None) -> Flights:
-    """Fly a record's elevator at its speed, both as the profile's instruments tell them. Raises UsageError where the
+    """Fly a record's elevator at its speed, both as the profile's instruments read them. Raises UsageError where the
     profile cannot be flown like that."""
     plain = bare(loaded(aircraft, record, *(loading or shares(aircraft, record))))
     speed = float(np.mean(_rescaled(record.signals["airspeed"], instrument_of(aircraft, "airspeed"))))
@@ -239,7 +239,7 @@ def _unjudged(name: str, record: Record, aircraft: Aircraft) -> bool:
 
 
 def _rescaled(x: Array, found: Instrument | None) -> Array:
-    """A signal with its instrument's bias, gain and bend taken out, its lateness left."""
+    """A signal with its instrument's bias, gain and nonlinearity taken out, not its delay."""
     if found is None:
         return x
     x = (x - found.bias) / found.gain

@@ -2,7 +2,7 @@
 
 Three compare instruments with each other, without aerodynamics: attitude against the integral of the pitch rate,
 vertical and horizontal speed against the integrals of the accelerations. One compares the vane with what the inertial
-motion would show there; what is left is the gust. Lift, moment and drag compare forces with the aircraft's model, the
+motion would show there; the residual is the gust. Lift, moment and drag compare forces with the aircraft's model, the
 gust of the vane included. Integrals, not derivatives: noise that is white in a sensor stays bounded.
 
 An effect is removed from the measured signals (the inverse of what the sensor did) or put into the model; both come
@@ -83,7 +83,7 @@ class _Flow(NamedTuple):
     alpha_i: Array
     gust: Array
     wing: Array
-    """The flow angle as the wing's lift feels it; empty without memory."""
+    """The flow angle through the wing's indicial response; empty for quasi-steady lift."""
     tail: Array
     vane: Array
     """The difference VANE."""
@@ -307,7 +307,7 @@ def _scaled(aircraft: Aircraft, s: Setting, name: str) -> float:
 
 
 def _flexed_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
-    """What a boom that bends shows of a gust, whose lift bends it: 1 + flexure daz/dalpha.
+    """The vane's response to a gust where the gust's lift flexes the boom: 1 + flexure daz/dalpha.
 
     The load at hand takes the bending by the gust out of VANE and puts its own noise into LIFT, both by this factor. To
     be compared with other candidates, the gust must be as large as it shows and the noise as the accelerometer's: else
@@ -325,7 +325,7 @@ def _vane_response(boom: Boom, omega: Array) -> Complex:
 
 
 def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
-    """What the vane shows of a load that would bend the boom by an angle of 1: a swinging tip also moves."""
+    """The vane's response to a load that would flex the boom by an angle of 1: the mode also moves the tip."""
     if boom.mode_frequency is None:
         return np.ones(len(omega), dtype=complex)
     bent = second_order_response(boom.mode_frequency, boom.mode_damping, 1j * omega)

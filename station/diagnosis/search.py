@@ -1,4 +1,4 @@
-"""Which effects: every one alone, every pair, then more, each refitted; accepted by the drop in likelihood."""
+"""Which effects: every one alone, every pair, then more, each refitted; accepted by the deviance reduction."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from station.diagnosis.fit import Fit, Problem, price
 
 Array = NDArray[np.float64]
 Start = tuple[float, tuple[str, ...], dict[str, float]]
-"""What a candidate promises along straight lines (a drop), its effects and their values."""
+"""The deviance reduction of a candidate's linear model, its effects and their values."""
 
 FIRST: Final = 18.0
-"""Drop of -2 log likelihood for one effect: one false alarm in 200 clean flights."""
+"""Deviance reduction asked for one effect: one false alarm in 200 clean flights."""
 FURTHER: Final = 18.0
 FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 CONFOUNDED: Final = 6.0
-"""Candidates of one size within this of the best cannot be told from it."""
+"""Candidates of one size within this deviance of the best are confounded with it."""
 SINGLES: Final = 7
 PAIRS: Final = 12
 PARTNERS: Final = 4
 HOPEFUL: Final = 0.5
-"""Share of the drop asked of a second effect that a pair must promise, along straight lines, to be refitted."""
+"""Share of the deviance reduction asked of a second effect that a pair's linear model must reach to be refitted."""
 MOST: Final = 4
 """Effects at once."""
 LEAST_TIME: Final = 0.05
@@ -47,7 +47,7 @@ class Found:
     """Each effect alone, the best first; those not refitted have their linear estimate."""
     refitted: Mapping[frozenset[str], Fit] = field(default_factory=dict)
     screened: float = 0.0
-    """Cost of nothing, that the singles compare with."""
+    """Cost without effects, that the singles compare with."""
 
     @property
     def reduction(self) -> float:
@@ -126,7 +126,7 @@ def search(
             accepted = more[0]
     alternatives: tuple[Fit, ...] = ()
     if accepted.values:
-        # How rare an effect is decides what is named first, not what is told apart.
+        # How rare an effect is decides what is named first, not what is confounded.
         best_bare = accepted.cost - price(accepted.ids)
         alternatives = tuple(
             f
@@ -169,7 +169,7 @@ def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit
 
 
 def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]) -> list[Start]:
-    """Every pair by its linear drop, the largest first, with the drop and both values."""
+    """Every pair by the deviance reduction of its linear model, the largest first, with both values."""
     columns = [problem.effect_columns(t, {}, base) for t in terms]
     nuisances = problem.nuisance_columns({}, base)
     normal, right = _projected(problem, base, columns, nuisances, null.gust)
@@ -189,7 +189,7 @@ def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]
 def _projected(
     problem: Problem, y: list[Array], columns: list[list[Array]], nuisances: list[Array], gust: Sequence[float]
 ) -> tuple[Array, Array]:
-    """Normal equations of effects with what is allowed for taken out."""
+    """Normal equations of effects with the nuisances eliminated."""
     e, a = len(columns), len(nuisances[0])
     whole, right = np.zeros((e + a, e + a)), np.zeros(e + a)
     for k, data in enumerate(y):
@@ -203,7 +203,7 @@ def _projected(
 
 
 def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[Start]:
-    """What else, on top of a candidate, its columns made anew there: the largest further linear drop first."""
+    """What else, on top of a candidate, its columns made anew there: the largest further linear reduction first."""
     here = problem.at(about.values)
     own = [problem.effect_columns(BY_ID[i], about.values, here) for i in about.values]
     others = [t for t in terms if t.id not in about.values]
