@@ -103,8 +103,8 @@ def compared(case: str, sigma: float, seed: int, bound: float) -> None:
 
 def test_estimates_are_those_of_sound_instruments() -> None:
     """All errors at once. Noise is as it was but for the lags', which have their own; errors of the inverses are below
-    a tenth of a standard error."""
-    compared("every", 0.0, 3, 1.0)
+    a quarter of a standard error."""
+    compared("every", 0.0, 3, 0.25)
 
 
 @pytest.mark.slow
