@@ -156,14 +156,14 @@ class _Screen:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, height = options.max_width, options.height or console.height
-        yield Text("\n").join(_lines(self.board, self.clock.now_ns(), width, height, self.keys.note))
+        yield Text("\n").join(lines(self.board, self.clock.now_ns(), width, height, self.keys.note))
 
 
-def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None) -> list[Text]:
+def lines(board: Board, now_ns: int, width: int, height: int, note: str | None) -> list[Text]:
     """The screen's lines, no more than `height` of them and none wider than `width`."""
     top = [*_header(board, now_ns), *_banner(board, width)]
     wide = LEFT if width >= TWO_COLUMNS else width
-    numbers = [*_alpha_lines(board), Text(), *derivative_lines(board, wide), *lateral_lines(board)]
+    numbers = [*alpha_lines(board), Text(), *derivative_lines(board, wide), *lateral_lines(board)]
     links = list(_link_lines(board, now_ns))
     room = height - len(top) - 1
     if width >= TWO_COLUMNS:
@@ -178,11 +178,11 @@ def _lines(board: Board, now_ns: int, width: int, height: int, note: str | None)
         body += _event_lines(board, room - len(body) - 1)
     body = body[:room]
     body += [Text()] * (room - len(body))
-    lines = [*top, *body, _footer(note)]
-    for line in lines:
+    made = [*top, *body, _footer(note)]
+    for line in made:
         line.truncate(width)
         line.no_wrap = True
-    return lines
+    return made
 
 
 def _side_by_side(left: list[Text], right: list[Text]) -> Iterator[Text]:
@@ -226,7 +226,7 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
         yield Text(set_cell_size(text, width), "bold black on yellow")
 
 
-def _alpha_lines(board: Board) -> Iterator[Text]:
+def alpha_lines(board: Board) -> Iterator[Text]:
     a = board.alpha
     title = styled(" ANGLE OF ATTACK [deg]", TITLE)
     if a is None:

@@ -81,7 +81,7 @@ def board_with(*rows: Rows, now_s: float = 12.0) -> Board:
 
 
 def screen(board: Board, now_s: float = 12.0, width: int = 100, height: int = 40, note: str | None = None) -> list[str]:
-    return [str(line) for line in panel._lines(board, seconds(now_s), width, height, note)]
+    return [str(line) for line in panel.lines(board, seconds(now_s), width, height, note)]
 
 
 def line_with(lines: list[str], word: str) -> str:
@@ -100,7 +100,7 @@ def test_angle_of_attack_is_shown_in_degrees_with_two_sd() -> None:
 
 def test_an_invalid_angle_is_bracketed_dimmed_and_says_why() -> None:
     board = board_with(msgspec.structs.replace(ALPHA, valid=False, why="boom.vanes stale"))
-    lines = panel._lines(board, seconds(12), 100, 40, None)
+    lines = panel.lines(board, seconds(12), 100, 40, None)
     shown = next(line for line in lines if "corrected" in line.plain)
     assert "( +4.21 ± 0.24)" in shown.plain
     assert any(span.style == "dim" and "4.21" in shown.plain[span.start : span.end] for span in shown.spans)
@@ -109,7 +109,7 @@ def test_an_invalid_angle_is_bracketed_dimmed_and_says_why() -> None:
 
 def test_the_numbers_fit_a_terminal_of_80_columns() -> None:
     wide = msgspec.structs.replace(ALPHA, wind_north=-23.0, wind_east=-12.5, turbulence="moderate", gust_vertical=-9.87)
-    assert max(len(line.plain) for line in panel._alpha_lines(board_with(wide))) <= 80
+    assert max(len(line.plain) for line in panel.alpha_lines(board_with(wide))) <= 80
 
 
 def test_a_level_that_has_not_settled_is_a_dash() -> None:
@@ -129,7 +129,7 @@ def test_derivatives_carry_status_and_the_other_methods_stand_beside() -> None:
 @pytest.mark.parametrize(("width", "shown"), [(110, 5), (84, 4), (80, 4), (64, 2), (40, 0)])
 def test_a_narrow_terminal_drops_columns_whole(width: int, shown: int) -> None:
     board = board_with(*(estimate(m, 4.917) for m in ("II", "III", "V", "split+gust", "physical", "split")))
-    row = next(line.plain for line in panel._lines(board, seconds(12), width, 30, None) if "CL_alpha" in line.plain)
+    row = next(line.plain for line in panel.lines(board, seconds(12), width, 30, None) if "CL_alpha" in line.plain)
     assert row.split() == ["CL_alpha", "4.92", "±", "0.12", "estimated", *["4.92"] * shown]
 
 
@@ -214,7 +214,7 @@ def test_links_show_rate_age_clock_and_what_is_the_matter() -> None:
 )
 def test_alarms_stand_in_a_red_banner_until_they_are_over(begin: tuple[Code, str], end: tuple[Code, str]) -> None:
     board = board_with(Event(seconds(1), "boom", begin[0], 1, begin[1]))
-    banner = next(line for line in panel._lines(board, seconds(5), 80, 30, None) if "ALARM" in line.plain)
+    banner = next(line for line in panel.lines(board, seconds(5), 80, 30, None) if "ALARM" in line.plain)
     assert f"boom {begin[0]}" in banner.plain
     assert begin[1] in banner.plain
     assert "white on red" in str(banner.style)
@@ -248,7 +248,7 @@ def test_any_terminal_is_filled_and_never_overrun(width: int, height: int) -> No
     links = tuple(msgspec.structs.replace(LINK, stream=f"device.stream{i}") for i in range(8))
     events = [Event(seconds(i), "boom", Code.CRC, i, "unreadable messages") for i in range(20)]
     board = board_with(ALPHA, estimate("split"), estimate("II"), Health(START_NS, links), *events)
-    lines = panel._lines(board, seconds(12), width, height, None)
+    lines = panel.lines(board, seconds(12), width, height, None)
     assert len(lines) == height
     assert all(line.cell_len <= width for line in lines)
     assert "quit" in lines[-1].plain or width < 80
