@@ -41,6 +41,7 @@ BAND: Final = (0.03, 4.0)
 EDGES_S: Final = (2.0, 0.5)
 """Memories have died away so long after the record's start, and what its end was continued with before its end."""
 SMOOTH_S: Final = 0.1
+LOW_PASS_HZ: Final = 8.0
 LEAD, UPWASH, WIND, SLOPES = range(4)
 """Fitted: lead, m; upwash; error of the mean wind along the path, as a share of the speed; then the slopes."""
 
@@ -95,9 +96,6 @@ class GustModel:
         self._late, self._washed = self._tail * unsteady.tail_penetration, self._tail + unsteady.downwash_delay * v
         self.tail: dict[str, float] = {"CL": slope, "Cm": -slope * self._tail / chord}
 
-        def deviation(x: Array) -> Array:
-            return np.asarray(x - x.mean())
-
         def laid_out(x: Array) -> Array:
             return np.asarray(CubicSpline(flown, x)(np.arange(n) * v * dt))
 
@@ -105,38 +103,31 @@ class GustModel:
             """Airspeed so far ahead of the CG over the mean: a headwind gust is frozen, too."""
             return np.asarray((path.speed + np.interp(time + x / v, time, headwind)) / v)
 
-        ahead, air, turn = air_at(boom.gust_x), air_at(0.0), deviation(motion["q"]) * chord / (2 * v)
+        ahead, air, turn = air_at(boom.gust_x), air_at(0.0), _deviation(motion["q"]) * chord / (2 * v)
         self._air_ahead, self._air_edge, self._air_tail = (
             laid_out(x) for x in (ahead, air_at(self._edge), air_at(-self._late))
         )
         series: dict[str, Array] = {
-            "vane": deviation(motion["alpha_vane"]),
-            "flow": deviation(motion["alpha_vane"]) * ahead,
-            "motion": deviation(path.alpha),
-            "sink": deviation(path.alpha) * path.speed / v,
-            "climb": deviation(motion["theta"] - path.alpha),
-            "pitch": deviation(motion["theta"] * path.speed / v),
+            "vane": _deviation(motion["alpha_vane"]),
+            "flow": _deviation(motion["alpha_vane"]) * ahead,
+            "motion": _deviation(path.alpha),
+            "sink": _deviation(path.alpha) * path.speed / v,
+            "climb": _deviation(motion["theta"] - path.alpha),
+            "pitch": _deviation(motion["theta"] * path.speed / v),
             "q": turn,
             "rate": turn / air,
-            "de": deviation(motion["elevator"]),
+            "de": _deviation(motion["elevator"]),
         }
-        series |= {str(name): deviation(x) for name, x in measured.items()}
+        series |= {str(name): _deviation(x) for name, x in measured.items()}
         # Twice the length, mirrored oddly, so that nothing jumps where the transform closes on itself.
         self._n = n
         self._size = 2 * n
         jw: Complex = np.asarray(2j * np.pi * np.fft.rfftfreq(self._size, dt), dtype=np.complex128)
         self._jw = jw
-        # The same gentle low-pass on all: what lies above the band could only leak into it.
-        soft = np.exp(-0.5 * (np.abs(jw) / (2 * np.pi * 8.0)) ** 2)
-        self._spectra = {name: soft * np.fft.rfft(_closed(laid_out(x))) for name, x in series.items()}
         lag = np.asarray(second_order_response(boom.vane_frequency, boom.vane_damping, jw))
-        for name in self._spectra:
-            if name not in ("vane", "flow"):
-                self._spectra[name] = self._spectra[name] * lag
-        if "Cm" in self._spectra and not np.isfinite(motion.get("qdot", np.full(1, np.nan))).all():
-            # What the five-point slope that the angular acceleration was made with takes from high frequencies.
-            step = np.maximum(np.abs(jw) * dt, 1e-9)
-            self._spectra["Cm"] *= np.where(step < 1.0, differentiate_factor(step), 1.0)
+        laid = {name: laid_out(x) for name, x in series.items()}
+        has_qdot = bool(np.isfinite(motion.get("qdot", np.full(1, np.nan))).all())
+        self._spectra = _spectra(laid, jw, lag, None if has_qdot else dt)
         self._reference = unsteady.reference_chord or chord
         lift = (unsteady.lift_motion, unsteady.lift_gust) if is_lagging else (None, None)
         self._responses_of = [response(x) for x in (*lift, unsteady.upwash_motion, unsteady.upwash_gust)]
@@ -147,13 +138,8 @@ class GustModel:
         self.gustiness = float(np.std(headwind)) / v
         share = 2 / (float(flown[-1]) / TURBULENCE_LENGTH + 2)
         self.wind_sd = self.gustiness * math.sqrt(share / (1 - share)) + 1e-6
-        keep = slice(round(EDGES_S[0] / dt), n - round(EDGES_S[1] / dt))
-        frequencies: Array = np.asarray(np.fft.rfftfreq(keep.stop - keep.start, dt), dtype=np.float64)
-        bins = np.flatnonzero((frequencies >= BAND[0]) & (frequencies <= BAND[1]))
-        self._lines = _Lines(bins, keep)
-        # Where in the long transform the lines lie, for the noise.
-        self._at = np.clip(np.round(frequencies[bins] * self._size * dt).astype(np.int64), 0, len(jw) - 1)
-        self._common = soft[self._at]
+        self._lines, self._at = _lines(n, dt)
+        self._common = _low_pass(jw[self._at])
         self.measured = {str(name): self._lines.of(self._back(self._spectra[name])) for name in measured}
         self.rate = self._lines.of(self._back(self._spectra["rate"]))
         self.elevator = self._lines.of(self._back(self._spectra["de"]))
@@ -161,12 +147,15 @@ class GustModel:
         self.is_flown = float(np.mean(np.abs(self.elevator / self._common) ** 2)) > 10 * floor + 1e-16
         self._noise = self._sources(motion, aircraft, noise, v, lag[self._at])
         if "CL" in self.measured:
-            # Lift was taken across the calibrated vane's angle of attack, which meets the gust early.
-            gust, _ = self._gust(self.start)
-            early = self._spectra["flow"] / (1 + total) + 2 * self._arm / chord * self._spectra["q"]
-            early = early - self._spectra["sink"] - gust * np.exp(-jw * self._arm / v)
-            along = _along(motion, path, aircraft)
-            self.measured["CL"] = self.measured["CL"] - along * self._lines.of(self._back(early))
+            self.measured["CL"] = self.measured["CL"] - _along(motion, path, aircraft) * self._early()
+
+    def _early(self) -> Complex:
+        """Lines of what the calibrated vane's angle of attack, which lift was taken across, has more than that at the
+        CG: it meets the gust early."""
+        s, gust = self._spectra, self._gust(self.start)[0]
+        early = s["flow"] / (1 + self.start[UPWASH]) + 2 * self._arm / self._chord * s["q"]
+        early = early - s["sink"] - gust * np.exp(-self._jw * self._arm / self.speed)
+        return self._lines.of(self._back(early))
 
     def _sources(
         self, motion: Mapping[str, Array], aircraft: Aircraft, noise: Mapping[str, float], v: float, lag: Complex
@@ -289,6 +278,37 @@ class GustModel:
             gains[4 if name == "CL" else 5] = 1.0
             noises.append(np.einsum("cl,csl->sl", gains, self._noise))
         return np.array(left), np.array(noises)
+
+
+def _deviation(x: Array) -> Array:
+    return np.asarray(x - x.mean())
+
+
+def _low_pass(jw: Complex) -> Array:
+    """The same gentle one on all: what lies above the band could only leak into it."""
+    return np.asarray(np.exp(-0.5 * (np.abs(jw) / (2 * np.pi * LOW_PASS_HZ)) ** 2))
+
+
+def _spectra(series: Mapping[str, Array], jw: Complex, lag: Complex, dt: float | None) -> dict[str, Complex]:
+    """Of each series, (n,), what the vane did not measure with the vane's lag. `dt`: of the five-point slope that the
+    angular acceleration in Cm was made with; None: it was measured."""
+    made = {name: _low_pass(jw) * np.fft.rfft(_closed(x)) for name, x in series.items()}
+    for name in made:
+        if name not in ("vane", "flow"):
+            made[name] = made[name] * lag
+    if "Cm" in made and dt is not None:
+        # What the slope takes from high frequencies.
+        step = np.maximum(np.abs(jw) * dt, 1e-9)
+        made["Cm"] *= np.where(step < 1.0, differentiate_factor(step), 1.0)
+    return made
+
+
+def _lines(n: int, dt: float) -> tuple[_Lines, NDArray[np.int64]]:
+    """Lines of the band of a record of n samples, and where in a transform of twice the length they are."""
+    keep = slice(round(EDGES_S[0] / dt), n - round(EDGES_S[1] / dt))
+    frequencies: Array = np.asarray(np.fft.rfftfreq(keep.stop - keep.start, dt), dtype=np.float64)
+    bins = np.flatnonzero((frequencies >= BAND[0]) & (frequencies <= BAND[1]))
+    return _Lines(bins, keep), np.clip(np.round(frequencies[bins] * 2 * n * dt).astype(np.int64), 0, n)
 
 
 def _along(motion: Mapping[str, Array], path: InertialPath, aircraft: Aircraft) -> float:

@@ -138,7 +138,6 @@ def _filter_error(
     2015, section 5.4); `influence` (k, 4) says how much each output sees of each state.
     """
     used = np.ones(z.shape, dtype=bool)
-    count = used.sum(axis=0)
     iterations, converged = 0, False
     p[m:] = p[m:] ** 2
     least = NOTHING**2 * p[m:]
@@ -158,12 +157,11 @@ def _filter_error(
 
         e = z - simulate(p)
         sensitivity = sensitivities(simulate, p, 1e-3, used)
-        latest = variances(e, count)
+        latest = variances(e, used.sum(axis=0))
         score = np.einsum("aij,ij,j->a", sensitivity, e, 1 / latest)
         free = np.concatenate([np.ones(m, dtype=bool), (p[m:] > 1.01 * least) | (score[m:] > 0)])
-        information = information_of(sensitivity[free], latest)
         covariance = np.zeros((len(p), len(p)))
-        covariance[np.ix_(free, free)] = invert(information)
+        covariance[np.ix_(free, free)] = invert(information_of(sensitivity[free], latest))
         step, price = _within(shared, p, covariance @ score, covariance)
         price *= 2 / len(z)
 
@@ -171,20 +169,9 @@ def _filter_error(
             return _log_variances(left) + (2 * price * _excess(shared(values)) if price > 0 else 0.0)
 
         small = bool(np.max((np.abs(step) / np.sqrt(np.maximum(np.diag(covariance), 1e-300)))[:m]) < convergence.step)
-        now = merit(p, e)
-        for _halving in range(12):
-            trial = np.concatenate([(p + step)[:m], np.maximum((p + step)[m:], least)])
-            left = z - simulate(trial)
-            if np.isfinite(left).all() and merit(trial, left) <= now + 1e-7:
-                break
-            step = step / 2
-        else:
-            trial, left = p, e
-        p = trial
-        latest = variances(left, count)
-        weight = influence**2 / noise[:, None]
-        scale = (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
-        p[m:] = np.maximum(p[m:] * scale**2, least)
+        p, e = _halved(lambda values: z - simulate(values), merit, p, e, step, least)
+        latest = variances(e, used.sum(axis=0))
+        p[m:] = np.maximum(p[m:] * _scale(influence, noise, latest) ** 2, least)
         converged = small and float(np.max(np.abs(latest / noise - 1))) < convergence.noise
         noise = latest
         _tame(predict, share, amplitudes, p, noise, m)
@@ -208,6 +195,29 @@ def _filter_error(
 
 NOTHING: Final = 0.01
 """An amplitude this share of what it started as is nothing."""
+
+
+def _halved(
+    residual: Simulate, merit: Callable[[Array, Array], float], p: Array, e: Array, step: Array, least: Array
+) -> tuple[Array, Array]:
+    """Parameters and residuals after the step, halved until it does no harm, from `p` and `e`; variances, the last of
+    `p`, stay at their `least` or above."""
+    now, m = merit(p, e), len(p) - len(least)
+    for _halving in range(12):
+        trial = np.concatenate([(p + step)[:m], np.maximum((p + step)[m:], least)])
+        rest = residual(trial)
+        if np.isfinite(rest).all() and merit(trial, rest) <= now + 1e-7:
+            return trial, rest
+        step = step / 2
+    return p, e
+
+
+def _scale(influence: Array, noise: Array, latest: Array) -> Array:
+    """Of the amplitudes (4,), so that the gain stays about what it was when residual variances go from `noise` to
+    `latest` (k,)."""
+    weight = influence**2 / noise[:, None]
+    scale: Array = (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
+    return scale
 
 
 def _tame(predict: Filtered, share: Filtered, amplitudes: Simulate, p: Array, noise: Array, m: int) -> None:

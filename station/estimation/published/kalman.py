@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -71,16 +72,12 @@ def extended_kalman(
     state = np.concatenate([start, p[index]])
     covariance = np.diag(tuning.initial)
     states, sds, innovations = _filter(
-        body.constants(),
-        p,
-        index,
+        _Model(body.constants(), p, index, dt),
         state,
         covariance,
-        np.ascontiguousarray(tuning.process, dtype=np.float64),
-        np.ascontiguousarray(tuning.measured, dtype=np.float64),
+        _Noise(*(np.ascontiguousarray(x, dtype=np.float64) for x in (tuning.process, tuning.measured))),
         np.ascontiguousarray(inputs, dtype=np.float64),
         np.ascontiguousarray(measured, dtype=np.float64),
-        dt,
     )
     return Track(tuple(free), states, sds, innovations)
 
@@ -95,29 +92,37 @@ def parameter_vector(values: Mapping[str, float]) -> Array:
     return p
 
 
+class _Model(NamedTuple):
+    """The motion whose parameters are states too."""
+
+    constants: Array
+    """Body.constants"""
+    parameters: Array
+    """longitudinal_motion.PARAMETERS; those that are free follow the state."""
+    free: Integers
+    """Places of the parameters that are states."""
+    dt: float
+
+
+class _Noise(NamedTuple):
+    """Variances: see Tuning."""
+
+    process: Array
+    measured: Array
+
+
 @njit(cache=True)
-def _filter(
-    c: Array,
-    p: Array,
-    free: Integers,
-    x: Array,
-    cov: Array,
-    process: Array,
-    noise: Array,
-    u: Array,
-    z: Array,
-    dt: float,
-) -> tuple[Array, Array, Array]:
+def _filter(m: _Model, x: Array, cov: Array, noise: _Noise, u: Array, z: Array) -> tuple[Array, Array, Array]:
     samples, n = len(z), len(x)
     states, sds, innovations = np.empty((samples, n)), np.empty((samples, n)), np.full((samples, NY), np.nan)
     work = np.empty((6, NX))
     jacobian = np.empty((NY, n))
     for k in range(samples):
         if k > 0:
-            phi = _transition(x, u[k - 1], p, free, c, dt, work)
-            advance(x, u[k - 1], u[k], dt, p, c, work)
-            cov = _propagate(phi, cov, process)
-        _update(x, cov, u[k], z[k], noise, p, free, c, jacobian, innovations[k])
+            phi = _transition(m, x, u[k - 1], work)
+            advance(x, u[k - 1], u[k], m.dt, m.parameters, m.constants, work)
+            cov = _propagate(phi, cov, noise.process)
+        _update(m, x, cov, u[k], z[k], noise.measured, jacobian, innovations[k])
         states[k] = x
         for i in range(n):
             sds[k, i] = np.sqrt(cov[i, i]) if cov[i, i] >= 0 else np.nan
@@ -125,41 +130,41 @@ def _filter(
 
 
 @njit(cache=True)
-def _set(x: Array, p: Array, free: Integers) -> None:
-    for j in range(len(free)):
-        p[free[j]] = x[NX + j]
+def _set(m: _Model, x: Array) -> None:
+    for j in range(len(m.free)):
+        m.parameters[m.free[j]] = x[NX + j]
 
 
 @njit(cache=True)
-def _transition(x: Array, u: Array, p: Array, free: Integers, c: Array, dt: float, work: Array) -> Array:
+def _transition(m: _Model, x: Array, u: Array, work: Array) -> Array:
     """The first four rows of exp(A dt), (4, n); the rest of it is the identity."""
     n = len(x)
     slope = np.empty((NX, n))
     for j in range(n):
         kept = x[j]
         x[j] = kept + _STEP
-        _set(x, p, free)
-        rates(x, u, p, c, work[0])
+        _set(m, x)
+        rates(x, u, m.parameters, m.constants, work[0])
         x[j] = kept - _STEP
-        _set(x, p, free)
-        rates(x, u, p, c, work[1])
+        _set(m, x)
+        rates(x, u, m.parameters, m.constants, work[1])
         x[j] = kept
         for i in range(NX):
             slope[i, j] = (work[0, i] - work[1, i]) / (2 * _STEP)
-    _set(x, p, free)
+    _set(m, x)
     phi = np.zeros((NX, n))
     for i in range(NX):
         phi[i, i] = 1.0
-    term = slope * dt
+    term = slope * m.dt
     for order in range(2, _TAYLOR + 2):
         phi += term
         # A has only its first four rows, so A^k = (its left 4 x 4)^(k-1) A.
         following = np.zeros((NX, n))
         for i in range(NX):
-            for m in range(NX):
-                f = slope[i, m] * dt / order
+            for k in range(NX):
+                f = slope[i, k] * m.dt / order
                 for j in range(n):
-                    following[i, j] += f * term[m, j]
+                    following[i, j] += f * term[k, j]
         term = following
     return phi
 
@@ -189,16 +194,7 @@ def _propagate(phi: Array, cov: Array, process: Array) -> Array:
 
 @njit(cache=True)
 def _update(
-    x: Array,
-    cov: Array,
-    u: Array,
-    z: Array,
-    noise: Array,
-    p: Array,
-    free: Integers,
-    c: Array,
-    jacobian: Array,
-    innovation: Array,
+    m: _Model, x: Array, cov: Array, u: Array, z: Array, noise: Array, jacobian: Array, innovation: Array
 ) -> None:
     """Correct x and cov in place by what is finite in z."""
     n = len(x)
@@ -206,38 +202,38 @@ def _update(
     for j in range(n):
         kept = x[j]
         x[j] = kept + _STEP
-        _set(x, p, free)
-        outputs(x, u, p, c, high)
+        _set(m, x)
+        outputs(x, u, m.parameters, m.constants, high)
         x[j] = kept - _STEP
-        _set(x, p, free)
-        outputs(x, u, p, c, low)
+        _set(m, x)
+        outputs(x, u, m.parameters, m.constants, low)
         x[j] = kept
         for i in range(NY):
             jacobian[i, j] = (high[i] - low[i]) / (2 * _STEP)
-    _set(x, p, free)
-    outputs(x, u, p, c, high)
+    _set(m, x)
+    outputs(x, u, m.parameters, m.constants, high)
     used = np.flatnonzero(np.isfinite(z) & np.isfinite(noise))
-    m = len(used)
-    if m == 0:
+    rows = len(used)
+    if rows == 0:
         return
-    h = np.empty((m, n))
-    for i in range(m):
+    h = np.empty((rows, n))
+    for i in range(rows):
         h[i] = jacobian[used[i]]
         innovation[used[i]] = z[used[i]] - high[used[i]]
     pht = cov @ h.T
     s = h @ pht
-    for i in range(m):
+    for i in range(rows):
         s[i, i] += noise[used[i]]
     gain = np.linalg.solve(s, pht.T).T
     for i in range(n):
-        for j in range(m):
+        for j in range(rows):
             x[i] += gain[i, j] * innovation[used[j]]
-    _set(x, p, free)
+    _set(m, x)
     keep = -(gain @ h)
     for i in range(n):
         keep[i, i] += 1.0
     scaled = gain.copy()
-    for j in range(m):
+    for j in range(rows):
         scaled[:, j] *= noise[used[j]]
     cov[:, :] = keep @ cov @ keep.T + scaled @ gain.T
 
