@@ -20,7 +20,19 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import hankel2, jv
 
-from station.estimation import method_fits
+from station.estimation import acceptance, method_fits
+from station.estimation.acceptance import (
+    ESTIMATED,
+    EXCITED,
+    MIN_PERIODS,
+    NO_INERTIA,
+    NO_SPLIT,
+    NO_TAIL,
+    SHORT,
+    STILL,
+    UNSOLVED,
+    WARMING,
+)
 from station.estimation.method_fits import (
     ELEVATOR,
     GROUP_OF,
@@ -48,29 +60,8 @@ Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
 Whole = NDArray[np.int64]
 
-MIN_PERIODS: Final = 0.5
-"""Of the lowest frequency, before anything counts as estimated."""
-EXCITED: Final = 10.0
-"""Elevator energy in the band over that of its noise."""
-COLLINEAR: Final = 100.0
-"""Variance inflation above which regressors cannot be told apart."""
-MIN_R2: Final = 0.6
 SLACK_S: Final = 3.0
 """A group of signals that comes this much after the first still opens with it."""
-
-ESTIMATED, WARMING, NO_SPLIT, SHORT, STILL, NO_TAIL, NO_INERTIA, UNSOLVED, MOVES_ALONG, WIDE = range(10)
-UNEXPLAINED: Final = 100
-"""Verdicts on an estimate; above UNEXPLAINED by the share of the data that the model explains, %."""
-_WORDS: Final = {
-    ESTIMATED: (Status.ESTIMATED, ""),
-    NO_SPLIT: (Status.INVALID, "no inertial angle of attack: attitude or accelerations are missing"),
-    STILL: (Status.UNESTIMATED, "no elevator input"),
-    NO_TAIL: (Status.INVALID, "the aircraft profile gives no tail arm"),
-    NO_INERTIA: (Status.INVALID, "the aircraft profile gives no iyy"),
-    UNSOLVED: (Status.INVALID, "the regressors cannot be told apart"),
-    MOVES_ALONG: (Status.INVALID, "moves with the other regressors: vary the input"),
-    WIDE: (Status.UNESTIMATED, "2 sd exceed the value"),
-}
 
 
 def sears_magnitude(k: Array) -> Array:
@@ -192,12 +183,7 @@ def judge(
                 error = math.hypot(out.error[kind, e, j], fitted.model[kind, e, j])
                 r2 = fitted.r2[kind, e]
                 if verdict == ESTIMATED:
-                    if r2 < MIN_R2:
-                        verdict = UNEXPLAINED + round(100.0 * max(r2, 0.0))
-                    elif out.inflation[kind, e, j] > COLLINEAR:
-                        verdict = MOVES_ALONG
-                    elif not 2.0 * error <= max(abs(value), known[i]):
-                        verdict = WIDE
+                    verdict = acceptance.verdict(value, error, known[i], r2, out.inflation[kind, e, j])
             elif verdict == ESTIMATED:
                 verdict = UNSOLVED
             found[0, row, i], found[1, row, i] = value, error
@@ -323,13 +309,11 @@ class Derivatives:
         return dict(zip(self._methods, errors.tolist(), strict=True))
 
     def _in_words(self, verdict: int) -> tuple[Status, str]:
-        if verdict >= UNEXPLAINED:
-            return Status.INVALID, f"the model explains {verdict - UNEXPLAINED}% of the data"
-        if verdict == WARMING:
-            return Status.UNESTIMATED, self.lacking or "warming up"
+        if verdict == WARMING and self.lacking:
+            return Status.UNESTIMATED, self.lacking
         if verdict == SHORT:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        return _WORDS[verdict]
+        return acceptance.worded(verdict)
 
     def _fit(self, mean_speed: float, density: float, wind_sd: float) -> None:
         steady, split = self._steady, self._split

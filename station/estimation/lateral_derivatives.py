@@ -27,7 +27,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS
-from station.estimation.derivatives import COLLINEAR, EXCITED, MIN_PERIODS, MIN_R2, SLACK_S
+from station.estimation.acceptance import EXCITED, MIN_PERIODS, UNEXPLAINED, UNSOLVED, verdict, worded
+from station.estimation.derivatives import SLACK_S
 from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.default_noise import DEFAULT_NOISE
@@ -352,54 +353,39 @@ class Lateral:
     ) -> tuple[ParamEstimate, ...]:
         """`noise` (PARAMETERS,): its share in each regressor. `model` (3, PARAMETERS): standard deviations by the
         model's error."""
-        status, why = blocked
-        if status is Status.ESTIMATED and len(still) == len(SURFACES):
-            status, why = Status.UNESTIMATED, "no aileron or rudder input"
+        if blocked[0] is Status.ESTIMATED and len(still) == len(SURFACES):
+            blocked = Status.UNESTIMATED, "no aileron or rudder input"
         found: list[ParamEstimate] = []
         for e, equation in enumerate(EQUATIONS):
-            found += self._judge_equation(e, equation, spectra, model[e].tolist(), noise.tolist(), still, status, why)
+            names = LATERAL[PARAMETERS * e : PARAMETERS * (e + 1)]
+            r2, refused = float(spectra.r2[e]), blocked
+            if equation != "CY" and not self._inertia:
+                r2, refused = math.nan, (Status.INVALID, "the aircraft profile gives no ixx, iyy and izz")
+            elif math.isnan(r2) and blocked[0] is Status.ESTIMATED:
+                refused = worded(UNSOLVED)
+            if math.isnan(r2):
+                found += [ParamEstimate(n, math.nan, math.nan, *refused) for n in names]
+                continue
+            of = spectra.fitted
+            # Noise in a regressor shrinks its derivative by the noise's share of what the regressor has for itself.
+            attenuation = noise * of.inflation[e]
+            columns = (of.value[e], of.error[e], model[e], attenuation, of.inflation[e])
+            each = zip(names, (*MOTIONS.values(), *SURFACES), *(x.tolist() for x in columns), strict=True)
+            for name, regressor, value, error, wrong, attenuated, inflation in each:
+                sd, said = math.hypot(error, wrong, attenuated * value), refused
+                if refused[0] is Status.ESTIMATED:
+                    code = verdict(value, sd, self._known[name], r2, inflation)
+                    said = _said(code, regressor, regressor in still, attenuated)
+                if regressor in still:
+                    value = sd = math.nan
+                found.append(ParamEstimate(name, value, sd, *said))
         return tuple(found)
 
-    def _judge_equation(
-        self,
-        e: int,
-        equation: str,
-        spectra: Spectra,
-        model: list[float],
-        noise: list[float],
-        still: list[str],
-        status: Status,
-        why: str,
-    ) -> list[ParamEstimate]:
-        names = LATERAL[PARAMETERS * e : PARAMETERS * (e + 1)]
-        r2 = float(spectra.r2[e])
-        if equation != "CY" and not self._inertia:
-            status, why, r2 = Status.INVALID, "the aircraft profile gives no ixx, iyy and izz", math.nan
-        elif status is Status.ESTIMATED and math.isnan(r2):
-            status, why = Status.INVALID, "the regressors cannot be told apart"
-        if math.isnan(r2):
-            return [ParamEstimate(n, math.nan, math.nan, status, why) for n in names]
-        of = spectra.fitted
-        values, errors, inflation = of.value[e].tolist(), of.error[e].tolist(), of.inflation[e].tolist()
-        if status is Status.ESTIMATED and r2 < MIN_R2:
-            status, why = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
-        found = []
-        for i, name in enumerate(names):
-            # Noise in a regressor shrinks its derivative by the noise's share of what the regressor has for itself.
-            drowned = noise[i] * inflation[i]
-            value, this, reason = values[i], status, why
-            error = math.hypot(errors[i], model[i], drowned * value)
-            if i >= 3 and SURFACES[i - 3] in still:
-                value = error = math.nan
-                if status is Status.ESTIMATED:
-                    this, reason = Status.UNESTIMATED, f"no {SURFACES[i - 3]} input"
-            elif status is Status.ESTIMATED:
-                if drowned > DROWNED:
-                    what = (*MOTIONS.values(), *SURFACES)[i]
-                    this, reason = Status.UNESTIMATED, f"too little {what} of its own beyond the noise"
-                elif inflation[i] > COLLINEAR:
-                    this, reason = Status.INVALID, "moves with the other regressors: vary the input"
-                elif not 2.0 * errors[i] <= max(abs(value), self._known[name]):
-                    this, reason = Status.UNESTIMATED, "2 sd exceed the value"
-            found.append(ParamEstimate(name, value, error, this, reason))
-        return found
+
+def _said(code: int, regressor: str, is_still: bool, attenuated: float) -> tuple[Status, str]:
+    """The verdict on an estimate in words; `attenuated`: share of noise in what its regressor has for itself."""
+    if is_still:
+        return Status.UNESTIMATED, f"no {regressor} input"
+    if code < UNEXPLAINED and attenuated > DROWNED:
+        return Status.UNESTIMATED, f"too little {regressor} of its own beyond the noise"
+    return worded(code)

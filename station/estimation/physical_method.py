@@ -17,6 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
+from station.estimation.acceptance import (
+    EXCITED,
+    MIN_PERIODS,
+    NO_INERTIA,
+    STILL,
+    UNSOLVED,
+    WARMING,
+    verdict,
+    worded,
+)
 from station.model import physical_fit
 from station.model.physical_columns import CHANNELS, DE, Segment
 from station.model.physical_constants import CM_ALPHA, FIRST_NUISANCE, constants, why_not
@@ -34,11 +44,6 @@ SEGMENT: Final = 1.2
 """Length of a segment, periods of the grid's step."""
 SLACK_S: Final = 4.0
 """Signals that come this much after the flight's start (inertial and wing memories settle) still open in time."""
-MIN_PERIODS: Final = 0.5
-"""Of the lowest frequency, before anything counts as estimated."""
-EXCITED: Final = 10.0
-"""Elevator energy in the band over that of its noise."""
-MIN_R2: Final = 0.3
 WORSE: Final = 6.0
 """Deviance by which the quasi-steady model must fit better before it is preferred."""
 
@@ -253,16 +258,14 @@ class Physical:
         errors = solution.total[:FIRST_NUISANCE].tolist()
         parameters = []
         for i, name in enumerate(self._names):
-            this, reason = status, why
-            r2 = solution.r2[i >= CM_ALPHA]
             if i >= CM_ALPHA and not self._has_inertia:
-                reason = "the aircraft profile gives no iyy"
-                parameters.append(ParamEstimate(name, math.nan, math.nan, Status.INVALID, reason))
+                parameters.append(ParamEstimate(name, math.nan, math.nan, *worded(NO_INERTIA)))
                 continue
-            if status is Status.ESTIMATED and r2 < MIN_R2:
-                this, reason = Status.INVALID, f"the model explains {max(r2, 0.0):.0%} of the data"
-            elif status is Status.ESTIMATED and not 2.0 * errors[i] <= max(abs(values[i]), self._known[i]):
-                this, reason = Status.UNESTIMATED, "2 sd exceed the value"
+            this, reason = status, why
+            if status is Status.ESTIMATED:
+                # Priors keep the regressors apart.
+                r2 = solution.r2[i >= CM_ALPHA]
+                this, reason = worded(verdict(values[i], errors[i], self._known[i], r2, 0.0))
             parameters.append(ParamEstimate(name, values[i], errors[i], this, reason))
         reason = ""
         if status is Status.ESTIMATED and solution.preference < -WORSE:
@@ -275,12 +278,12 @@ class Physical:
             return Status.INVALID, self.why_not
         samples = self._closed + self._transform.samples
         if samples == 0:
-            return Status.UNESTIMATED, self.lacking or "warming up"
+            return (Status.UNESTIMATED, self.lacking) if self.lacking else worded(WARMING)
         if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
         energy = self._input + self._elevator_energy()
         if energy < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2:
-            return Status.UNESTIMATED, "no elevator input"
+            return worded(STILL)
         if self.solution is None:
-            return Status.INVALID, "the regressors cannot be told apart"
+            return worded(UNSOLVED)
         return Status.ESTIMATED, ""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
+from station.estimation.acceptance import EXCITED, WIDE, verdict, worded
 from station.estimation.flight_record import FlightRecord
 from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
 from station.profile import Aircraft
@@ -23,15 +24,9 @@ from station.rows import ParamEstimate, Status
 Array = NDArray[np.float64]
 Axes = Literal["wind", "body"]
 
-EXCITED: Final = 10.0
-"""Variance of a surface's motion over that of its noise."""
-COLLINEAR: Final = 100.0
-"""Variance inflation factor above which regressors are collinear."""
 SINGULAR: Final = 1e12
 """Condition number from which a matrix counts as singular."""
 LEAST_SAMPLES: Final = 50
-MIN_R2: Final = 0.3
-WIDE: Final = "2 sd exceed the value"
 DOF: Final = ("alpha", "q", "de")
 LATERAL_DOF: Final = ("beta", "p", "r", "da", "dr")
 LATERAL_SURFACES: Final = ("aileron", "rudder")
@@ -90,12 +85,7 @@ def judge(
         value, sd, this, reason = float(values[i]), float(errors[i]), status, why
         if status is Status.ESTIMATED:
             known = abs(record.aircraft.value(name.replace("CZ_", "CL_")))
-            if not (math.isfinite(value) and math.isfinite(sd)):
-                this, reason = Status.INVALID, "no finite estimate"
-            elif inflation is not None and inflation[i] > COLLINEAR:
-                this, reason = Status.INVALID, "moves with the other regressors: vary the input"
-            elif not 2 * sd <= max(abs(value), known):
-                this, reason = Status.UNESTIMATED, WIDE
+            this, reason = worded(verdict(value, sd, known, 1.0, inflation[i] if inflation is not None else 0.0))
         found.append(ParamEstimate(name, value, sd, this, reason))
     return tuple(found)
 
@@ -190,7 +180,7 @@ def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: 
     errors = result.settings.get("standard_errors", "coloured residuals")
     settings = {**result.settings, "standard_errors": f"{errors}, and the distance from {called}"}
     if result.status == "ok" and not any(p.status is Status.ESTIMATED for p in made):
-        result = replace(result, status="not_applicable", why=WIDE)
+        result = replace(result, status="not_applicable", why=worded(WIDE)[1])
     own = {p.name: p.sd for p in result.parameters if p.name in known and math.isfinite(p.sd)}
     return replace(result, parameters=made, settings=settings, statistical={**own, **result.statistical})
 
@@ -199,7 +189,7 @@ def _wider(p: ParamEstimate, by: ParamEstimate, aircraft: Aircraft | None) -> Pa
     sd, status, why = math.hypot(p.sd, p.value - by.value, by.sd), p.status, p.why
     size = max(abs(p.value), abs(aircraft.value(p.name.replace("CZ_", "CL_"))) if aircraft else 0.0)
     if aircraft and status is Status.ESTIMATED and 2 * sd > size:
-        status, why = Status.UNESTIMATED, WIDE
+        status, why = worded(WIDE)
     return ParamEstimate(p.name, p.value, sd, status, why)
 
 

@@ -24,7 +24,6 @@ STATE: Final = "a compiled kernel whose state and parameters are still passed on
 STEPS: Final = "a compiled kernel in one piece: its parts share a dozen local arrays"
 EXEMPT: Final = {
     "station/commands/identify.py:identify": OPTIONS,
-    "station/estimation/lateral_derivatives.py": STEPS,
     "station/estimation/conditioning.py:step": STATE,
     "station/estimation/instrument_errors.py:_sweep": STATE,
     "station/estimation/methods.py:__init__": OPTIONS,

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from station.conventions import LATERAL
+from station.estimation.acceptance import MIN_R2, UNEXPLAINED, worded
 from station.estimation.flight_record import FlightRecord
 from station.estimation.method_table import METHODS
 from station.estimation.published import sidpac as published
 from station.estimation.results import (
-    MIN_R2,
     Axes,
     Equation,
     EquationFit,
@@ -49,7 +49,7 @@ def method_i(record: FlightRecord, axes: Axes) -> MethodResult:
             continue
         m = len(equation.parameters)
         if status is Status.ESTIMATED and fit.r2 < MIN_R2:
-            status, why = Status.INVALID, f"the model explains {max(fit.r2, 0.0):.0%} of the data"
+            status, why = worded(UNEXPLAINED + round(100.0 * max(fit.r2, 0.0)))
         parameters += judge(record, equation.parameters, fit.estimate[:m], fit.se_coloured[:m], inflation, status, why)
         fits[equation.name] = EquationFit(fit.r2, fit.s)
     settings = {

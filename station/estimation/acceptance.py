@@ -1,0 +1,62 @@
+"""When an estimate counts as estimated: one rule for every method, live and after the flight.
+
+A surface must have moved beyond its noise, the data must last for a share of the lowest frequency's period, the model
+must explain enough of them, and of each parameter the others must leave enough: no collinear regressor, and a
+standard error that is below half of the larger of estimate and profile value.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from numba.extending import register_jitable
+
+from station.rows import Status
+
+EXCITED: Final = 10.0
+"""Energy of a surface's motion over that of its noise."""
+MIN_PERIODS: Final = 0.5
+"""Of the lowest frequency, before anything counts as estimated."""
+MIN_R2: Final = 0.3
+"""Less, and something else than the model's regressors moves the aircraft."""
+COLLINEAR: Final = 100.0
+"""Variance inflation factor above which a regressor cannot be told from the others."""
+
+ESTIMATED, NOT_FINITE, UNSOLVED, MOVES_ALONG, WIDE, STILL, WARMING, SHORT, NO_SPLIT, NO_TAIL, NO_INERTIA = range(11)
+UNEXPLAINED: Final = 100
+"""Verdicts on an estimate; from UNEXPLAINED on by the share of the data that the model explains, %."""
+_WORDS: Final = {
+    ESTIMATED: (Status.ESTIMATED, ""),
+    NOT_FINITE: (Status.INVALID, "no finite estimate"),
+    UNSOLVED: (Status.INVALID, "the regressors cannot be told apart"),
+    MOVES_ALONG: (Status.INVALID, "moves with the other regressors: vary the input"),
+    WIDE: (Status.UNESTIMATED, "2 sd exceed the value"),
+    STILL: (Status.UNESTIMATED, "no elevator input"),
+    WARMING: (Status.UNESTIMATED, "warming up"),
+    NO_SPLIT: (Status.INVALID, "no inertial angle of attack: attitude or accelerations are missing"),
+    NO_TAIL: (Status.INVALID, "the aircraft profile gives no tail arm"),
+    NO_INERTIA: (Status.INVALID, "the aircraft profile gives no iyy"),
+}
+
+
+@register_jitable
+def verdict(value: float, error: float, known: float, r2: float, inflation: float) -> int:
+    """On an estimate with its standard error. `known`: the size that the profile gives; `r2`: of the whole equation;
+    `inflation`: of its variance by the other regressors, 0 where a prior keeps it from them."""
+    if r2 < MIN_R2:
+        return UNEXPLAINED + round(100.0 * max(r2, 0.0))
+    if not math.isfinite(value + error):
+        return NOT_FINITE
+    if inflation > COLLINEAR:
+        return MOVES_ALONG
+    if 2.0 * error > max(abs(value), known):
+        return WIDE
+    return ESTIMATED
+
+
+def worded(verdict: int) -> tuple[Status, str]:
+    """What a verdict says."""
+    if verdict >= UNEXPLAINED:
+        return Status.INVALID, f"the model explains {verdict - UNEXPLAINED}% of the data"
+    return _WORDS[verdict]
