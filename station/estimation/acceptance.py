@@ -1,8 +1,8 @@
 """When an estimate counts as estimated: one rule for every method, live and after the flight.
 
-A surface must have moved beyond its noise, the data must last for a share of the lowest frequency's period, the model
-must explain enough of them, and of each parameter the others must leave enough: no collinear regressor, and a
-standard error that is below half of the larger of estimate and profile value.
+A control surface must have moved beyond its noise, the record must last half a period of the lowest frequency, R2 must
+reach 0.3, the regressor must not be collinear with the others (variance inflation factor, VIF, of 100 or less), and the
+estimate must be significant: two standard errors within the larger of estimate and profile value.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MIN_PERIODS: Final = 0.5
 MIN_R2: Final = 0.3
 """Less, and something else than the model's regressors moves the aircraft."""
 COLLINEAR: Final = 100.0
-"""Variance inflation factor above which a regressor cannot be told from the others."""
+"""Variance inflation factor above which a regressor counts as collinear with the others."""
 
 ESTIMATED, NOT_FINITE, UNSOLVED, MOVES_ALONG, WIDE, STILL, WARMING, SHORT, NO_SPLIT, NO_TAIL, NO_INERTIA = range(11)
 UNEXPLAINED: Final = 100
@@ -29,9 +29,9 @@ UNEXPLAINED: Final = 100
 _WORDS: Final = {
     ESTIMATED: (Status.ESTIMATED, ""),
     NOT_FINITE: (Status.INVALID, "no finite estimate"),
-    UNSOLVED: (Status.INVALID, "the regressors cannot be told apart"),
-    MOVES_ALONG: (Status.INVALID, "moves with the other regressors: vary the input"),
-    WIDE: (Status.UNESTIMATED, "2 sd exceed the value"),
+    UNSOLVED: (Status.INVALID, "collinear regressors: the normal equations have no solution"),
+    MOVES_ALONG: (Status.INVALID, f"collinear with the other regressors (VIF > {COLLINEAR:.0f}): vary the input"),
+    WIDE: (Status.UNESTIMATED, "not significant: 2 sigma > estimate and profile value"),
     STILL: (Status.UNESTIMATED, "no elevator input"),
     WARMING: (Status.UNESTIMATED, "warming up"),
     NO_SPLIT: (Status.INVALID, "no inertial angle of attack: attitude or accelerations are missing"),
@@ -58,5 +58,8 @@ def verdict(value: float, error: float, known: float, r2: float, inflation: floa
 def worded(verdict: int) -> tuple[Status, str]:
     """What a verdict says."""
     if verdict >= UNEXPLAINED:
-        return Status.INVALID, f"the model explains {verdict - UNEXPLAINED}% of the data"
+        return (
+            Status.INVALID,
+            f"R2 {0.01 * (verdict - UNEXPLAINED):.2f}, below {MIN_R2:g}: the model explains too little of the data",
+        )
     return _WORDS[verdict]

@@ -1,4 +1,4 @@
-"""Live derivatives of both longitudinal equations by every live method: transforms, fits, and whether to believe them.
+"""Live derivatives of both longitudinal equations by every live method: transforms, fits, and their acceptance.
 
     CL = CL_alpha alpha + CL_q q c/2V + CL_de de (+ C_d d),   Cm alike
 
@@ -163,7 +163,7 @@ def judge(
     found: Array,
     verdicts: Whole,
 ) -> None:
-    """What to believe of the kinds in `rows` -> `found` (2, rows, 6): values and errors, and `verdicts` (rows, 6).
+    """Acceptance of the kinds in `rows` -> `found` (2, rows, 6): values and errors, and `verdicts` (rows, 6).
 
     `known` (6,): sizes of the profile's derivatives; `blocked` (rows,):
     a verdict over all of a kind's, or ESTIMATED.

@@ -6,9 +6,9 @@
     split:  beta = beta_i + (that - beta_i) e^(-s x/V)
 
 with H_v the vane's own dynamics and x, z its place; sideslip has no upwash in the profile. beta_i is the inertial
-sideslip: what is left is the side gust, which reaches the CG x/V after the vane. It reaches the fin later still, which
+sideslip: the rest is the side gust, which reaches the CG x/V after the vane. It reaches the fin later still, which
 neither corrects. Both are made in the time domain: factors of a transform that ends while the air still moves would err
-by what is cut off at its ends, and derivatives from gusts alone by a fifth. II may be wrong by as much as it lies off
+by what is cut off at its ends, and derivatives from gusts alone by a fifth. II may be wrong by its distance from
 split, split by a tenth of that (attitude and mean wind are never quite known), and their errors say so. Per radian,
 body axes, moments about the CG. The recursive transform (spectra.py) and least squares with its standard errors
 (equation_error.py) are those of the longitudinal equations.
@@ -48,11 +48,11 @@ EQUATIONS: Final = ("CY", "Cl", "Cn")
 SURFACES: Final = ("aileron", "rudder")
 MOTIONS: Final = {"beta": "sideslip", "p": "roll rate", "r": "yaw rate"}
 REGRESSORS: Final = ("beta_vane", "p", "r", "aileron", "rudder")
-DROWNED: Final = 0.2
+ATTENUATED: Final = 0.2
 """Share of noise in what a regressor has beyond the others, above which its derivative is noise's."""
 LACKING_S: Final = 1.0
 PARAMETERS: Final = 5
-LEFT_OF_GUST: Final = 0.1
+GUST_IN_MOTION: Final = 0.1
 """Share of the side gust that split may take for motion, or motion for it."""
 SETTLED: Final = 3
 """Consecutive frames with all signals: the angular accelerations are central differences."""
@@ -154,7 +154,7 @@ class Spectra:
     """One method's transform of the flight so far, and its fit."""
 
     def __init__(self, frequencies: Array, dt: float, step_hz: float, warm_up_s: float, keep: float) -> None:
-        """`keep`: what is left of a closed segment's sums when the next one closes."""
+        """`keep`: share of the closed segments' sums that is kept when the next one closes."""
         self._transform = Transform(CHANNELS, frequencies, dt)
         self._dt, self._step_hz, self._warm_up_s, self._keep = dt, step_hz, warm_up_s, keep
         self._past = no_sums((len(EQUATIONS),), PARAMETERS)
@@ -249,7 +249,7 @@ class Lateral:
         self._ridge = np.zeros(PARAMETERS)
         self._run = 0
         self._last_ns = 0
-        self._away = dict.fromkeys(MEASURED, 0.0)
+        self._missing_s = dict.fromkeys(MEASURED, 0.0)
 
     def clear(self) -> None:
         """Begin anew; the high-passes stay warm."""
@@ -269,7 +269,7 @@ class Lateral:
             k, signal = SIGNAL_INDEX[name], SIGNALS[name]
             value = frame.values[k]
             good = signal.low <= value <= signal.high and frame.quality[k] < Quality.SUSPECT
-            self._away[name] = 0.0 if good else self._away[name] + self._dt
+            self._missing_s[name] = 0.0 if good else self._missing_s[name] + self._dt
             whole = whole and good and frame.age_s[k] <= FRESH_AGE_S
             row[i] = value
         row[_V], row[_QBAR], row[_MASS], row[_BETA_I] = speed, pressure, mass, beta_inertial
@@ -306,23 +306,23 @@ class Lateral:
         steady, split = self._spectra
         blocked = [self._blocked(spectra) for spectra in (steady, split)]
         made = [self._solve(steady), self._solve(split)]
-        off = np.abs(steady.fitted.value - split.fitted.value) * np.isfinite(split.r2)[:, None]
+        apart = np.abs(steady.fitted.value - split.fitted.value) * np.isfinite(split.r2)[:, None]
         return {
-            "II": self._judge(steady, blocked[0], *made[0], off),
-            "split": self._judge(split, blocked[1], *made[1], self._left(off, split.energy())),
+            "II": self._judge(steady, blocked[0], *made[0], apart),
+            "split": self._judge(split, blocked[1], *made[1], self._from_split(apart, split.energy())),
         }
 
     @staticmethod
-    def _left(off: Array, energy: Array) -> Array:
-        """What a side gust wrongly carried does to split, of which II lies `off` (3, PARAMETERS): an error of the
+    def _from_split(apart: Array, energy: Array) -> Array:
+        """What a side gust wrongly carried does to split, from which II is `apart` (3, PARAMETERS): an error of the
         sideslip, of any phase, goes to sideslip, roll and yaw rate by the square root of their `energy`."""
-        left = LEFT_OF_GUST * off
+        wrong = GUST_IN_MOTION * apart
         motions = energy[: len(MOTIONS)]
-        left[:, : len(MOTIONS)] = left[:, :1] * np.sqrt(motions[0] / np.maximum(motions, 1e-30))
-        return left
+        wrong[:, : len(MOTIONS)] = wrong[:, :1] * np.sqrt(motions[0] / np.maximum(motions, 1e-30))
+        return wrong
 
     def _solve(self, spectra: Spectra) -> tuple[list[str], Array]:
-        """Fit, and tell which surfaces have not moved, and the share of noise in each regressor, (PARAMETERS,). Those
+        """Fit; returns which surfaces have not moved, and the share of noise in each regressor, (PARAMETERS,). Those
         surfaces are left out: as regressors they would be noise alone."""
         moved = spectra.energy()
         unit = np.array([1.0, self._half, self._half, 1.0, 1.0])
@@ -338,9 +338,9 @@ class Lateral:
     def _blocked(self, spectra: Spectra) -> tuple[Status, str]:
         """Why there are no estimates yet; ESTIMATED if there are."""
         if spectra.samples == 0:
-            away = [name for name, seconds in self._away.items() if seconds > LACKING_S]
-            if away:
-                return Status.UNESTIMATED, f"no {' and '.join(away)}"
+            missing = [name for name, seconds in self._missing_s.items() if seconds > LACKING_S]
+            if missing:
+                return Status.UNESTIMATED, f"no {' and '.join(missing)}"
             if self._spectra[0].samples * self._dt > SLACK_S:
                 return Status.INVALID, "no inertial sideslip: attitude or accelerations are missing"
             return Status.UNESTIMATED, "warming up"
@@ -386,6 +386,9 @@ def _said(code: int, regressor: str, is_still: bool, attenuated: float) -> tuple
     """The verdict on an estimate in words; `attenuated`: share of noise in what its regressor has for itself."""
     if is_still:
         return Status.UNESTIMATED, f"no {regressor} input"
-    if code < UNEXPLAINED and attenuated > DROWNED:
-        return Status.UNESTIMATED, f"too little {regressor} of its own beyond the noise"
+    if code < UNEXPLAINED and attenuated > ATTENUATED:
+        return (
+            Status.UNESTIMATED,
+            f"attenuated: noise is over {ATTENUATED:.0%} of what {regressor} has beyond the other regressors",
+        )
     return worded(code)

@@ -262,7 +262,7 @@ def _fitted_of(fitted: Fitted, kind: int, equation: int) -> Fitted:
 
 
 def fade(past: Past, group: int, keep: float) -> None:
-    """Keep this share of what the closed segments of a group of signals have left."""
+    """Keep this share of the sums over closed segments of a group of signals."""
     kinds = [kind for kind in range(past.fits.normal.shape[0]) if GROUP_OF[kind] == group]
     for sums in past.fits:
         sums[kinds] *= keep

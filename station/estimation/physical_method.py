@@ -43,7 +43,8 @@ UPDATE_TICKS: Final = 25
 SEGMENT: Final = 1.2
 """Length of a segment, periods of the grid's step."""
 SLACK_S: Final = 4.0
-"""Signals that come this much after the flight's start (inertial and wing memories settle) still open in time."""
+"""Signals that come this much after the flight's start (inertial blending and unsteady lift settle) still open in
+time."""
 WORSE: Final = 6.0
 """Deviance by which the quasi-steady model must fit better before it is preferred."""
 
@@ -78,7 +79,7 @@ class Equations:
         self._noise = (noise["alpha_vane"] / (1.0 + body)) ** 2
         self._past = physical_fit.no_sums()
         self._energies = np.zeros((2, 2))
-        """Of the closed segments: of the residuals and of the left sides, CL and Cm."""
+        """Of the closed segments: of residuals and coefficients, CL and Cm."""
         self._preference = 0.0
 
     def clear(self) -> None:
@@ -243,7 +244,7 @@ class Physical:
         return float(np.vdot(elevator, elevator).real)
 
     def estimate(self, t_ns: int) -> MethodEstimate:
-        """The newest solution as rows, with what is to be believed of it."""
+        """The newest solution as rows, with its acceptance."""
         if self._judged is None:
             self._judged = self._judge()
         return MethodEstimate(t_ns, "physical", *self._judged)

@@ -25,7 +25,7 @@ from station.identification.kinematic_results import (
 from station.identification.kinematics import Kinematics
 from station.identification.model_structure import Comparison
 from station.model.compatibility import Compatibility
-from station.model.gust_delay import GustDelay, Lead
+from station.model.gust_delay import Arrival, GustDelay
 from station.model.vane_calibration import CALM_R2, VaneCalibration
 from station.rows import ParamEstimate
 
@@ -178,7 +178,7 @@ def _gust_delay(part: GustDelay, record: FlightRecord) -> Json:
     return made
 
 
-def _arrival(one: Lead) -> Json:
+def _arrival(one: Arrival) -> Json:
     upwash = _number(one.upwash, one.upwash_sd) | {"std_error_statistical": one.upwash_statistical}
     if not math.isfinite(one.upwash_sd):
         nothing = {"estimate": None, "std_error": None, "ci95": None, "std_error_statistical": None}

@@ -2,12 +2,12 @@
 
 Everything is laid out over distance flown through the mean air, where a frozen gust field and leads are constant
 whatever the speed does. With y the vane (its own lag put on everything else), a the inertial angle of attack and S =
-x/V the lead,
+x/V the gust arrival offset,
 
     (1 + k_f) g(t) + k_w F_g{g at the wing} = y - (1 + k_f) (a - q x/V) - k_w F_m{a}        gust at the boom
     CL = CL_w (W{a} + K{g(t - S + c/4V)}) + a_h (a_t) + CL_q qhat + CL_de de + e            and Cm alike
 
-with the indicial memories W, K, F_m, F_g and the tail (share a_h, arm, downwash) of the profile. Memories are of
+with the indicial responses W, K, F_m, F_g and the tail (share a_h, arm, downwash) of the profile. They are of
 angles, over chords flown through the gusty air; what the air carries along is the angle times the speed it is taken
 over. What noise does is reckoned to first order, all speeds being the mean. SI, rad.
 """
@@ -39,17 +39,19 @@ Equation = Literal["CL", "Cm"]
 BAND: Final = (0.03, 4.0)
 """Hz: below, the wind's mean is not known; above, lift and vane see different parts of it."""
 EDGES_S: Final = (2.0, 0.5)
-"""Memories have died away so long after the record's start, and what its end was continued with before its end."""
+"""Indicial responses have decayed so long after the record's start, and what its end was continued with before its
+end."""
 SMOOTH_S: Final = 0.1
 LOW_PASS_HZ: Final = 8.0
-LEAD, UPWASH, WIND, SLOPES = range(4)
-"""Fitted: lead, m; upwash; error of the mean wind along the path, as a share of the speed; then the slopes."""
+ARRIVAL, UPWASH, WIND, SLOPES = range(4)
+"""Fitted: gust arrival offset, m; upwash; error of the mean wind along the path, as a share of the speed; then the
+slopes."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
     """Spectra of a series at the band's lines, (lines,). No taper: what the model leaves is as white as the sensors'
-    noise and leaks little, and a taper would throw away a part of the record."""
+    noise and leaks little, and a taper would discard a part of the record."""
 
     bins: NDArray[np.int64]
     keep: slice
@@ -60,13 +62,13 @@ class _Lines:
 
 
 class GustModel:
-    """Regressors of both equations for a lead, an upwash and a mean wind, and what noise does to them.
+    """Regressors of both equations for a gust arrival offset, an upwash and a mean wind, and what noise does to them.
 
     Made from what `gust_delay` takes; the profile must have a boom. Of the record: `speed`, its mean, m/s; `start`,
-    lead, upwash and wind error as the profile has them, and `wind_sd`, the standard deviation of the last;
-    `gustiness`, of the headwind gusts over the speed; `is_flown`, whether the elevator moved beyond its noise. Lines
-    (lines,) of `measured` coefficients, of `rate`, q c/2V, and of `elevator`, rad. `tail`: how the tail's incidence
-    enters CL and Cm.
+    gust arrival offset, upwash and wind error as the profile has them, and `wind_sd`, the standard deviation of the
+    last; `gustiness`, of the headwind gusts over the speed; `is_flown`, whether the elevator moved beyond its noise.
+    Lines (lines,) of `measured` coefficients, of `rate`, q c/2V, and of `elevator`, rad. `tail`: how the tail's
+    incidence enters CL and Cm.
     """
 
     def __init__(
@@ -88,7 +90,7 @@ class GustModel:
         time = np.arange(n) * dt
         is_lagging = unsteady.memory
         self._arm, self._chord, self._quarter = boom.vane_x, chord, aircraft.gust_edge
-        # A wing whose lift has no memory takes a gust where the CG is.
+        # A wing of quasi-steady lift takes a gust where the CG is.
         self._edge = self._quarter if is_lagging else 0.0
         slope, self._downwash, self._tail = (
             (unsteady.tail_lift_slope, unsteady.downwash, unsteady.tail_arm) if is_lagging else (0.0, 0.0, 0.0)
@@ -195,10 +197,10 @@ class GustModel:
     def _gust(self, p: Array) -> tuple[Complex, Complex]:
         """Gust at the boom, a velocity over the mean speed, as if angles were such too; its response to vane, motion
         and rate, (3, m)."""
-        _, _, motion_upwash, gust_upwash = self._memories(p)
+        _, _, motion_upwash, gust_upwash = self._frequency_responses(p)
         wing = p[UPWASH] * self._wing_share
         body = p[UPWASH] - wing
-        back = self._after(p[LEAD] - self._quarter, p)
+        back = self._after(p[ARRIVAL] - self._quarter, p)
         whole = (1 + body) + wing * gust_upwash * back
         by_motion = ((1 + body) + wing * motion_upwash) / whole
         shares = np.array([1 / whole, -by_motion, (1 + body) * 2 * self._arm / self._chord / whole])
@@ -209,7 +211,7 @@ class GustModel:
         """What it takes to fly a distance, m."""
         return np.asarray(np.exp(-self._jw * distance / (self.speed * (1 + p[WIND]))))
 
-    def _memories(self, p: Array) -> list[Complex]:
+    def _frequency_responses(self, p: Array) -> list[Complex]:
         steps = self._jw * self._reference / (self.speed * (1 + p[WIND]))
         return [np.asarray(frequency_response(of, steps)) for of in self._responses_of]
 
@@ -227,28 +229,28 @@ class GustModel:
         def arrived(gust: Complex, distance: float) -> Array:
             return sink + self._back(gust * self._after(distance, p))
 
-        met = arrived(self._gust(p)[0], p[LEAD] - self._quarter) / self._air_edge - motion
+        met = arrived(self._gust(p)[0], p[ARRIVAL] - self._quarter) / self._air_edge - motion
         upwash = respond_throughout(upwash_motion, self._chords, motion)
         upwash += respond_throughout(upwash_gust, self._chords, met)
         wing_share = p[UPWASH] * self._wing_share
         flow = (self._back(s["vane"]) - wing_share * upwash) / (1 + p[UPWASH] - wing_share)
         turned = 2 * self._arm / self._chord * self._back(s["q"])
         gust = np.fft.rfft(_closed(flow * self._air_ahead - sink + turned))
-        met = arrived(gust, p[LEAD] - self._edge) / self._air_edge - motion
+        met = arrived(gust, p[ARRIVAL] - self._edge) / self._air_edge - motion
         wing = respond_throughout(lift_motion, self._chords, motion) + respond_throughout(lift_gust, self._chords, met)
-        tail = arrived(gust, p[LEAD] + self._late) / self._air_tail
-        # The table's rate derivative holds the steady tail; its downwash is late, which q alone does not tell.
+        tail = arrived(gust, p[ARRIVAL] + self._late) / self._air_tail
+        # The table's rate derivative holds the steady tail; its downwash is late, which q alone does not hold.
         steady = 2 * self._tail / self._chord * self._back(s["rate"])
         washed = self._back(np.fft.rfft(_closed(wing)) * self._after(self._washed, p))
         return np.array([wing, tail - self._downwash * (washed + steady)])
 
     def _responses(self, p: Array) -> Complex:
         """Of both incidences to vane, motion and rate, (2, 3, m)."""
-        lift_motion, lift_gust, _, _ = self._memories(p)
+        lift_motion, lift_gust, _, _ = self._frequency_responses(p)
         _, shares = self._gust(p)
-        wing_gust = lift_gust * self._after(p[LEAD] - self._edge, p)
+        wing_gust = lift_gust * self._after(p[ARRIVAL] - self._edge, p)
         late = self._downwash * self._after(self._washed, p)
-        tail_gust = self._after(p[LEAD] + self._late, p) - late * wing_gust
+        tail_gust = self._after(p[ARRIVAL] + self._late, p) - late * wing_gust
         responses = np.array([wing_gust * shares, tail_gust * shares])
         responses[0, 1] += lift_motion
         responses[1, 1] += 1 - late * lift_motion
@@ -266,18 +268,18 @@ class GustModel:
         """What the model leaves of each equation, (equations, lines), and what each source of noise puts there,
         (equations, sources, lines)."""
         (wing, tail), responses = columns
-        left, noises = [], []
+        residuals, noises = [], []
         for name, (by_wing, by_rate, by_elevator) in zip(names, slopes.reshape(len(names), 3), strict=True):
             known = self.tail[name]
             model = by_wing * wing + by_rate * self.rate + by_elevator * self.elevator + known * tail
-            left.append(self.measured[name] - model)
+            residuals.append(self.measured[name] - model)
             gains = np.zeros((6, responses.shape[2]), dtype=np.complex128)
             gains[:3] = -by_wing * responses[0] - known * responses[1]
             gains[2] -= by_rate
             gains[3] = -by_elevator
             gains[4 if name == "CL" else 5] = 1.0
             noises.append(np.einsum("cl,csl->sl", gains, self._noise))
-        return np.array(left), np.array(noises)
+        return np.array(residuals), np.array(noises)
 
 
 def _deviation(x: Array) -> Array:

@@ -80,7 +80,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 QH, DE, CL, CM = SIGNALS, SIGNALS + 1, SIGNALS + 2, SIGNALS + 3
-"""Channels after those of physical_signals: q c/2V, elevator, and the left sides."""
+"""Channels after those of physical_signals: q c/2V, elevator, CL and Cm."""
 CHANNELS: Final = SIGNALS + 4
 
 A, P, Q = range(3)

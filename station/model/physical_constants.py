@@ -32,7 +32,7 @@ NUISANCE_TABLE: Final = (
     Nuisance("vane skew", lambda a: a.uncertainty.vane_delay),
     Nuisance("span", lambda a: a.uncertainty.span_lag),
     Nuisance("span, fast", lambda a: a.uncertainty.span_lag),
-    Nuisance("lift memory", lambda a: a.uncertainty.lift_memory, 0.67),
+    Nuisance("indicial amplitude", lambda a: a.uncertainty.lift_memory, 0.67),
     Nuisance("upwash share", lambda a: a.uncertainty.upwash_wing, 0.5),
     Nuisance("upwash rate, gust", lambda a: a.uncertainty.upwash_rate, 0.5),
     Nuisance("downwash", lambda a: a.uncertainty.downwash * a.unsteady.downwash, 0.0),
@@ -40,8 +40,8 @@ NUISANCE_TABLE: Final = (
     Nuisance("tail arm", lambda a: a.uncertainty.tail_arm, 0.0),
     Nuisance("vane gain", lambda a: a.uncertainty.vane_scale, 0.0),
     Nuisance("upwash rate, motion", lambda a: a.uncertainty.upwash_rate, 0.0),
-    Nuisance("gust memory rate", lambda a: a.uncertainty.lift_rate, 0.0),
-    Nuisance("lift memory rate", lambda a: a.uncertainty.lift_rate, 0.0),
+    Nuisance("indicial rate, gust", lambda a: a.uncertainty.lift_rate, 0.0),
+    Nuisance("indicial rate, motion", lambda a: a.uncertainty.lift_rate, 0.0),
     Nuisance("span, middle", lambda a: a.uncertainty.span_lag),
     # Of the segment, not of the profile: physical_fit.
     Nuisance("mean wind", lambda _: 0.0),
@@ -59,7 +59,7 @@ TAIL, BOOM, SKEW, SPAN, SPAN_FAST, SPAN_MIDDLE = map(
     NUISANCES.index, ("tail share", "boom length", "vane skew", "span", "span, fast", "span, middle")
 )
 LIFT_AMPLITUDE, LIFT_RATE, GUST_RATE = map(
-    NUISANCES.index, ("lift memory", "lift memory rate", "gust memory rate")
+    NUISANCES.index, ("indicial amplitude", "indicial rate, motion", "indicial rate, gust")
 )  # fmt: skip
 UPWASH_SHARE, UPWASH_RATE_GUST, UPWASH_RATE_MOTION, GAIN = map(
     NUISANCES.index, ("upwash share", "upwash rate, gust", "upwash rate, motion", "vane gain")
@@ -87,7 +87,7 @@ class Constants(NamedTuple):
     boom: float
     """How far ahead of the CG the vane is."""
     lead: float
-    """And how far ahead it meets a gust."""
+    """Gust arrival offset: how far ahead it meets a gust."""
     gust_edge: float
     """How far ahead the wing meets it."""
     reference_chord: float
@@ -161,7 +161,7 @@ def why_not(aircraft: Aircraft) -> str:
     """Why the method cannot be applied to an aircraft; "" if it can."""
     unsteady = aircraft.unsteady
     if not unsteady.memory:
-        return "the aircraft profile says quasi-steady: no lift memory"
+        return "the aircraft profile has no unsteady lift (unsteady.memory is false)"
     missing = [
         name
         for name, there in (

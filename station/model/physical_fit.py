@@ -1,12 +1,13 @@
 """Generalised least squares of both longitudinal equations (physical_columns.py) with uncertain constants.
 
-The constants that the profile gives (tail's share, arm and downwash, boom length, memories ...) are known to a prior
-standard deviation, of which the profile speaks (uncertainty.py), and are estimated along: Gauss-Newton on the sum of
-squares and prior. In calm air the data move all of them; in turbulence part of some is only considered: it widens the
-total standard error. Residual spectra are log-quadratic in frequency, with one coherence between the equations, and
-are re-estimated (feasible generalised least squares, seemingly unrelated regressions). What the known noise of the
-inertial sensors adds to the normal equations is taken off again (corrected score; Fuller 1987, Measurement error
-models), for a tail's share is read from small high frequencies, which noise in the regressors would attenuate.
+The constants that the profile gives (tail's share, arm and downwash, boom length, indicial responses ...) are known to
+a prior standard deviation, of which the profile speaks (uncertainty.py), and are estimated along: Gauss-Newton on the
+sum of squares and prior. In calm air the data move all of them; in turbulence part of some is only considered: it
+widens the total standard error. Residual spectra are log-quadratic in frequency, with one coherence between the
+equations, and are re-estimated (feasible generalised least squares, seemingly unrelated regressions). What the known
+noise of the inertial sensors adds to the normal equations is subtracted again (corrected score; Fuller 1987,
+Measurement error models), for a tail's share is read from small high frequencies, which noise in the regressors would
+attenuate.
 
 The statistical error is what the residuals do to the estimate, the larger of the parametric one and a sum of score
 products over neighbouring lines (Newey and West 1987): repeatability. The total one holds what the priors leave. SI,
@@ -55,9 +56,9 @@ GUST, DEVIANCE, QUASI_STEADY = range(3)
 SMALL_RECORD: Final = 1.2
 """On standard errors: weights come from the residuals of the record itself, of some 40 independent lines. From Monte
 Carlo with known constants, so that 95 % intervals cover 95 %."""
-TAKEN_OFF: Final = (1.0, 0.5, 0.0)
-"""Share of the sensors' noise that is taken off the normal equations: the first that leaves them positive, and every
-constant known no worse than before (Fuller takes off less for the same reason)."""
+SUBTRACTED: Final = (1.0, 0.5, 0.0)
+"""Share of the sensors' noise that is subtracted from the normal equations: the first that leaves them positive, and
+every constant known no worse than before (Fuller subtracts less for the same reason)."""
 SMALLEST: Final = 1e-18
 """Of a prior's variance: a constant without any is known exactly."""
 
@@ -87,7 +88,7 @@ class Found(NamedTuple):
     residual: Array
     """Energy of both equations' residuals, (2,), of this segment, as the next two."""
     signal: Array
-    """And of their left sides, (2,)."""
+    """And of CL and Cm themselves, (2,)."""
     summary: Array
     """How far the gust's spectrum stands out of the vane's noise, 0 calm to 1 turbulent; deviance of both equations
     for this model; and for the quasi-steady one on the same angle of attack, (3,)."""
@@ -206,13 +207,13 @@ def _fill_upper(m: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _solve(own: Normal, noisy: Normal, past: Sums, prior: Array, theta: Array, change: Array, solved: Solved) -> bool:
-    """Normal equations in the form m theta = rhs, to which segments before and the prior, about zero, add; `theta`
+    """Normal equations in the form m theta = rhs, to which segments before and the prior, about 0, add; `theta`
     (PARAMETERS,): where they were made, and then what they give, a `change` (PARAMETERS,). False if there is no
     solution."""
     n = PARAMETERS
     m = np.empty((n, n))
     found = False
-    for taken in TAKEN_OFF:
+    for taken in SUBTRACTED:
         for a in range(n):
             solved.right[a] = own.gradient[a] - taken * noisy.gradient[a]
             for b in range(n):

@@ -1,10 +1,11 @@
 """What wrong regressors do to the estimates of split+gust: a mean wind known from a minute, the vane's place, delay and
 scale as well as the profile knows them, and noise.
 
-Of a regression z = X theta on regressors that are wrong by dX, the estimates are off by -M^-1 Re(X^H dX theta), which
-the residuals do not show. By a share e of the speed
+Of a regression z = X theta on regressors that are wrong by dX, the estimates are biased by -M^-1 Re(X^H dX theta),
+which the residuals do not show. By a share e of the speed
 
-    the mean wind is wrong: the inertial angle of attack is off by e (alpha_i - pitch); the gust, read from the vane
+    the mean wind is wrong: the inertial angle of attack has an error of e (alpha_i - pitch); the gust, read from the
+    vane
         less the motion, makes up for it, but comes x/V later: d alpha = e (1 - e^{-s x/V}) (alpha_i - pitch)
     the gusts' u has a mean over the record: what it takes from alpha_i is read as a gust, and carried x/V; and gusts
         travel at another speed than the airspeed: d alpha = e (1 - e^{-s x/V}) alpha_i + e s (x/V) g
@@ -15,7 +16,7 @@ the residuals do not show. By a share e of the speed
 and d alike. The first two have the standard error of a mean wind over that time, and are taken as independent. With the
 flow at the boom, c = alpha_i - q x/V + g e^{s x/V}, a vane
 
-    whose scale is wrong by e, that is late by t or whose lead over the CG is wrong by t, makes
+    whose scale is wrong by e, that is late by t or whose gust arrival offset is wrong by t, makes
         d alpha = e^{-s x/V} (e c, -t s c, t (q - s g e^{s x/V})),
 
 d alike again; the profile's `[uncertainty]` has the three standard deviations. White noise of vane, pitch rate and
@@ -40,14 +41,16 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-PITCH, GUST, MOTION_A, MOTION_D, GUST_A, GUST_D, SEEN, SEEN_Q, SCALE, LATE, LEAD_Q, LEAD_G, SINCE, MISSED = range(14)
+PITCH, GUST, MOTION_A, MOTION_D, GUST_A, GUST_D, SEEN, SEEN_Q, SCALE, LATE, ARRIVAL_Q, ARRIVAL_G, SINCE, MISSED = range(
+    14
+)
 ROWS: Final = 14
 """Of `weights`: pitch for a unit of q c/2V; g for one of d; errors of alpha and d for one of a motion that is carried
 with the gust, and for one of g that travels at another speed; c e^{-s x/V} for a unit of motion and of q c/2V, what
-the vane's scale and delay make of it, and its lead of q c/2V and g, each by its standard deviation; d for one of g;
-errors of alpha and d for one of a gust that is seen too late."""
+the vane's scale and delay make of it, and its gust arrival offset of q c/2V and g, each by its standard deviation; d
+for one of g; errors of alpha and d for one of a gust that is seen too late."""
 CAUSES: Final = 6
-"""Mean wind, u, the vane's scale, delay and lead, and gusts seen too late."""
+"""Mean wind, u, the vane's scale, delay and gust arrival offset, and gusts seen too late."""
 SUMS: Final = (2 * CAUSES, 4)
 """Over closed segments: errors of alpha and d by each cause, times each of four regressors."""
 WIND_CAUSES: Final = 2
@@ -78,8 +81,8 @@ class Deviations(NamedTuple):
     """Of the vane's calibration, as the next two; a share."""
     delay: float
     """s"""
-    lead: float
-    """Over the CG, s."""
+    arrival: float
+    """Of the gust arrival offset, s."""
 
 
 class Weights(NamedTuple):
@@ -116,21 +119,21 @@ def no_weights(lines: int) -> Weights:
 def weights(about: Lengths, speed: float, frequencies: Array, sd: Deviations, made: Weights) -> None:
     """At a mean airspeed (m/s) and frequencies (Hz) -> `made`."""
     half, arm = about.half_chord, about.tail_arm
-    lead, late = max(about.ahead, 0.0), max(about.vane_lag - about.ahead / speed, 0.0)
+    offset, late = max(about.ahead, 0.0), max(about.vane_lag - about.ahead / speed, 0.0)
     wrong, noise = made
     noise[:] = 0.0
     for i in range(frequencies.shape[0]):
         s = 2j * math.pi * frequencies[i]
         to_tail = np.exp(-s * arm / speed)
-        early = np.exp(-s * lead / speed)
+        early = np.exp(-s * offset / speed)
         wrong[PITCH, i] = speed / (half * s)
         wrong[GUST, i] = 1.0 / (1.0 - to_tail) if arm > 0.0 else 0.0
         wrong[MOTION_A, i], wrong[MOTION_D, i] = 1.0 - early, -early * (1.0 - to_tail)
-        wrong[GUST_A, i] = s * lead / speed
+        wrong[GUST_A, i] = s * offset / speed
         wrong[GUST_D, i] = wrong[GUST_A, i] * (1.0 - to_tail) - s * arm / speed * to_tail
-        wrong[SEEN, i], wrong[SEEN_Q, i], wrong[SINCE, i] = early, -early * lead / half, 1.0 - to_tail
+        wrong[SEEN, i], wrong[SEEN_Q, i], wrong[SINCE, i] = early, -early * offset / half, 1.0 - to_tail
         wrong[SCALE, i], wrong[LATE, i] = sd.scale, -sd.delay * s
-        wrong[LEAD_Q, i], wrong[LEAD_G, i] = sd.lead * early * speed / half, -sd.lead * s
+        wrong[ARRIVAL_Q, i], wrong[ARRIVAL_G, i] = sd.arrival * early * speed / half, -sd.arrival * s
         wrong[MISSED, i] = 1.0 - np.exp(s * late)
         step = 1.0 - to_tail.real
         noise[0, 0] += sd.vane**2
@@ -149,7 +152,7 @@ def _products(wrong: Complex, x: Complex, sums: Array) -> None:
         motion = x[0, f] - gust
         path = motion - wrong[PITCH, f] * x[1, f]
         seen = wrong[SEEN, f] * motion + wrong[SEEN_Q, f] * x[1, f] + gust
-        lead = wrong[LEAD_Q, f] * x[1, f] + wrong[LEAD_G, f] * gust
+        arrival = wrong[ARRIVAL_Q, f] * x[1, f] + wrong[ARRIVAL_G, f] * gust
         errors = (
             wrong[MOTION_A, f] * path,
             wrong[MOTION_D, f] * path,
@@ -159,8 +162,8 @@ def _products(wrong: Complex, x: Complex, sums: Array) -> None:
             wrong[SCALE, f] * seen * wrong[SINCE, f],
             wrong[LATE, f] * seen,
             wrong[LATE, f] * seen * wrong[SINCE, f],
-            lead,
-            lead * wrong[SINCE, f],
+            arrival,
+            arrival * wrong[SINCE, f],
             wrong[MISSED, f] * gust,
             wrong[MISSED, f] * x[3, f],
         )

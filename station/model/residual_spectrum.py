@@ -113,7 +113,7 @@ def deviance(residual: Complex, omega: Array, smooth: Array) -> float:
 @njit(cache=True, error_model="numpy")
 def quasi_steady_deviance(f: Complex, rho: Array, z: Complex, omega: Array, smooth: Array) -> float:
     """Deviance of z = c_alpha (x + g_cg) + c_q qhat + c_de de + c_d (g_cg - g_tail), generalised least squares: what
-    split+gust assumes, and in calm air split. The last term costs what the record tells of it (Schwarz 1978)."""
+    split+gust assumes, and in calm air split. The last term costs a parameter (Schwarz 1978)."""
     lines = omega.shape[0]
     g = np.empty((4, lines), dtype=np.complex128)
     gust = 0.0

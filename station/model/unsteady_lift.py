@@ -1,11 +1,12 @@
-"""What the lift's memory and the tail's late downwash do to the estimates of split+gust, as the profile has them.
+"""What unsteady lift (indicial) and the tail's late downwash do to the estimates of split+gust, as the profile has
+them.
 
 split+gust takes lift and moment for quasi-steady but for the tail that meets the gust late, and leaves out
 
     v = CL_alpha (W x + K g - x - g) + a_h (x + g_t - e (W x + K g)(t - T) - (1 - e)(W x + K g) - 2 e (l_t/c) q c/2V)
 
 (x the motion's angle of attack, g the gust's, g_t that of T = l_t/V ago; Cm alike, the tail with -a_h l_t/c; the
-tail's gust without memory, which d carries, is part of v too). The fit takes M^-1 Re(X^H v) of that for derivatives.
+tail's gust without lag, which d carries, is part of v too). The fit takes M^-1 Re(X^H v) of that for derivatives.
 In calm air it does so too, with alpha and q that the elevator makes: that is what one calls the derivatives of a
 manoeuvre, and differs from the quasi-steady ones by up to 15 % (Twin Otter, Cm_alpha). In gusts, which move alpha
 without q and elevator, less of v passes for derivatives, and the estimates drift towards the quasi-steady ones: by the
@@ -96,8 +97,8 @@ def known(aircraft: Aircraft) -> Known:
 
 
 @njit(cache=True, error_model="numpy")
-def weights(k: Known, speed: float, density: float, frequencies: Array, memory: Complex) -> None:
-    """`memory` (ROWS, frequencies) at a mean airspeed (m/s), density of the air (kg/m3) and each frequency (Hz)."""
+def weights(k: Known, speed: float, density: float, frequencies: Array, rows: Complex) -> None:
+    """`rows` (ROWS, frequencies) at a mean airspeed (m/s), density of the air (kg/m3) and each frequency (Hz)."""
     if not k.heave > 0.0:
         return
     for i in range(frequencies.shape[0]):
@@ -110,19 +111,19 @@ def weights(k: Known, speed: float, density: float, frequencies: Array, memory: 
         washed = 1.0 - k.downwash + k.downwash * to_tail * np.exp(-s * speed * k.downwash_delay)
         motion, gust = 1.0 - washed * w, to_tail - washed * met
         arm = k.tail_arm / k.chord
-        memory[WX, i], memory[WD, i] = w - 1.0, (met - w) / since
-        memory[TX, i], memory[TD, i] = k.tail_share * motion, k.tail_share * (gust - motion) / since
-        memory[TQ, i], memory[ARM, i] = -2.0 * k.tail_share * k.downwash * arm, arm
-        memory[MASS, i] = 0.5 * s * k.heave * k.chord / density
-        memory[INERTIA, i] = s * k.pitching / density
-        memory[RELATIVE, i] = k.heave / density
+        rows[WX, i], rows[WD, i] = w - 1.0, (met - w) / since
+        rows[TX, i], rows[TD, i] = k.tail_share * motion, k.tail_share * (gust - motion) / since
+        rows[TQ, i], rows[ARM, i] = -2.0 * k.tail_share * k.downwash * arm, arm
+        rows[MASS, i] = 0.5 * s * k.heave * k.chord / density
+        rows[INERTIA, i] = s * k.pitching / density
+        rows[RELATIVE, i] = k.heave / density
 
 
 @njit(cache=True, error_model="numpy")
-def _short_period(memory: Complex, f: int, theta: Array, de: complex, alone: Complex) -> None:
+def _short_period(rows: Complex, f: int, theta: Array, de: complex, alone: Complex) -> None:
     """Alpha, q c/2V and elevator in calm air at line f, made by the elevator `de`, -> `alone` (3,)."""
-    lift, moment = memory[MASS, f] + theta[0, 0], memory[INERTIA, f] - theta[1, 1]
-    rate = theta[0, 1] - memory[RELATIVE, f]
+    lift, moment = rows[MASS, f] + theta[0, 0], rows[INERTIA, f] - theta[1, 1]
+    rate = theta[0, 1] - rows[RELATIVE, f]
     determinant = lift * moment + rate * theta[1, 0]
     alone[0] = -(theta[0, 2] * moment + rate * theta[1, 2]) / determinant * de
     alone[1] = (lift * theta[1, 2] - theta[1, 0] * theta[0, 2]) / determinant * de
@@ -130,18 +131,18 @@ def _short_period(memory: Complex, f: int, theta: Array, de: complex, alone: Com
 
 
 @njit(cache=True, error_model="numpy")
-def _products(memory: Complex, x: Complex, theta: Array, sums: Sums) -> None:
+def _products(rows: Complex, x: Complex, theta: Array, sums: Sums) -> None:
     """Of v with the regressors `x` (4, frequencies) and with those of calm air, -> `sums`."""
     met, calm, normal = sums
     alone = np.empty(3, dtype=np.complex128)
     for f in range(x.shape[1]):
-        _short_period(memory, f, theta, x[2, f], alone)
-        tail = memory[TX, f] * x[0, f] + memory[TD, f] * x[3, f] + memory[TQ, f] * x[1, f]
-        calm_tail = memory[TX, f] * alone[0] + memory[TQ, f] * alone[1]
-        wing = memory[WX, f] * x[0, f] + memory[WD, f] * x[3, f]
-        calm_wing = memory[WX, f] * alone[0]
+        _short_period(rows, f, theta, x[2, f], alone)
+        tail = rows[TX, f] * x[0, f] + rows[TD, f] * x[3, f] + rows[TQ, f] * x[1, f]
+        calm_tail = rows[TX, f] * alone[0] + rows[TQ, f] * alone[1]
+        wing = rows[WX, f] * x[0, f] + rows[WD, f] * x[3, f]
+        calm_wing = rows[WX, f] * alone[0]
         for e in range(2):
-            share = 1.0 if e == 0 else -memory[ARM, f].real
+            share = 1.0 if e == 0 else -rows[ARM, f].real
             v, calm_v = theta[e, 0] * wing + share * tail, theta[e, 0] * calm_wing + share * calm_tail
             for i in range(4):
                 met[e, i] += x[i, f].real * v.real + x[i, f].imag * v.imag
@@ -153,14 +154,14 @@ def _products(memory: Complex, x: Complex, theta: Array, sums: Sums) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def drift(memory: Complex, x: Complex, theta: Array, inverse: Array, past: Sums, close: bool) -> Array:
+def drift(rows: Complex, x: Complex, theta: Array, inverse: Array, past: Sums, close: bool) -> Array:
     """By how much the estimates `theta` (2, 3 or more) differ from those of the same elevator in calm air, (2, 3).
 
     There alpha and q are the short period's. `inverse` (4, 4): of the normal matrix of `x` (4, frequencies): alpha,
     q c/2V, elevator, d. `close` adds this segment to the `past`.
     """
     now, out = no_sums(), np.zeros((2, 3))
-    _products(memory, x, theta, now)
+    _products(rows, x, theta, now)
     met, calm, normal = now
     for i in range(3):
         carry(past.normal[i], normal[i, : i + 1], close)

@@ -36,5 +36,5 @@ def test_a_verdict_says_its_criterion() -> None:
     assert a.worded(a.ESTIMATED) == (Status.ESTIMATED, "")
     status, why = a.worded(a.UNEXPLAINED + 12)
     assert status is Status.INVALID
-    assert "12%" in why
+    assert "0.12" in why
     assert all(why for code, (_, why) in a._WORDS.items() if code != a.ESTIMATED)

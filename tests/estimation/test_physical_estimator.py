@@ -285,9 +285,9 @@ def test_wrong_constants_do_what_their_columns_say() -> None:
         ("upwash share", -0.1, "boom", {"upwash_wing": 1.1 * wing, "upwash_body": body - 0.1 * wing}),
         ("upwash rate, gust", -0.05, "unsteady", {"upwash_gust": scaled(unsteady.upwash_gust, 1, faster)}),
         ("upwash rate, motion", -0.05, "unsteady", {"upwash_motion": scaled(unsteady.upwash_motion, 1, faster)}),
-        ("lift memory", 0.1, "unsteady", {"lift_motion": scaled(unsteady.lift_motion, 1.1, 1)}),
-        ("lift memory rate", 0.05, "unsteady", {"lift_motion": scaled(unsteady.lift_motion, 1, faster)}),
-        ("gust memory rate", 0.05, "unsteady", {"lift_gust": scaled(unsteady.lift_gust, 1, faster)}),
+        ("indicial amplitude", 0.1, "unsteady", {"lift_motion": scaled(unsteady.lift_motion, 1.1, 1)}),
+        ("indicial rate, motion", 0.05, "unsteady", {"lift_motion": scaled(unsteady.lift_motion, 1, faster)}),
+        ("indicial rate, gust", 0.05, "unsteady", {"lift_gust": scaled(unsteady.lift_gust, 1, faster)}),
         ("downwash delay", 0.003, "unsteady", {"downwash_delay": 0.003}),
         ("tail arm", 0.02, "unsteady", {"tail_arm": 1.02 * unsteady.tail_arm}),
     ]

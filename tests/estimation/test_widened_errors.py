@@ -29,8 +29,12 @@ def test_an_error_holds_the_distance_from_the_witness_and_the_witness_s_own() ->
     )
     theirs = (
         ParamEstimate("CL_alpha", 5.4, 1.2, Status.ESTIMATED),
-        ParamEstimate("CL_q", 10.0, 1.0, Status.INVALID, "moves with the other regressors: vary the input"),
-        ParamEstimate("CY_da", 0.001, 0.003, Status.UNESTIMATED, "2 sd exceed the value"),
+        ParamEstimate(
+            "CL_q", 10.0, 1.0, Status.INVALID, "collinear with the other regressors (VIF > 100): vary the input"
+        ),
+        ParamEstimate(
+            "CY_da", 0.001, 0.003, Status.UNESTIMATED, "not significant: 2 sigma > estimate and profile value"
+        ),
     )
     found = widened(MethodResult("ok", "", mine), MethodResult("ok", "", theirs), "split")
     assert found.parameters[0].sd == pytest.approx(1.3)  # 0.3, 0.4, 1.2
@@ -42,9 +46,9 @@ def test_an_error_holds_the_distance_from_the_witness_and_the_witness_s_own() ->
     # Its status goes by the error that it has then: 2 x 0.044 is more than 0.042.
     judged = widened(MethodResult("ok", "", mine), MethodResult("ok", "", theirs), "split", AIRCRAFT)
     assert [p.status for p in judged.parameters[:3]] == [Status.ESTIMATED, Status.ESTIMATED, Status.UNESTIMATED]
-    assert judged.parameters[2].why == "2 sd exceed the value"
+    assert judged.parameters[2].why == "not significant: 2 sigma > estimate and profile value"
     alone = widened(MethodResult("ok", "", mine[2:3]), MethodResult("ok", "", theirs[2:]), "split", AIRCRAFT)
-    assert (alone.status, alone.why) == ("not_applicable", "2 sd exceed the value")
+    assert (alone.status, alone.why) == ("not_applicable", "not significant: 2 sigma > estimate and profile value")
     assert "distance from split" in found.settings["standard_errors"]
     alone = MethodResult("ok", "", mine)
     assert widened(alone, not_applicable("none", LONGITUDINAL), "split") is alone

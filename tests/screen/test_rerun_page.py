@@ -269,7 +269,7 @@ def test_the_page_draws_bold_the_method_that_the_terminal_recommends() -> None:
 def test_a_plot_of_a_lateral_derivative_shows_its_own_lines_only() -> None:
     setup = msgspec.structs.replace(SETUP, lateral_methods=("II", "split"), references={"Cn_r": -0.2})
     of = {n: ParamEstimate(n, float(k), 0.25, Status.ESTIMATED) for k, n in enumerate(LATERAL)}
-    of["Cn_p"] = ParamEstimate("Cn_p", 9.0, 0.25, Status.INVALID, "moves with the other regressors")
+    of["Cn_p"] = ParamEstimate("Cn_p", 9.0, 0.25, Status.INVALID, "collinear with the other regressors")
     rows = [MethodEstimate(START_NS, m, tuple(of.values())) for m in ("II", "split")]
     made = {p.path: p.values[-1] for p in lateral_plots.points(plots.batch(rows, START_NS), setup)}
     drawn = {name: (plot, shown) for name, plot, shown in lateral_plots.views(setup)}

@@ -144,7 +144,7 @@ def test_the_column_in_front_is_the_method_to_believe_first() -> None:
 
 def lateral(method: str, status: Status = Status.ESTIMATED, why: str = "", applicable: bool = True) -> Rows:
     """CY_p is in doubt; all others have the status given."""
-    doubt = {"CY_p": (0.1, 0.09, Status.UNESTIMATED, "2 sd exceed the value")}
+    doubt = {"CY_p": (0.1, 0.09, Status.UNESTIMATED, "not significant: 2 sigma > estimate and profile value")}
     of = [ParamEstimate(n, *doubt.get(n, (-0.822, 0.0038, status, why))) for n in LATERAL]
     return MethodEstimate(START_NS, method, (*estimate(method).parameters, *of), applicable, why)
 
@@ -157,7 +157,7 @@ def test_lateral_derivatives_stand_in_a_table_of_their_own_with_status_and_why()
     assert title.split()[1] == "split"
     assert "14 of 15 estimated, 14 enough" in title
     assert line_with(lines, " CY ").split() == ["CY", "-0.822±0.008", "–", *["-0.822±0.008"] * 3]
-    assert "CY_p: 2 sd exceed the value" in line_with(lines, "CY_p")
+    assert "CY_p: not significant: 2 sigma > estimate and profile value" in line_with(lines, "CY_p")
     assert "LATERAL" not in "".join(screen(board_with(ALPHA, estimate("split"), Health(START_NS, ()))))
 
 

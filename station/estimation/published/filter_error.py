@@ -165,8 +165,8 @@ def _filter_error(
         step, price = _within(shared, p, covariance @ score, covariance)
         price *= 2 / len(z)
 
-        def merit(values: Array, left: Array, price: float = price, shared: Simulate = shared) -> float:
-            return _log_variances(left) + (2 * price * _excess(shared(values)) if price > 0 else 0.0)
+        def merit(values: Array, residual: Array, price: float = price, shared: Simulate = shared) -> float:
+            return _log_variances(residual) + (2 * price * _excess(shared(values)) if price > 0 else 0.0)
 
         small = bool(np.max((np.abs(step) / np.sqrt(np.maximum(np.diag(covariance), 1e-300)))[:m]) < convergence.step)
         p, e = _halved(lambda values: z - simulate(values), merit, p, e, step, least)
