@@ -16,7 +16,7 @@ def _lost_motion(x: Array, width: float, out: Array) -> None:
     for i in range(x.shape[0]):
         at = x[i, 0]
         for k in range(x.shape[1]):
-            at = instruments.follow(at, x[i, k], width)
+            at = instruments.dragged(at, x[i, k], width)
             out[i, k] = at - x[i, k]
 
 

@@ -1,8 +1,8 @@
 """Which values of a frame an estimator may use, for how long a lost one is held, and what follows from the air data.
 
 A value counts if it is there, possible, not suspect, not too old and not frozen. Signals that the derivatives hang on
-must be measured at the frame's own time: 20 ms of skew of the vane moves CL_q by 16 %. A lost one is
-held for 0.2 s so that filters run on, then the tick is given up.
+must be measured at the frame's own time: 20 ms of skew of the vane moves CL_q by 16 %. A lost one is held for 0.2 s so
+that filters run on, then the tick is given up.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import struct
 from operator import itemgetter
-from typing import Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, MAX_AGE_S, MIN_SPEED, SIGNAL_INDEX, SIGNALS, TICK_HZ
 from station.numerics.atmosphere import air_density
-from station.rows import Frame
+from station.numerics.named_state import Element, blank, packed
+from station.rows import Frame, Quality
 
 Array = NDArray[np.float64]
 
@@ -42,64 +43,92 @@ index."""
 
 HOLD_TICKS: Final = 10
 FROZEN_TICKS: Final = 13
+_SUSPECT: Final = float(Quality.SUSPECT)
 
 _pick: Final[Any] = itemgetter(*(SIGNAL_INDEX[name] for name in INPUTS))
 _pack: Final = struct.Struct(f"{3 * len(INPUTS)}d").pack_into
 
 
-@njit(cache=True)
-def step(
-    given: Array,
-    limit: Array,
-    low: Array,
-    high: Array,
-    held: Array,
-    lost: Array,
-    same: Array,
-    watch: Array,
-    u: Array,
-) -> int:
-    """Fill `u` with usable values, lost ones held for 0.2 s, others NaN; returns FRESH ... FROZEN + index.
+N: Final = len(INPUTS)
 
-    `given` (3, inputs): values, ages and quality of a frame.
-    `watch`: noise, above 0 if a signal that repeats itself for 0.26 s while others move is frozen. Edits `held`, `lost`
-    and `same` (ticks so far).
-    """
-    raw, age, quality = given[0], given[1], given[2]
+
+class Limits(NamedTuple):
+    """What a value must keep to count, (inputs,) each."""
+
+    low: Annotated[Array, N]
+    high: Annotated[Array, N]
+    age: Annotated[Array, N]
+    """s"""
+    noise: Annotated[Array, N]
+    """Above 0 if a signal that repeats itself for 0.26 s while others move is frozen."""
+
+
+class State:
+    """What `step` edits, (inputs,) each."""
+
+    held: Annotated[Array, N]
+    """The last value that counted."""
+    lost: Annotated[Array, N]
+    same: Annotated[Array, N]
+    """For how many ticks there has been none, and the same."""
+    u: Annotated[Array, N]
+    """What step gives: usable values, lost ones held for 0.2 s, others NaN."""
+
+
+@njit(cache=True)
+def _count_repeats(s: State, raw: Array, age: Array) -> bool:
+    """Whether any of the inputs that must be of the frame's own time moves."""
     moving = False
     for i in range(ELEVATOR + 1):
         if i != AIRSPEED and math.isfinite(raw[i]):
-            if raw[i] == held[i] and age[i] <= FRESH_AGE_S:
-                same[i] += 1.0
+            if raw[i] == s.held[i] and age[i] <= FRESH_AGE_S:
+                s.same[i] += 1.0
             else:
-                same[i] = 0.0
+                s.same[i] = 0.0
                 moving = True
-    state = FRESH
+    return moving
+
+
+@njit(cache=True)
+def _take(limits: Limits, s: State, i: int, value: float, age: float, quality: float) -> bool:
+    """Use or hold an input; whether it counts."""
+    if limits.low[i] <= value <= limits.high[i] and quality < _SUSPECT and age <= limits.age[i]:
+        s.held[i] = s.u[i] = value
+        s.lost[i] = 0.0
+        return True
+    s.lost[i] += 1.0
+    s.u[i] = s.held[i] if i < HELD_SCALARS and s.lost[i] <= HOLD_TICKS else math.nan
+    return False
+
+
+@njit(cache=True)
+def step(limits: Element, state: Element, given: Array) -> int:
+    """Take the values, ages and quality of a frame, `given` (3, inputs); edits `state` and returns FRESH ... FROZEN +
+    index. The first two are of Limits and State, one element each."""
+    c: Limits = limits[0]
+    s: State = state[0]
+    raw, age, quality = given[0], given[1], given[2]
+    moving = _count_repeats(s, raw, age)
+    for i in range(ELEVATOR + 1, N):
+        _take(c, s, i, raw[i], age[i], quality[i])
+    code = FRESH
     frozen = -1
-    gone = -1
-    for i in range(raw.shape[0]):
-        good = low[i] <= raw[i] <= high[i] and quality[i] < 2.0 and age[i] <= limit[i]
-        if good:
-            held[i] = raw[i]
-            lost[i] = 0.0
-            u[i] = raw[i]
-        else:
-            lost[i] += 1.0
-            u[i] = held[i] if i < HELD_SCALARS and lost[i] <= HOLD_TICKS else math.nan
-        if i <= AIRSPEED and not math.isfinite(u[i]) and gone < 0:
-            gone = i
-        if i <= ELEVATOR and i != AIRSPEED:
-            if not good or age[i] > FRESH_AGE_S:
-                state = HELD if i < AIRSPEED or state == HELD else PARTLY
-            if watch[i] > 0.0 and same[i] >= FROZEN_TICKS and moving and frozen < 0:
-                frozen = i
-    if gone >= 0:
-        return LOST + gone
-    if u[AIRSPEED] < MIN_SPEED:
+    missing = -1
+    for i in range(ELEVATOR + 1):
+        good = _take(c, s, i, raw[i], age[i], quality[i])
+        if i <= AIRSPEED and not math.isfinite(s.u[i]) and missing < 0:
+            missing = i
+        if i == AIRSPEED:
+            continue
+        if not good or age[i] > FRESH_AGE_S:
+            code = HELD if i < AIRSPEED or code == HELD else PARTLY
+        if c.noise[i] > 0.0 and s.same[i] >= FROZEN_TICKS and moving and frozen < 0:
+            frozen = i
+    if missing >= 0:
+        return LOST + missing
+    if s.u[AIRSPEED] < MIN_SPEED:
         return SLOW
-    if frozen >= 0:
-        return FROZEN + frozen
-    return state
+    return FROZEN + frozen if frozen >= 0 else code
 
 
 @njit(cache=True)
@@ -115,34 +144,23 @@ class Conditioner:
     """The state of `step`: `u` (inputs,) and `age` (inputs,) of the newest frame."""
 
     def __init__(self, noise: dict[str, float]) -> None:
-        n = len(INPUTS)
-        self._limit = np.array([MAX_AGE_S[name] for name in INPUTS])
-        self._low = np.array([SIGNALS[name].low for name in INPUTS])
-        self._high = np.array([SIGNALS[name].high for name in INPUTS])
-        self._watch = np.array([noise.get(name, 0.0) for name in INPUTS])
-        self._held = np.full(n, math.nan)
-        self._lost = np.full(n, float(HOLD_TICKS))
-        self._same = np.zeros(n)
-        self.u = np.full(n, math.nan)
-        self._given = np.full((3, n), math.nan)
+        limits = Limits(
+            low=np.array([SIGNALS[name].low for name in INPUTS]),
+            high=np.array([SIGNALS[name].high for name in INPUTS]),
+            age=np.array([MAX_AGE_S[name] for name in INPUTS]),
+            noise=np.array([noise.get(name, 0.0) for name in INPUTS]),
+        )
+        self._limits, self._state = packed(limits), blank(State)
+        self._state["held"] = self._state["u"] = math.nan
+        self._state["lost"] = HOLD_TICKS
+        self._lost, self.u = self._state["lost"][0], self._state["u"][0]
+        self._given = np.full((3, N), math.nan)
         self.age = self._given[1]
 
     def step(self, frame: Frame) -> int:
         """Take a frame; returns what the kernel `step` says."""
         _pack(self._given.data, 0, *_pick(frame.values), *_pick(frame.age_s), *_pick(frame.quality))
-        return int(
-            step(
-                self._given,
-                self._limit,
-                self._low,
-                self._high,
-                self._held,
-                self._lost,
-                self._same,
-                self._watch,
-                self.u,
-            )
-        )
+        return int(step(self._limits, self._state, self._given))
 
     def why(self, code: int) -> str:
         """In words, what a frame's code says against its angle of attack; "" if nothing."""
@@ -168,7 +186,7 @@ class Conditioner:
         return math.isfinite(self.u[VELOCITY]) and math.isfinite(self.u[VELOCITY + 2])
 
     def degraded(self, is_split: bool) -> str:
-        """What a valid angle of attack lacks; "" if nothing. `is_split`: motion and gust are told apart in it."""
+        """What a valid angle of attack lacks; "" if nothing. `is_split`: motion and gust are separated in it."""
         if is_split and not self.has_attitude:
             return "no attitude: by the rates alone, inertial and gust parts drift"
         if is_split:
@@ -177,7 +195,7 @@ class Conditioner:
         return f"{lost if self.has_attitude else 'no attitude'}: motion and gust not told apart"
 
     def lacking(self, code: int, density: float) -> str:
-        """What the derivatives wait for, if a signal has been away for a second; `density` as for dynamic_pressure."""
+        """What the derivatives wait for, if a signal is missing for a second; `density` as for dynamic_pressure."""
         for i in range(ELEVATOR + 1 if code != FRESH else 0):
             if self._lost[i] > TICK_HZ:
                 return f"no {INPUTS[i]}"

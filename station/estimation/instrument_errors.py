@@ -4,11 +4,11 @@ An instrument shows, SI of its signal,
 
     shown(t) = gain * lagged(true + cubic true^3)(t - latency) + bias
 
-and a surface follows its sensor with play. The inverse goes back through that: zero and scale, then the value as it was
-shown `latency` later, a lag by the slope about that instant, the bend, the play. What is shown later is waited for: all
-signals of a frame come out `ahead` frames late, and belong together. Between what was measured the cubic through four
-neighbours; nothing is made up across a gap. The slope is that of a cubic fitted to nine points (Savitzky and Golay
-1964): 17 times a signal's noise per second of lag, and 0.2 % low at 2 Hz.
+and a surface follows its sensor with backlash. The inverse goes back through that: bias and gain, then the value as it
+was shown `latency` later, a lag by the slope about that instant, the nonlinearity, the backlash. What is shown later is
+waited for: all signals of a frame come out `ahead` frames late, and belong together. Between samples the cubic through
+four neighbours; nothing is interpolated across a gap. The slope is that of a cubic fitted to nine points (Savitzky and
+Golay 1964): 17 times a signal's noise per second of lag, and 0.2 % low at 2 Hz.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,6 +29,7 @@ from station.numerics.angles import wrap
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.indicial import lagged
 from station.numerics.lagrange import uneven_cubic
+from station.numerics.named_state import Element, layout
 from station.profile import Aircraft, Instrument
 from station.rows import Frame, Quality
 
@@ -40,18 +41,66 @@ LATEST_S: Final = 0.5
 LONGEST_LAG_S: Final = 1.0
 """The noise of one that lags more, undone, would drown it."""
 DITHER: Final = 4.0
-"""Noise standard deviations by which a play is widened, and narrowed again, to keep noise from moving through it."""
+"""Noise standard deviations by which a backlash is widened and narrowed again, to keep noise from moving through it."""
 
 SLOPE: Final = np.array([86.0, -142.0, -193.0, -126.0, 0.0, 126.0, 193.0, 142.0, -86.0]) / 1188.0
 """Slope, per step, at the middle of nine points."""
 SLOPE_STEP_S: Final = 0.02
 _REACH: Final = SLOPE.size // 2
 _SAME_S: Final = 1e-6
+_WHOLE: Final = 1e-6
+"""Steps: what is closer to a whole number is one."""
 _FRESH, _HELD, _MISSING = int(Quality.FRESH), int(Quality.HELD), int(Quality.MISSING)
 
-_LATENCY, _LAG, _GAIN, _BIAS, _CUBIC, _PLAY, _DITHER, _WRAPS, _MAX_AGE, _PARAMETERS = range(10)
-# state of a signal: time of the last output, undone lag's output and input, and two plays.
-_AT, _OUT, _IN, _LOOSE, _TIGHT, _STATE = range(6)
+
+class Stated(NamedTuple):
+    """Errors of one signal's instrument: see the profile's Instrument."""
+
+    latency: float
+    lag: float
+    gain: float
+    bias: float
+    cubic: float
+    backlash: float
+    dither: float
+    """By which the backlash is widened, and narrowed again."""
+    wraps: bool
+    max_age: float
+    """s"""
+
+
+class State:
+    """Of one signal, NaN before the first output."""
+
+    at: float
+    """Time of the last output, s."""
+    advanced: float
+    advanced_input: float
+    """Output and input of a lag that is put in again, where the instrument leads."""
+    loose: float
+    tight: float
+    """Where the part stands with the backlash and the dither, and with the dither alone."""
+
+
+class Kept(NamedTuple):
+    """The newest samples of each signal: number i of signal j is at [j, i % length]."""
+
+    times: Array
+    values: Array
+    """(m, length)"""
+    seen: Whole
+    """(m,): how many there have been."""
+
+
+class Spans(NamedTuple):
+    """s"""
+
+    apart: float
+    """Samples closer than this are one."""
+    bridge: float
+    """Longest gap that is bridged."""
+    ahead: float
+    """By how much what comes out stands behind what goes in."""
 
 
 @njit(cache=True)
@@ -65,37 +114,39 @@ def straightened(shown: float, cubic: float) -> float:
 
 
 @njit(cache=True)
-def follow(at: float, drive: float, play: float) -> float:
-    """Where a part that was `at` a place is when its drive has moved, with `play` in all between them."""
-    return float(min(max(at, drive - 0.5 * play), drive + 0.5 * play))
+def dragged(at: float, drive: float, backlash: float) -> float:
+    """Where a part that was `at` a place is when its drive has moved, with `backlash` in all between them."""
+    return float(min(max(at, drive - 0.5 * backlash), drive + 0.5 * backlash))
 
 
 @njit(cache=True, error_model="numpy")
-def _take(par: Array, times: Array, values: Array, kept: Whole, apart: float, t: float, seen: Array) -> None:
+def _take(stated: Element, kept: Kept, apart: float, t: float, seen: Array) -> None:
     """Keep what is new in a frame at `t`: `seen` (2, m) values and ages. A held value has been kept already."""
-    length = times.shape[1]
-    for j in range(par.shape[0]):
+    length = kept.times.shape[1]
+    for j in range(stated.shape[0]):
+        e: Stated = stated[j]
         x, at = seen[0, j], t - seen[1, j]
         if not (math.isfinite(x) and math.isfinite(at)):
             continue
-        x = (x - par[j, _BIAS]) / par[j, _GAIN]
-        last = (kept[j] - 1) % length
-        if kept[j] > 0:
-            if at < times[j, last] + apart:
+        x = (x - e.bias) / e.gain
+        count = kept.seen[j]
+        if count > 0:
+            last = (count - 1) % length
+            if at < kept.times[j, last] + apart:
                 continue
-            if par[j, _WRAPS] > 0.0:
-                x = values[j, last] + wrap(x - values[j, last])
-        row = kept[j] % length
-        times[j, row], values[j, row] = at, x
-        kept[j] += 1
+            if e.wraps:
+                x = kept.values[j, last] + wrap(x - kept.values[j, last])
+        kept.times[j, count % length], kept.values[j, count % length] = at, x
+        kept.seen[j] += 1
 
 
 @njit(cache=True, error_model="numpy")
-def _then(times: Array, values: Array, kept: int, bridge: float, t: float) -> tuple[float, float]:
-    """A signal at `t` and how old the value is: 0 where measured or between two that are; NaN before the first."""
+def _then(kept: Kept, j: int, bridge: float, t: float) -> tuple[float, float]:
+    """Signal `j` at `t` and how old the value is: 0 where measured or between two that are; NaN before the first."""
+    times, values, count = kept.times[j], kept.values[j], kept.seen[j]
     length = times.shape[0]
-    oldest = max(0, kept - length)
-    i = kept - 1
+    oldest = max(0, count - length)
+    i = count - 1
     while i >= oldest and times[i % length] > t + _SAME_S:
         i -= 1
     if i < oldest:
@@ -103,10 +154,10 @@ def _then(times: Array, values: Array, kept: int, bridge: float, t: float) -> tu
     tb, b = times[i % length], values[i % length]
     if t - tb <= _SAME_S:
         return b, 0.0
-    if i + 1 == kept or times[(i + 1) % length] - tb > bridge:
+    if i + 1 == count or times[(i + 1) % length] - tb > bridge:
         return b, t - tb
     tc, c = times[(i + 1) % length], values[(i + 1) % length]
-    if i - 1 >= oldest and i + 2 < kept:
+    if i - 1 >= oldest and i + 2 < count:
         ta, a = times[(i - 1) % length], values[(i - 1) % length]
         td, d = times[(i + 2) % length], values[(i + 2) % length]
         if tb - ta <= bridge and td - tc <= bridge:
@@ -115,63 +166,77 @@ def _then(times: Array, values: Array, kept: int, bridge: float, t: float) -> tu
 
 
 @njit(cache=True, error_model="numpy")
-def _undo(par: Array, times: Array, values: Array, kept: Whole, s: Array, bridge: float, t: float, out: Array) -> None:
-    """The signals as they were at `t`: `out` (3, m) values, ages, quality. Edits their state `s` (m, STATE)."""
-    for j in range(par.shape[0]):
-        at = t + par[j, _LATENCY]
-        x, age = _then(times[j], values[j], kept[j], bridge, at)
-        if not age <= par[j, _MAX_AGE]:
+def _slope(kept: Kept, j: int, bridge: float, at: float) -> float:
+    """Of signal `j` about an instant, per s; NaN beside a gap."""
+    slope = 0.0
+    for k in range(-_REACH, _REACH + 1):
+        beside, age = _then(kept, j, bridge, at + k * SLOPE_STEP_S)
+        slope += SLOPE[k + _REACH] / SLOPE_STEP_S * beside
+        if age != 0.0:
+            slope = math.nan
+    return slope
+
+
+@njit(cache=True, error_model="numpy")
+def _put_lag(s: State, lag: float, passed: float, bridge: float, x: float) -> float:
+    """A value behind a first-order lag; `passed`: since the last one, s."""
+    if not passed <= bridge:
+        s.advanced = s.advanced_input = x
+    elif passed > 0.0:
+        s.advanced = lagged(s.advanced, s.advanced_input, x, passed / lag)
+        s.advanced_input = x
+    return s.advanced
+
+
+@njit(cache=True, error_model="numpy")
+def _widen(s: State, e: Stated, x: float) -> float:
+    """The part's place behind its backlash."""
+    if math.isnan(s.loose):
+        s.loose = s.tight = x
+    s.loose = dragged(s.loose, x, e.backlash + e.dither)
+    s.tight = dragged(s.tight, x, e.dither)
+    return x + (s.loose - s.tight)
+
+
+@njit(cache=True, error_model="numpy")
+def _undo(stated: Element, state: Element, kept: Kept, bridge: float, t: float, out: Array) -> None:
+    """The signals as they were at `t`: `out` (3, m) values, ages, quality; edits their `state` (m,)."""
+    for j in range(stated.shape[0]):
+        e: Stated = stated[j]
+        s: State = state[j]
+        at = t + e.latency
+        x, age = _then(kept, j, bridge, at)
+        if not age <= e.max_age:
             out[0, j], out[1, j], out[2, j] = math.nan, math.nan, _MISSING
             continue
-        lag = par[j, _LAG]
-        passed = t - s[j, _AT]
-        if lag > 0.0:
-            slope = 0.0
-            for k in range(-_REACH, _REACH + 1):
-                beside, old = _then(times[j], values[j], kept[j], bridge, at + k * SLOPE_STEP_S)
-                slope += SLOPE[k + _REACH] / SLOPE_STEP_S * beside
-                if old != 0.0:
-                    slope = math.nan
+        if e.lag > 0.0:
+            slope = _slope(kept, j, bridge, at)
             if math.isnan(slope):
                 # Beside a gap: the value shown, and that it is not of this instant.
                 age = max(age, SLOPE_STEP_S)
             else:
-                x += lag * slope
-        elif lag < 0.0:
-            if not passed <= bridge:
-                s[j, _OUT], s[j, _IN] = x, x
-            elif passed > 0.0:
-                # A first-order lag of an input that is straight between two frames.
-                s[j, _OUT] = lagged(s[j, _OUT], s[j, _IN], x, -passed / lag)
-                s[j, _IN] = x
-            x = s[j, _OUT]
-        if par[j, _CUBIC] != 0.0:
-            x = straightened(x, par[j, _CUBIC])
-        if par[j, _PLAY] > 0.0:
-            if math.isnan(s[j, _LOOSE]):
-                s[j, _LOOSE], s[j, _TIGHT] = x, x
-            s[j, _LOOSE] = follow(s[j, _LOOSE], x, par[j, _PLAY] + par[j, _DITHER])
-            s[j, _TIGHT] = follow(s[j, _TIGHT], x, par[j, _DITHER])
-            x += s[j, _LOOSE] - s[j, _TIGHT]
-        s[j, _AT] = t
-        out[0, j] = wrap(x) if par[j, _WRAPS] > 0.0 else x
+                x += e.lag * slope
+        elif e.lag < 0.0:
+            x = _put_lag(s, -e.lag, t - s.at, bridge, x)
+        if e.cubic != 0.0:
+            x = straightened(x, e.cubic)
+        if e.backlash > 0.0:
+            x = _widen(s, e, x)
+        s.at = t
+        out[0, j] = wrap(x) if e.wraps else x
         out[1, j] = age
         out[2, j] = _FRESH if age == 0.0 else _HELD
 
 
 @njit(cache=True)
-def _sweep(
-    par: Array, times: Array, values: Array, kept: Whole, s: Array, spans: tuple[float, float, float], t: Array,
-    seen: Array, out: Array,
-) -> None:  # fmt: skip
-    """All frames at `t` (n,): `seen` (n, 2, m) to `out` (n, 3, m). `spans`: apart, bridge and how far ahead, s."""
-    apart, bridge, ahead = spans
+def _sweep(stated: Element, state: Element, kept: Kept, spans: Spans, t: Array, seen: Array, out: Array) -> None:
+    """All frames at `t` (n,): `seen` (n, 2, m) to `out` (n, 3, m)."""
     taken = 0
     for k in range(t.shape[0]):
-        while taken < t.shape[0] and t[taken] <= t[k] + ahead:
-            _take(par, times, values, kept, apart, t[taken], seen[taken])
+        while taken < t.shape[0] and t[taken] <= t[k] + spans.ahead:
+            _take(stated, kept, spans.apart, t[taken], seen[taken])
             taken += 1
-        _undo(par, times, values, kept, s, bridge, t[k], out[k])
+        _undo(stated, state, kept, spans.bridge, t[k], out[k])
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,10 +299,10 @@ def _said(name: str, key: str, value: float) -> str:
     if key == "gain":
         return f"scale {100 * (value - 1):+.3g} %"
     if key == "bias":
-        return f"zero {from_si(value, unit):+.3g} {unit}"
+        return f"bias {from_si(value, unit):+.3g} {unit}"
     if key == "backlash":
-        return f"play {from_si(value, unit):.3g} {unit}"
-    return f"bend {value:+.3g}"
+        return f"backlash {from_si(value, unit):.3g} {unit}"
+    return f"nonlinearity {value:+.3g}"
 
 
 class Corrector:
@@ -256,24 +321,25 @@ class Corrector:
         errors = known(aircraft).errors
         self.names = tuple(errors)
         self._columns = [SIGNAL_INDEX[name] for name in self.names]
-        self._par = np.zeros((len(errors), _PARAMETERS))
+        self._stated = np.zeros(len(errors), layout(Stated))
         steps = 0
         for j, (name, e) in enumerate(errors.items()):
             dither = DITHER * (noise.get(name, 0.0) or DEFAULT_NOISE.get(name, 0.0))
-            self._par[j, :_DITHER] = e.latency, e.lag, e.gain, e.bias, e.cubic, e.backlash
-            self._par[j, _DITHER:] = dither, name in ANGLES_THAT_WRAP, MAX_AGE_S[name]
+            wraps, max_age = name in ANGLES_THAT_WRAP, MAX_AGE_S[name]
+            self._stated[j] = Stated(e.latency, e.lag, e.gain, e.bias, e.cubic, e.backlash, dither, wraps, max_age)
             reach = (e.latency + (_REACH * SLOPE_STEP_S if e.lag > 0 else 0.0)) / dt
             # Between two samples the cubic also takes the one after them.
-            steps = max(steps, math.ceil(reach - 1e-6) + (1 if abs(reach - round(reach)) > 1e-6 else 0))
+            steps = max(steps, math.ceil(reach - _WHOLE) + (1 if abs(reach - round(reach)) > _WHOLE else 0))
         self.ahead = steps
         """Frames by which what comes out stands behind what goes in."""
         self.early_s = max(0.0, *(-e.latency for e in errors.values()), 0.0)
         """For so long nothing is known at first of signals that are shown too early; not below 0."""
-        self._spans = (0.5 * dt, max(BRIDGED_S, 2.5 * dt), steps * dt + _SAME_S)
-        self._times = np.zeros((len(errors), length))
-        self._values = np.zeros((len(errors), length))
-        self._kept = np.zeros(len(errors), dtype=np.int64)
-        self._state = np.full((len(errors), _STATE), math.nan)
+        self._spans = Spans(0.5 * dt, max(BRIDGED_S, 2.5 * dt), steps * dt + _SAME_S)
+        samples = np.zeros((2, len(errors), length))
+        self._kept = Kept(samples[0], samples[1], np.zeros(len(errors), dtype=np.int64))
+        self._state = np.zeros(len(errors), layout(State))
+        for field in self._state.dtype.names or ():
+            self._state[field] = math.nan
         self._seen = np.full((2, len(errors)), math.nan)
         self._out = np.empty((3, len(errors)))
         self._waiting: deque[Frame] = deque()
@@ -283,9 +349,8 @@ class Corrector:
         self._step(0.0, 0.0)
 
     def _step(self, newest: float, t: float) -> None:
-        apart, bridge, _ = self._spans
-        _take(self._par, self._times, self._values, self._kept, apart, newest, self._seen)
-        _undo(self._par, self._times, self._values, self._kept, self._state, bridge, t, self._out)
+        _take(self._stated, self._kept, self._spans.apart, newest, self._seen)
+        _undo(self._stated, self._state, self._kept, self._spans.bridge, t, self._out)
 
     def step(self, frame: Frame) -> tuple[Frame, Frame] | None:
         """The frame of `ahead` frames ago, as measured and with the errors undone; None before there is one."""
@@ -296,7 +361,7 @@ class Corrector:
         self._seen[1] = [frame.age_s[i] for i in self._columns]
         newest = (frame.t_ns - self._start_ns) * 1e-9
         if len(self._waiting) <= self.ahead:
-            _take(self._par, self._times, self._values, self._kept, self._spans[0], newest, self._seen)
+            _take(self._stated, self._kept, self._spans.apart, newest, self._seen)
             return None
         measured = self._waiting.popleft()
         self._step(newest, (measured.t_ns - self._start_ns) * 1e-9)
@@ -316,7 +381,7 @@ class Corrector:
         missing; for an object of its own with a `length` of n."""
         out = np.empty((len(t_s), 3, len(self.names)))
         seen = np.stack([values, ages], axis=1)
-        _sweep(self._par, self._times, self._values, self._kept, self._state, self._spans, t_s, seen, out)
+        _sweep(self._stated, self._state, self._kept, self._spans, t_s, seen, out)
         return out[:, 0], out[:, 1], out[:, 2].astype(np.uint8)
 
 

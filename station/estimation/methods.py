@@ -36,8 +36,9 @@ HELD_TICKS: Final = 3
 WAIT_TICKS: Final = 150
 """Without inertial data for so long after a start, the turbulence is judged by the vane alone."""
 WARMED: Final = tuple(dict.fromkeys((*cond.INPUTS, *lateral.MEASURED)))
-WARM_TICKS: Final = 2000
-"""Of the made-up flight that compiles: every method closes a segment of its transforms in it."""
+WARM_CARD: Final = {"warm_up": 0.0, "low": 0.5, "high": 5.5, "step": 1.0}
+WARM_TICKS: Final = 300
+"""Of the flight that compiles: on the grid of WARM_CARD, Hz, every method closes a segment of its transforms in it."""
 GUST_LEFT: Final = 0.4
 """What the split leaves in the angle of attack, as a share of the gusts' incidence at 2-7 Hz (simulated flights)."""
 LATE_S: Final = 0.025
@@ -127,11 +128,12 @@ class Estimator:
         self._copy = (aircraft, card, imu_position, dict(noise or {}), methods, axes, force, forgetting_s, spectra)
 
     def warm_up(self) -> None:
-        """Compile every kernel, so that no tick of a flight has to: a made-up flight through a twin of this one."""
+        """Compile every kernel, so that no tick of a flight has to: six seconds of flight through a twin of this one,
+        whose segments last one."""
         aircraft, card, position, noise, methods, axes, force, forgetting, spectra = self._copy
         twin = Estimator(
             aircraft,
-            card.model_copy(update={"warm_up": 0.0}),
+            card.model_copy(update=WARM_CARD),
             position,
             noise,
             methods,

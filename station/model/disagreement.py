@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 from station.conventions import G0, TICK_HZ, from_si, to_si
 from station.model import consistency as c
 from station.model.consistency import Window
+from station.model.gain_and_delay import RECENT, STEP_S
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, gust_sigma
 from station.profile import Aircraft
@@ -163,7 +164,7 @@ class Disagreement:
         alpha = AlphaEstimate(0, *(0.0,) * 12, "calm", 0.0, 0.0, 0.0, True, "")
         twin.add(Frame(0, 0, nan, nan, (3,) * 64), alpha)
         twin.compare(c.VANE, c.FLOW, c.FLOW_Z)
-        twin.level(c.VANE, c.FLOW, False, c.RECENT)
+        twin.level(c.VANE, c.FLOW, False, RECENT)
 
     def step(self, frame: Frame, alpha: AlphaEstimate) -> tuple[Event, ...]:
         """Take a tick's frame and angle of attack; once a second one pair is judged, and what it shows told."""
@@ -203,7 +204,7 @@ class Disagreement:
     def _has_stepped(self, pair: _Pair) -> bool:
         """Whether the level between the two moved within what is kept: a step is no gain."""
         _, y, x, moving = next(row for row in _LEVELS if row[0] == pair.level)
-        recent, _ = self._window.level(y, x, moving, c.RECENT)
+        recent, _ = self._window.level(y, x, moving, RECENT)
         whole, _ = self._window.level(y, x, moving, c.KEEP)
         check = CHECKS[pair.level]
         return pair.level in _STEPS and abs(recent - whole) > to_si(check.tolerance, check.unit)
@@ -223,10 +224,10 @@ class Disagreement:
         gust = self._gust(alpha)
         for name, y, x, moving in _LEVELS:
             best: Value | None = None
-            for count in (c.RECENT, c.KEEP):
+            for count in (RECENT, c.KEEP):
                 mean, sd = self._window.level(y, x, moving, count)
                 if name == "alpha_vane.bias":
-                    metres = max(self._window.speed, 1.0) * count * c.STEP_S
+                    metres = max(self._window.speed, 1.0) * count * STEP_S
                     sd = math.hypot(sd, gust * math.sqrt(TURBULENCE_LENGTH / metres))
                 value = Value(mean, sd) if math.isfinite(mean + sd) else None
                 if value is not None and (best is None or self._beyond(name, value) > self._beyond(name, best)):

@@ -213,7 +213,7 @@ def test_a_known_late_vane_is_not_warned_of() -> None:
 def test_the_operator_is_told_what_is_undone_and_what_it_costs() -> None:
     aircraft = faulty("vane")
     words = undone(aircraft, Corrector(aircraft, {}))
-    assert "states 1 instrument error, undone: alpha_vane 59 ms late, scale +10 %, zero +1 deg" in words
+    assert "states 1 instrument error, undone: alpha_vane 59 ms late, scale +10 %, bias +1 deg" in words
     assert words.endswith("estimates come 80 ms later")
     assert undone(AIRCRAFT, None) == ""
     slow = AIRCRAFT.model_copy(update={"instruments": {"v_down": errs(latency=0.9)}})

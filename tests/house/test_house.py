@@ -20,14 +20,9 @@ ARGUMENTS: Final = 8
 LINES_OF_README: Final = 150
 
 OPTIONS: Final = "options of a verb or of the estimator, one argument each"
-STATE: Final = "a compiled kernel whose state and parameters are still passed one by one"
-STEPS: Final = "a compiled kernel in one piece: its parts share a dozen local arrays"
 EXEMPT: Final = {
     "station/commands/identify.py:identify": OPTIONS,
-    "station/estimation/conditioning.py:step": STATE,
-    "station/estimation/instrument_errors.py:_sweep": STATE,
     "station/estimation/methods.py:__init__": OPTIONS,
-    "station/model/consistency.py:step": STEPS,
 }
 """Modules above 400 lines, and functions above 80 lines or with more than 8 arguments, each with its reason."""
 

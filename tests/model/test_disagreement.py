@@ -19,8 +19,8 @@ from station.flight.alignment import Aligner
 from station.flight.board import Board
 from station.flight.loop import Chain, recorded_beats, run
 from station.flight.replay_check import same_bits
-from station.model.consistency import compare
 from station.model.disagreement import CHECKS, Disagreement, Value
+from station.model.gain_and_delay import compare
 from station.profile import Card, Doublet, Flight, Instrument, ThreeTwoOneOne, load_aircraft, load_rig
 from station.rows import Code, Event, Frame, Sample, Tick
 from station.simulation.sortie import fly
@@ -221,9 +221,8 @@ def test_gain_and_delay_of_a_signal_that_feeds_back_are_right_on_average():
         x = z - lfilter([0.2], [1, -0.8], e)
         t = np.arange(n) * 0.1
         late = CubicSpline(t, x)(np.maximum(t - 0.06, 0))
-        out = np.zeros(4)
-        compare(0.9 * late + e, x, z, 0.0, out)
-        errors.append([(out[0] - 0.9) / out[1], (out[2] - 0.06) / out[3]])
+        found = compare(0.9 * late + e, x, z, 0.0)
+        errors.append([(found.gain - 0.9) / found.gain_sd, (found.delay - 0.06) / found.delay_sd])
     errors = np.array(errors)
     assert np.isfinite(errors).all()
     # Without an instrument the gain would be 20 standard deviations off.

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from station.model.consistency import FLOW_Z, SIGNALS_USED, Window, step
+from station.model import consistency as c
+from station.numerics.named_state import packed
 from station.profile import load_aircraft
 
 DT = 0.02
@@ -25,15 +26,15 @@ def subject(share_of_iyy, **derivatives):
 
 def instrument(aircraft, elevator):
     """Means over 0.1 s of the angle of attack that the elevator (n,) makes, rad."""
-    window = Window(aircraft, (0.0, 0.0, 0.0), DT)
+    constants, state = packed(c.constants(aircraft, (0.0, 0.0, 0.0), DT)[0]), c.at_rest()
     made = []
     for de in elevator:
-        u = np.full(len(SIGNALS_USED) + 3, math.nan)
+        u = np.full(c.INPUTS, math.nan)
         given = {"elevator": de, "airspeed": SPEED, "dynamic_pressure": PRESSURE}
         for name, value in given.items():
-            u[SIGNALS_USED.index(name)] = value
-        if step(window._par, window._state, window._ring, u, np.zeros(8), DT):
-            made.append(window._ring[(len(made)) % len(window._ring), FLOW_Z])
+            u[c.SIGNALS_USED.index(name)] = value
+        if c.add(constants, state, u, np.zeros(c.OF_ITS_TIME)):
+            made.append(state["means"][0, len(made) % c.KEEP, c.FLOW_Z])
     return np.array(made)
 
 
