@@ -136,7 +136,7 @@ def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(station, tmp_pa
         lines = []
         while not lines or lines[-1]["alpha"] is None or not all(x["alive"] for x in lines[-1]["links"].values()):
             lines.append(json.loads(flight.stdout.readline()))
-        flight.send_signal(signal.SIGINT)
+        flight.send_signal(signal.SIGTERM)
         out, err = flight.communicate(timeout=30)
     lines += [json.loads(line) for line in out.splitlines()]
     assert flight.returncode == 0, err
