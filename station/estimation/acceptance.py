@@ -8,6 +8,7 @@ estimate must be significant: two standard errors within the larger of estimate 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Final
 
 from numba.extending import register_jitable
@@ -41,11 +42,15 @@ _WORDS: Final = {
 
 
 @register_jitable
-def verdict(value: float, error: float, known: float, r2: float, inflation: float) -> int:
-    """On an estimate with its standard error. `known`: the size that the profile gives; `r2`: of the whole equation;
-    `inflation`: of its variance by the other regressors, 0 where a prior keeps it from them."""
-    if r2 < MIN_R2:
-        return UNEXPLAINED + round(100.0 * max(r2, 0.0))
+def of_equation(r2: float) -> int:
+    """Verdict on all estimates of an equation."""
+    return UNEXPLAINED + round(100.0 * max(r2, 0.0)) if r2 < MIN_R2 else ESTIMATED
+
+
+@register_jitable
+def of_estimate(value: float, error: float, known: float, inflation: float) -> int:
+    """Verdict on one estimate, with its standard error, of an equation that is accepted. `known`: the size that the
+    profile gives; `inflation`: of its variance by the other regressors, 0 where a prior keeps it from them."""
     if not math.isfinite(value + error):
         return NOT_FINITE
     if inflation > COLLINEAR:
@@ -55,6 +60,7 @@ def verdict(value: float, error: float, known: float, r2: float, inflation: floa
     return ESTIMATED
 
 
+@cache
 def worded(verdict: int) -> tuple[Status, str]:
     """What a verdict says."""
     if verdict >= UNEXPLAINED:

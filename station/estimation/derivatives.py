@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
@@ -33,6 +33,7 @@ from station.estimation.acceptance import (
     UNSOLVED,
     WARMING,
 )
+from station.estimation.equation_error import Fitted
 from station.estimation.method_fits import (
     ELEVATOR,
     GROUP_OF,
@@ -43,7 +44,6 @@ from station.estimation.method_fits import (
     SPLIT_CHANNELS,
     STEADY,
     STEADY_CHANNELS,
-    Extent,
     Factors,
     Found,
     fit_methods,
@@ -168,6 +168,7 @@ def judge(
     `known` (6,): sizes of the profile's derivatives; `blocked` (rows,):
     a verdict over all of a kind's, or ESTIMATED.
     """
+    fitted = Found(Fitted(*fitted[0]), fitted[1], fitted[2], fitted[3])
     out = fitted.fitted
     for row in range(rows.shape[0]):
         kind = rows[row]
@@ -181,9 +182,10 @@ def judge(
             if is_solved:
                 value = out.value[kind, e, j]
                 error = math.hypot(out.error[kind, e, j], fitted.model[kind, e, j])
-                r2 = fitted.r2[kind, e]
                 if verdict == ESTIMATED:
-                    verdict = acceptance.verdict(value, error, known[i], r2, out.inflation[kind, e, j])
+                    verdict = acceptance.of_equation(fitted.r2[kind, e])
+                if verdict == ESTIMATED:
+                    verdict = acceptance.of_estimate(value, error, known[i], out.inflation[kind, e, j])
             elif verdict == ESTIMATED:
                 verdict = UNSOLVED
             found[0, row, i], found[1, row, i] = value, error
@@ -252,6 +254,8 @@ class Derivatives:
         measured = np.ones((2, lines), dtype=np.complex128)
         self._factors = Factors(self._derivative, np.ones(lines), measured, np.zeros(lines))
         self._doubt = method_fits.no_doubt(lines)
+        self._plain = (method_fits.plain(self._factors), method_fits.plain(self._doubt))
+        self._plain_past, self._plain_made = method_fits.plain(self._past), method_fits.plain(self._made)
         self._by_frequency = vane_spectra.at(self._frequencies) if vane_spectra else None
         self._lead = aircraft.boom.gust_x if aircraft.boom else 0.0
 
@@ -272,7 +276,8 @@ class Derivatives:
         late = since_start_s - self._warm_up_s + SLACK_S
         splits = with_split and self._split_from_s is not None and due and self._split_from_s <= late
         opens = due and self._steady_from_s <= late
-        add(self._steady.design, self._steady.state, self._split.state, x, opens, with_split, splits)
+        design, steady = self._steady.arrays
+        add(design, steady, self._split.arrays[1], x, opens, with_split, splits)
 
     def estimate(
         self, t_ns: int, air: tuple[float, float, float], applicable: Mapping[str, str]
@@ -289,7 +294,7 @@ class Derivatives:
         for i, method in enumerate(self._methods):
             is_lost = method == "split+gust" and not self._has_tail
             self._of_kinds[i] = NO_TAIL if is_lost else of_groups[GROUP_OF[self._rows[i]]]
-        judge(self._made, self._rows, self._known, self._has_inertia, self._of_kinds, self._found, self._verdicts)
+        judge(self._plain_made, self._rows, self._known, self._has_inertia, self._of_kinds, self._found, self._verdicts)
         verdicts = self._verdicts.tobytes()
         if verdicts != self._judged or self.lacking != self._lacked:
             self._judged, self._lacked = verdicts, self.lacking
@@ -330,14 +335,14 @@ class Derivatives:
             self._independent[i] = group.samples * self._dt * self._step_hz
             self._close[i] = group.samples * self._dt >= self._segment
         samples = self._samples[SPLIT_ALPHA]
-        extent = Extent(
+        extent: Any = (
             self._independent,
             self._close,
             samples,
-            ridge=len(self._frequencies) * samples * self._noise["alpha_vane"] ** 2,
-            wind=regressor_error.wind_share(wind_sd, mean_speed, samples * self._dt),
+            len(self._frequencies) * samples * self._noise["alpha_vane"] ** 2,
+            regressor_error.wind_share(wind_sd, mean_speed, samples * self._dt),
         )
-        fit_methods(steady.spectrum, split.spectrum, self._factors, self._doubt, extent, self._past, self._made)
+        fit_methods(steady.spectrum, split.spectrum, *self._plain, extent, self._plain_past, self._plain_made)
         for i, group in enumerate(self._groups):
             if self._close[i]:
                 self._closed[i] += group.samples, energy(group.spectrum[ELEVATOR])

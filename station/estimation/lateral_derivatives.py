@@ -20,14 +20,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS
-from station.estimation.acceptance import EXCITED, MIN_PERIODS, UNEXPLAINED, UNSOLVED, verdict, worded
+from station.estimation.acceptance import EXCITED, MIN_PERIODS, UNSOLVED, of_equation, of_estimate, worded
 from station.estimation.derivatives import SLACK_S
 from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
@@ -47,6 +48,8 @@ MEASURED: Final = ("beta_vane", "p", "r", "ay", "aileron", "rudder", "q")
 EQUATIONS: Final = ("CY", "Cl", "Cn")
 SURFACES: Final = ("aileron", "rudder")
 MOTIONS: Final = {"beta": "sideslip", "p": "roll rate", "r": "yaw rate"}
+SPOKEN: Final = (*MOTIONS.values(), *SURFACES)
+"""The regressors in words."""
 REGRESSORS: Final = ("beta_vane", "p", "r", "aileron", "rudder")
 ATTENUATED: Final = 0.2
 """Share of noise in what a regressor has beyond the others, above which its derivative is noise's."""
@@ -140,6 +143,7 @@ def fit_equations(
     `derivative` (frequencies,): factor of the moments for their central difference. `ridge`, `independent`, `close`:
     see equation_error.fit. Edits `past`, fills `fitted` and `r2`, all (3, ...).
     """
+    past, fitted = Sums(*past), Fitted(*fitted)
     x = spectrum[:PARAMETERS]
     z = np.empty(spectrum.shape[1], dtype=np.complex128)
     for e in range(3):
@@ -165,6 +169,7 @@ class Spectra:
         """By equation."""
         self.r2 = np.full(len(EQUATIONS), math.nan)
         """NaN where there is no solution."""
+        self._plain: Any = (tuple(self._past), tuple(self.fitted))
 
     @property
     def samples(self) -> float:
@@ -198,7 +203,8 @@ class Spectra:
             return
         close = samples * self._dt >= 1.0 / self._step_hz
         share = samples * self._dt * self._step_hz
-        fit_equations(self._transform.spectrum, derivative, ridge, share, close, self._past, self.fitted, self.r2)
+        past, fitted = self._plain
+        fit_equations(self._transform.spectrum, derivative, ridge, share, close, past, fitted, self.r2)
         if close:
             self._closed[1:] = self.energy()
             self._closed[0] += samples
@@ -363,32 +369,32 @@ class Lateral:
                 r2, refused = math.nan, (Status.INVALID, "the aircraft profile gives no ixx, iyy and izz")
             elif math.isnan(r2) and blocked[0] is Status.ESTIMATED:
                 refused = worded(UNSOLVED)
+            elif blocked[0] is Status.ESTIMATED:
+                refused = worded(of_equation(r2))
             if math.isnan(r2):
                 found += [ParamEstimate(n, math.nan, math.nan, *refused) for n in names]
                 continue
-            of = spectra.fitted
+            of, is_estimated = spectra.fitted, refused[0] is Status.ESTIMATED
             # Noise in a regressor shrinks its derivative by the noise's share of what the regressor has for itself.
-            attenuation = noise * of.inflation[e]
-            columns = (of.value[e], of.error[e], model[e], attenuation, of.inflation[e])
-            each = zip(names, (*MOTIONS.values(), *SURFACES), *(x.tolist() for x in columns), strict=True)
+            columns = (of.value[e], of.error[e], model[e], noise * of.inflation[e], of.inflation[e])
+            each = zip(names, SPOKEN, *[x.tolist() for x in columns], strict=True)
             for name, regressor, value, error, wrong, attenuated, inflation in each:
-                sd, said = math.hypot(error, wrong, attenuated * value), refused
-                if refused[0] is Status.ESTIMATED:
-                    code = verdict(value, sd, self._known[name], r2, inflation)
-                    said = _said(code, regressor, regressor in still, attenuated)
-                if regressor in still:
+                sd, said, is_still = math.hypot(error, wrong, attenuated * value), refused, regressor in still
+                if is_estimated:
+                    code = of_estimate(value, sd, self._known[name], inflation)
+                    said = _said(code, regressor, is_still, attenuated > ATTENUATED)
+                if is_still:
                     value = sd = math.nan
                 found.append(ParamEstimate(name, value, sd, *said))
         return tuple(found)
 
 
-def _said(code: int, regressor: str, is_still: bool, attenuated: float) -> tuple[Status, str]:
-    """The verdict on an estimate in words; `attenuated`: share of noise in what its regressor has for itself."""
+@cache
+def _said(code: int, regressor: str, is_still: bool, is_attenuated: bool) -> tuple[Status, str]:
+    """The verdict on an estimate in words; attenuated: by noise in its regressor."""
     if is_still:
         return Status.UNESTIMATED, f"no {regressor} input"
-    if code < UNEXPLAINED and attenuated > ATTENUATED:
-        return (
-            Status.UNESTIMATED,
-            f"attenuated: noise is over {ATTENUATED:.0%} of what {regressor} has beyond the other regressors",
-        )
+    if is_attenuated:
+        why = f"attenuated: noise is over {ATTENUATED:.0%} of what {regressor} has beyond the other regressors"
+        return Status.UNESTIMATED, why
     return worded(code)

@@ -4,7 +4,7 @@ method's model may be wrong."""
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -210,6 +210,10 @@ def fit_methods(
     the gust stands out of the noise, and by what wrong regressors do to it. Any other method may be wrong by as much
     as it differs from split+gust, too.
     """
+    # From Python come plain tuples: see `plain`.
+    factors, doubt, extent = Factors(*factors), Doubt(doubt[0], regressor_error.Weights(*doubt[1])), Extent(*extent)
+    past = Past(Sums(*past[0]), past[1], unsteady_lift.Sums(*past[2]), past[3])
+    found = Found(Fitted(*found[0]), found[1], found[2], found[3])
     lines = steady.shape[1]
     z = np.empty(lines, dtype=np.complex128)
     x = np.empty((PLACES, lines), dtype=np.complex128)
@@ -259,6 +263,12 @@ def _fitted_of(fitted: Fitted, kind: int, equation: int) -> Fitted:
         fitted.inflation[kind, equation],
         fitted.inverse[kind, equation],
     )
+
+
+def plain(named: tuple[Any, ...]) -> Any:
+    """The same arrays in tuples without names: numba takes a microsecond to see the type of each named one that comes
+    from Python."""
+    return tuple(plain(x) if isinstance(x, tuple) else x for x in named)
 
 
 def fade(past: Past, group: int, keep: float) -> None:

@@ -24,7 +24,8 @@ from station.estimation.acceptance import (
     STILL,
     UNSOLVED,
     WARMING,
-    verdict,
+    of_equation,
+    of_estimate,
     worded,
 )
 from station.model import physical_fit
@@ -265,8 +266,8 @@ class Physical:
             this, reason = status, why
             if status is Status.ESTIMATED:
                 # Priors keep the regressors apart.
-                r2 = solution.r2[i >= CM_ALPHA]
-                this, reason = worded(verdict(values[i], errors[i], self._known[i], r2, 0.0))
+                code = of_equation(solution.r2[i >= CM_ALPHA])
+                this, reason = worded(code or of_estimate(values[i], errors[i], self._known[i], 0.0))
             parameters.append(ParamEstimate(name, values[i], errors[i], this, reason))
         reason = ""
         if status is Status.ESTIMATED and solution.preference < -WORSE:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
-from station.estimation.acceptance import EXCITED, WIDE, verdict, worded
+from station.estimation.acceptance import EXCITED, WIDE, of_estimate, worded
 from station.estimation.flight_record import FlightRecord
 from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
 from station.profile import Aircraft
@@ -85,7 +85,7 @@ def judge(
         value, sd, this, reason = float(values[i]), float(errors[i]), status, why
         if status is Status.ESTIMATED:
             known = abs(record.aircraft.value(name.replace("CZ_", "CL_")))
-            this, reason = worded(verdict(value, sd, known, 1.0, inflation[i] if inflation is not None else 0.0))
+            this, reason = worded(of_estimate(value, sd, known, inflation[i] if inflation is not None else 0.0))
         found.append(ParamEstimate(name, value, sd, this, reason))
     return tuple(found)
 

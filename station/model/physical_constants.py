@@ -161,7 +161,7 @@ def why_not(aircraft: Aircraft) -> str:
     """Why the method cannot be applied to an aircraft; "" if it can."""
     unsteady = aircraft.unsteady
     if not unsteady.memory:
-        return "the aircraft profile has no unsteady lift (unsteady.memory is false)"
+        return "the aircraft profile says quasi-steady lift (unsteady.memory is false)"
     missing = [
         name
         for name, there in (

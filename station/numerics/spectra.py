@@ -9,7 +9,7 @@ missing sample is left out of all of them and costs nothing but itself.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -85,7 +85,11 @@ def carry(past: Array, now: Array, close: bool) -> None:
 
 @njit(cache=True)
 def step(design: Design, state: State, x: Array, is_open: bool) -> None:
-    """One sample of the first channels, `x` (channels,), all finite; transformed if `is_open`, else only filtered."""
+    """One sample of the first channels, `x` (channels,), all finite; transformed if `is_open`, else only filtered.
+
+    From Python hand over plain tuples: numba takes a microsecond to see the type of each named one.
+    """
+    design, state = Design(*design), State(*state)
     sos, z, spectrum, phase = design.sections, state.filters, state.spectrum, state.phase
     first = state.samples[FILTERED] == 0.0
     state.samples[FILTERED] += 1.0
@@ -134,6 +138,8 @@ class Transform:
         self.design = design(frequencies_hz, dt)
         self.state = begin(self.design, channels)
         self.spectrum = self.state.spectrum
+        self.arrays: Any = (tuple(self.design), tuple(self.state))
+        """As `step` takes them from Python."""
 
     @property
     def filtered(self) -> float:
@@ -151,4 +157,5 @@ class Transform:
 
     def step(self, x: Array, is_open: bool) -> None:
         """One sample of each channel, (channels,); transformed if `is_open`, else only filtered."""
-        step(self.design, self.state, x, is_open)
+        design, state = self.arrays
+        step(design, state, x, is_open)

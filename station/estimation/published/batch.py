@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from station.conventions import LATERAL
-from station.estimation.acceptance import MIN_R2, UNEXPLAINED, worded
+from station.estimation.acceptance import of_equation, worded
 from station.estimation.flight_record import FlightRecord
 from station.estimation.method_table import METHODS
 from station.estimation.published import sidpac as published
@@ -48,8 +48,8 @@ def method_i(record: FlightRecord, axes: Axes) -> MethodResult:
             parameters += _refused(equation, status, why, refusal)
             continue
         m = len(equation.parameters)
-        if status is Status.ESTIMATED and fit.r2 < MIN_R2:
-            status, why = worded(UNEXPLAINED + round(100.0 * max(fit.r2, 0.0)))
+        if status is Status.ESTIMATED:
+            status, why = worded(of_equation(fit.r2))
         parameters += judge(record, equation.parameters, fit.estimate[:m], fit.se_coloured[:m], inflation, status, why)
         fits[equation.name] = EquationFit(fit.r2, fit.s)
     settings = {
