@@ -108,7 +108,7 @@ def test_short_or_incoherent_records_are_refused():
     x, y = coloured(9000, 9), coloured(9000, 10)
     with pytest.raises(NotIdentifiable, match=r"coherent in \d+% of 0.1 to 2 Hz"):
         spectra_of(x, y)
-    with pytest.raises(NotIdentifiable, match="30.0 s are too short to measure spectra: needs 40 s"):
+    with pytest.raises(NotIdentifiable, match=r"30\.0 s are too short to measure spectra: needs 40 s"):
         spectra_of(x[:1500], x[:1500])
     usable = np.ones(9000, dtype=bool)
     usable[::400] = False
