@@ -171,6 +171,8 @@ class _Awaited:
             self._made = self._make()
         except StationError as error:
             self._failure = error
+        except Exception as error:  # else level flight would go on, as if it were what the card flies
+            self._failure = DeviceError(f"the simulation cannot be flown: {type(error).__name__}: {error}")
 
     def advance(self, n: int) -> Mapping[str, Floats]:
         rows = self._now.advance(n)

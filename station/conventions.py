@@ -307,11 +307,6 @@ def ned_from_body(
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def wrap_angle(angle: float) -> float:
-    """The same direction within -pi..pi, rad."""
-    return math.remainder(angle, 2 * math.pi)
-
-
 LONGITUDINAL: Final = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 LONGITUDINAL_BODY: Final = ("CZ_alpha", "CZ_q", "CZ_de", "Cm_alpha", "Cm_q", "Cm_de")
 LATERAL: Final = tuple(f"{c}_{x}" for c in ("CY", "Cl", "Cn") for x in ("beta", "p", "r", "da", "dr"))

@@ -186,6 +186,29 @@ def test_what_keeps_the_flight_from_starting_is_raised_and_leaves_nothing() -> N
     assert multiprocessing.active_children() == []
 
 
+def test_a_simulation_that_fails_is_reported_and_level_flight_is_not_passed_off_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def failing(*_: Any) -> None:
+        raise MemoryError("no room for the gust field")
+
+    monkeypatch.setattr("station.simulation.sortie.installed", failing)
+    said: list[dict[str, Any]] = []
+    stop = threading.Event()
+
+    def announce(words: dict[str, Any]) -> None:
+        said.append(words)
+        if "error" in words:
+            stop.set()
+
+    overdue = threading.Timer(30.0, stop.set)
+    overdue.start()
+    serve(load_card("boom_serial"), announce, stop, SystemClock())
+    overdue.cancel()
+    assert said[-1]["process"] == "flight"
+    assert "the simulation cannot be flown: MemoryError: no room for the gust field" in said[-1]["error"]
+
+
 KILLED = """
 import threading
 from drivers.emulation import serve

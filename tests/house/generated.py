@@ -11,40 +11,26 @@ import inspect
 import re
 import sys
 import tomllib
-import types
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, get_args, get_origin
+from typing import Any, Final
 
 import msgspec
-from pydantic import BaseModel, BeforeValidator
-from pydantic_core import PydanticUndefined
+from markdown_table import markdown
+from profile_keys import aircraft_keys, campaign_keys, card_keys, rig_keys
 
 from drivers.faults import FAULTS
 from drivers.mavlink_messages import DERIVED, TABLE
 from drivers.protocols import PROTOCOLS, protocol_named
 from station import rows
 from station.__main__ import VERBS
-from station.campaign import spec
 from station.conventions import SIGNALS, STREAMS, UNIT_ALIASES, UNITS, from_si
 from station.convert import IMPORTERS
 from station.diagnosis.effects import BY_ID, EFFECTS, Term
 from station.estimation.method_table import METHODS
-from station.profile import aircraft, card, rig, uncertainty
 
 ROOT: Final = Path(__file__).parents[2]
 BLOCK: Final = re.compile(r"<!-- generated: (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
-SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
-"""Units in which a default is written, where SI is not what one says."""
-
-
-def markdown(head: Iterable[str], body: Iterable[Iterable[str]]) -> str:
-    """A table of cells; a bar in a cell is escaped."""
-    lines = [list(head)]
-    lines += [["---"] * len(lines[0])]
-    lines += [[cell.replace("|", "\\|") for cell in row] for row in body]
-    return "".join(f"| {' | '.join(row)} |\n" for row in lines)
 
 
 # --- signals, units, rows
@@ -107,161 +93,6 @@ def events() -> str:
         codes = [f"`{c}`" for c in rows.Code if rows.LEVELS[c] is level]
         body.append((level.name.lower(), ", ".join(codes)))
     return markdown(("level", "codes"), body)
-
-
-# --- profiles
-
-
-@cache
-def attribute_docs(module: types.ModuleType) -> dict[tuple[str, str], str]:
-    """The string under a field, by class and field, which Python itself throws away."""
-    found = {}
-    for node in ast.parse(inspect.getsource(module)).body:
-        if not isinstance(node, ast.ClassDef):
-            continue
-        for field, after in zip(node.body, node.body[1:], strict=False):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(after, ast.Expr):
-                found[node.name, field.target.id] = " ".join(inspect.cleandoc(ast.literal_eval(after.value)).split())
-    return found
-
-
-def meaning(model: type[BaseModel], field: str) -> str:
-    for cls in model.__mro__:
-        module = sys.modules[cls.__module__]
-        text = attribute_docs(module).get((cls.__name__, field)) if cls.__module__.startswith("station.") else None
-        if text:
-            return text
-    raise KeyError(f"{model.__module__}.{model.__name__}.{field} has no docstring: say below it what it means")
-
-
-def parts_of(annotation: Any, metadata: Iterable[Any] = ()) -> Iterator[Any]:
-    """The types and validators that an annotation is put together from."""
-    yield from metadata
-    if get_origin(annotation) is Annotated:
-        inner, *extra = get_args(annotation)
-        yield from parts_of(inner, extra)
-    elif get_origin(annotation) is Literal:
-        yield annotation
-    elif get_args(annotation):
-        for inner in get_args(annotation):
-            yield from parts_of(inner)
-    else:
-        yield annotation
-
-
-def unit_of(parts: Iterable[Any]) -> str:
-    """SI unit of a quantity, "" where it is none."""
-    for part in parts:
-        if isinstance(part, BeforeValidator):
-            inside = inspect.getclosurevars(part.func).nonlocals
-            if "si" in inside:
-                return str(inside["si"])
-    return ""
-
-
-def kind_of(annotation: Any, parts: list[Any]) -> str:
-    unit = unit_of(parts)
-    if unit:
-        return unit
-    words = [w for p in parts if get_origin(p) is Literal for w in get_args(p)]
-    if words:
-        return " or ".join(f"`{w}`" for w in words)
-    plain = {float: "number", int: "whole number", bool: "true or false", str: "text"}
-    return next((plain[p] for p in parts if p in plain), "table")
-
-
-def shown(value: Any, unit: str) -> str:
-    """A default as one writes it in a profile."""
-    if value is PydanticUndefined:
-        return "required"
-    if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    if value is None or isinstance(value, BaseModel) or value in ((), {}, ""):
-        return "none"
-    if isinstance(value, tuple):
-        return ", ".join(shown(v, unit) for v in value)
-    if unit:
-        name = SHOWN_IN.get(unit, unit)
-        return f'`"{from_si(value, name):.4g} {name}"`'
-    return f"`{value}`"
-
-
-def models_in(annotation: Any) -> list[type[BaseModel]]:
-    return [p for p in parts_of(annotation) if isinstance(p, type) and issubclass(p, BaseModel)]
-
-
-def keys(title: str, model: type[BaseModel], shared: type[BaseModel] | None = None) -> str:
-    """The keys of one TOML table, but for those that are tables themselves or stand in `shared`."""
-    body = []
-    for name, info in model.model_fields.items():
-        if models_in(info.annotation) or (shared is not None and name in shared.model_fields):
-            continue
-        parts = list(parts_of(info.annotation, info.metadata))
-        default = info.get_default(call_default_factory=True) if not info.is_required() else PydanticUndefined
-        kind, written = kind_of(info.annotation, parts), shown(default, unit_of(parts))
-        body.append((f"`{name}`", kind, written, meaning(model, name)))
-    about = " ".join((model.__doc__ or "").split())
-    return (
-        f"{f'{title}: {about}' if about else title}\n\n{markdown(('key', 'unit or kind', 'default', 'meaning'), body)}"
-    )
-
-
-def of(*tables: tuple[Any, ...]) -> str:
-    return "\n".join(keys(*table) for table in tables)
-
-
-def aircraft_keys() -> str:
-    return of(
-        ("Top of the file", aircraft.Aircraft),
-        ("`[geometry]`", aircraft.Geometry),
-        ("`[inertia]`", aircraft.Inertia),
-        ("`[boom]`", aircraft.Boom),
-        ("`[derivatives.CL_alpha]` and so on", aircraft.Derivative),
-        ("`[drag]`", aircraft.Drag),
-        ("`[unsteady]`", aircraft.Unsteady),
-        ("`[unsteady.lift_motion]` and the other indicial responses", aircraft.Indicial),
-        ("`[uncertainty]`", uncertainty.Uncertainty),
-        ("`[elevator]`, `[aileron]`, `[rudder]`", aircraft.Actuator),
-        ("`[instruments.SIGNAL]`", aircraft.Instrument),
-    )
-
-
-def rig_keys() -> str:
-    device = rig.SerialDevice.__mro__[1]
-    return of(
-        ("Top of the file", rig.Rig),
-        ("`[[devices]]`, any", device),
-        ('`[[devices]]` with `link = "serial"`', rig.SerialDevice, device),
-        ('`[[devices]]` with `link = "can"`', rig.CanDevice, device),
-        ('`[[devices]]` with `link = "mavlink"`', rig.MavlinkDevice, device),
-        ("`[[devices.streams]]`", rig.StreamProfile),
-        ("`[devices.streams.signals]`, one line a signal", rig.Channel),
-    )
-
-
-def card_keys() -> str:
-    wave = card.Doublet.__mro__[1]
-    return of(
-        ("Top of the file", card.Card),
-        ("`[flight]`", card.Flight),
-        ("`[[manoeuvres]]`, any", wave),
-        ('`kind = "doublet"`', card.Doublet, wave),
-        ('`kind = "3-2-1-1"`', card.ThreeTwoOneOne, wave),
-        ('`kind = "multisine"`', card.Multisine, wave),
-        ('`kind = "sweep"`', card.Sweep, wave),
-        ('`kind = "pulse"`', card.Pulse, wave),
-        ("`[[faults]]`", card.Fault),
-    )
-
-
-def campaign_keys() -> str:
-    return of(
-        ("Top of the file", spec.Campaign),
-        ("`[flight]`", spec.Scenario),
-        ("`[distortion]`", spec.Distortion),
-        ("`[[claims]]`", spec.Claim),
-        ("`[[comparisons]]`", spec.Comparison),
-    )
 
 
 def library() -> str:
