@@ -1,0 +1,155 @@
+"""The second simulation itself: held against spectra, kinematics and the station's own flight of the same aircraft."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from station.diagnosis.effects import BY_ID
+from station.profile import Doublet, Flight, load_aircraft
+from station.simulation.three_degrees import Simulation
+from tests.second_simulation import aircraft as book
+from tests.second_simulation import hidden as hides
+from tests.second_simulation.air import air, noise, over_span
+from tests.second_simulation.aircraft import DEG, SHAPES, Drawn, G
+from tests.second_simulation.flights import autopilot, csv, diagnose_cases, flown, identify_case, quasi_steady
+from tests.second_simulation.instruments import coloured, sticking
+from tests.second_simulation.motion import DT, RATE, Feedback, Hidden, fly
+
+PROFILED = Drawn(
+    derivatives=book.LONGITUDINAL, lateral=book.LATERAL, CL_0=0.36, Cm_0=0.04, CD_0=0.04, induced=0.045,
+    mass=book.MASS, iyy=book.IYY, tail_slope=0.817, downwash=0.35, tail_arm=book.TAIL_ARM, boom_x=5.3,
+    upwash_body=0.07, upwash_wing=0.107, sidewash=0.0, vane_hz=9.0, vane_damping=0.35, memory=1.0, memory_rate=1.0,
+    upwash_memory=1.0, upwash_rate=1.0, span_lag=0.0, span_shape="one lag", speed=56.59, altitude=762.0,
+    thrust_slope=0.0, actuator_lag=0.08,
+)  # fmt: skip
+"""As the profile `twin_otter` has it."""
+
+
+def doublet(seconds: float, size: float = 0.05, start: float = 2.0) -> np.ndarray:
+    t = np.arange(round(seconds * RATE)) * DT - start
+    out = np.zeros((3, len(t)))
+    out[0] = size * ((t >= 0) & (t < 0.8)) - size * ((t >= 0.8) & (t < 1.6))
+    return out
+
+
+def still(aircraft: Drawn, seconds: float):
+    rng = np.random.default_rng(1)
+    return air(rng, aircraft, "dryden", 0.0, 500.0, aircraft.speed * seconds)
+
+
+def test_the_profile_s_aircraft_flies_as_in_the_station_s_simulation() -> None:
+    """Two programs of other equations, axes, gust fields and integrators: 2 % of each signal's own motion, which is
+    what commands held for 20 ms instead of 5 ms make of a doublet's edges."""
+    true = fly(PROFILED, still(PROFILED, 20), doublet(20), Hidden(), Feedback(), np.random.default_rng(1))
+    shape = {"kind": "doublet", "start": 2.0, "amplitude": 0.05, "width": 0.8}
+    flight = Simulation(
+        load_aircraft("twin_otter"), Flight(), (Doublet.model_validate(shape, context="si"),), hold=False
+    )
+    theirs = flight.advance(20 * 200)
+    for name in ("alpha", "q", "theta", "az", "ax", "airspeed", "alpha_vane", "altitude", "v_down", "CL", "Cm"):
+        apart = true[name][:: RATE // 200] - theirs[name]
+        assert np.sqrt(np.mean(apart**2)) < 0.02 * np.std(theirs[name]), name
+
+
+@pytest.mark.parametrize(("kind", "axis"), [(k, a) for k in ("dryden", "von_karman") for a in ("along", "across")])
+def test_gusts_have_the_variance_that_they_are_asked_for(kind: str, axis: str) -> None:
+    """Of 20 draws of 160 scale lengths: each variance scatters by sqrt(2/160), the mean of 20 by 2.5 %; the longest
+    waves of all, a few per cent of the spectrum, do not fit in."""
+    rng = np.random.default_rng(5)
+    drawn = [noise(rng, kind, axis, 2.0, 100.0, 80_000).var() for _ in range(20)]
+    assert np.mean(drawn) == pytest.approx(4.0, rel=0.08)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_span_follows_a_gust_as_late_as_it_is_asked_to(shape: str) -> None:
+    """A ramp comes out as a ramp, later by the mean of the kernel."""
+    ramp = np.arange(2000) * 0.2
+    late = (ramp - over_span(ramp, 0.6, shape))[-1]
+    assert late == pytest.approx(0.6 * book.SPAN / 2, rel=0.03)  # the grid is 0.2 m of 5.9 m
+
+
+def test_attitude_and_velocity_are_the_integrals_of_rates_and_forces() -> None:
+    """In a banked flight with everything moving, against Euler's angles and Newton's law written out."""
+    case = identify_case(3, 1, lateral=True)
+    true = flown(case).true
+    y = {k: v[2000:12000] for k, v in true.items()}
+
+    def rate(x: np.ndarray) -> np.ndarray:
+        return np.gradient(x, DT)
+
+    phi, theta, psi = y["phi"], y["theta"], y["psi"]
+    assert np.abs(phi).max() > 5 * DEG
+    theta_dot = y["q"] * np.cos(phi) - y["r"] * np.sin(phi)
+    phi_dot = y["p"] + np.tan(theta) * (y["q"] * np.sin(phi) + y["r"] * np.cos(phi))
+    down = -y["ax"] * np.sin(theta) + (y["ay"] * np.sin(phi) + y["az"] * np.cos(phi)) * np.cos(theta) + G
+    north = (
+        y["ax"] * np.cos(theta) * np.cos(psi)
+        + y["ay"] * (np.sin(phi) * np.sin(theta) * np.cos(psi) - np.cos(phi) * np.sin(psi))
+        + y["az"] * (np.cos(phi) * np.sin(theta) * np.cos(psi) + np.sin(phi) * np.sin(psi))
+    )
+    for made, expected in ((theta, theta_dot), (phi, phi_dot), (y["v_down"], down), (y["v_north"], north)):
+        apart = (rate(made) - expected)[2:-2]
+        assert np.sqrt(np.mean(apart**2)) < 5e-3 * np.sqrt(np.mean(expected**2))  # the field has kinks
+
+
+def test_without_memory_or_downwash_equation_error_gives_the_table_back() -> None:
+    plain = replace(PROFILED, memory=0.0, downwash=0.0)
+    true = fly(plain, still(plain, 50), doublet(50, start=25.0), Hidden(), Feedback(), np.random.default_rng(1))
+    found = quasi_steady(true)
+    for name, value in book.LONGITUDINAL.items():
+        assert found[name] == pytest.approx(value, rel=1e-3), name  # u varies by 1 %, and alpha with the square
+
+
+def test_a_pitch_damper_damps() -> None:
+    """A pulse's pitch rate dies away sooner under feedback of q."""
+    moved = []
+    for gain in (0.0, 0.7):
+        inputs = doublet(12)
+        true = fly(PROFILED, still(PROFILED, 12), inputs, Hidden(), Feedback(q=gain), np.random.default_rng(1))
+        moved.append(np.abs(true["q"][round(4.2 * RATE) :]).max() / np.abs(true["q"]).max())
+    assert moved[1] < 0.8 * moved[0]
+
+
+def test_every_hidden_effect_is_in_the_catalogue_or_said_to_be_outside() -> None:
+    unknown = {n for n in hides.HIDDEN if n not in BY_ID} - set(hides.OUTSIDE)
+    assert unknown <= {"aero.separation"}
+    assert set(hides.OUTSIDE).isdisjoint(BY_ID)
+
+
+@pytest.mark.parametrize("name", hides.HIDDEN)
+def test_every_hidden_effect_changes_what_is_recorded(name: str) -> None:
+    cases = diagnose_cases(7, 0, names=(name,), sigma=1.5)
+    seen = cases[0]
+    shown, sound = (flown(replace(c, seconds=15.0)).shown for c in (seen, replace(seen, hidden={})))
+    assert any(np.abs(shown[n] - sound[n]).max() > 0 for n in shown)
+    assert seen.hidden.keys() == {name}
+
+
+def test_a_flight_is_the_same_each_time() -> None:
+    case = replace(identify_case(4, 2), seconds=5.0)
+    assert csv(flown(case)) == csv(flown(case))
+
+
+@pytest.mark.parametrize("colour", ["white", "flicker", "drifting", "slow"])
+def test_noise_is_as_large_as_it_is_asked_to_be(colour: str) -> None:
+    """Within a tenth over a second; a drift is small by then, and outliers and steps are no standard deviation."""
+    rng = np.random.default_rng(2)
+    drawn = [coloured(rng, colour, 3.0, np.zeros(3000), 50.0) for _ in range(20)]
+    first = np.concatenate([d - d.mean() if colour != "drifting" else np.diff(d) / np.sqrt(2) for d in drawn])
+    assert first.std() == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_vane_that_sticks_stays_within_its_breakaway() -> None:
+    y = np.sin(np.arange(4000) * DT)
+    out = sticking(y, 0.1)
+    assert np.abs(out - y).max() <= 0.1
+    assert len(np.unique(out)) < 70  # 6.4 of way in steps of 0.1
+
+
+def test_autopilots_are_drawn_of_each_kind() -> None:
+    drawn = [autopilot(np.random.default_rng(i), False) for i in range(60)]
+    kinds = {(bool(f.q), bool(f.theta), bool(f.h)) for f in drawn}
+    assert kinds == {(False, False, False), (True, False, False), (True, True, False), (True, True, True)}
