@@ -10,6 +10,7 @@ from station.estimation.flight_record import FlightRecord
 from station.estimation.results import Axes, MethodResult
 from station.identification.advice import NextInput, SiftedMethod
 from station.identification.angle_consistency import Consistency, Transformation
+from station.identification.handling_qualities import derived_json, identified_qualities
 from station.identification.identified import Identification
 from station.identification.kinematic_results import (
     NOT_SEPARATED,
@@ -52,6 +53,7 @@ def as_json(found: Identification) -> Json:
         "hint": found.hint,
         "methods": {name: _method(result) for name, result in found.methods.items()},
         "recommended": found.recommended,
+        "derived": derived_json(identified_qualities(found)),
         "consistency": _consistency(found.consistency, found.axes),
         **(kinematics_json(found.kinematics, found.record) if found.kinematics else {}),
         **_section("model_structure", found.structures, _structures),

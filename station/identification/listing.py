@@ -12,6 +12,7 @@ from rich.table import Table as Grid
 from station.conventions import LATERAL
 from station.estimation.results import MethodResult
 from station.identification.advice import NextInput
+from station.identification.handling_qualities import derived_lines, identified_qualities
 from station.identification.identified import Identification
 from station.rows import Status
 
@@ -39,6 +40,8 @@ def print_estimates(found: Identification) -> None:
             reasons.setdefault(made.why, []).append(name)
     for why, names in reasons.items():
         console.print(f"{', '.join(names)}: {why}", highlight=False, markup=False)
+    for line in derived_lines(identified_qualities(found)):
+        console.print(line, highlight=False, markup=False)
     against = _consistency(found)
     if against is not None:
         console.print(against)

@@ -1,0 +1,416 @@
+"""What stability and control derivatives make of an aircraft's flying: its modes, margins and elevator per g.
+
+The linear longitudinal motion about level flight, stability axes, of (u/V, alpha, q, theta): Etkin and Reid, Dynamics
+of Flight, 3rd ed., 1996, chapters 4 and 6; Nelson, Flight Stability and Automatic Control, 2nd ed., 1998, chapters 2
+and 4. Where the profile describes them, lift that follows the angle of attack late and a tail that meets the downwash
+late are part of the characteristic equation, as functions of its root. SI; derivatives per radian, rates normalised
+with q c/2V.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import G0
+from station.numerics.indicial import Response, frequency_response, response
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+DRAWS: Final = 1000
+"""Of the derivatives, whose 2.5 and 97.5 per cent points are an interval: known to 0.15 standard deviations."""
+MOST_LOST: Final = 0.025
+"""Share of the draws without a quantity up to which its interval is that of the others."""
+DRAG_SHARE: Final = 0.10
+"""Standard deviation of a profile's drag, as diagnosis takes it for a derivative without one."""
+_STEPS: Final = 30
+"""Of Newton's method, from the quasi-steady root: it needs about six."""
+_CLOSE: Final = 1e-9
+"""Step, as a share of the root, at which it ends."""
+_SETTLED: Final = 1e-4
+"""The same from which it counts as settled: no interval is as narrow."""
+_SEED: Final = 8785
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Level flight: true airspeed (m/s), density (kg/m3), mass (kg), pitch inertia (kg m2), and the angle of attack
+    (rad) about which a nonlinear lift curve is taken as straight."""
+
+    speed: float
+    density: float
+    mass: float
+    iyy: float
+    alpha: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A quantity with its 95 % interval, or `why` it cannot be known."""
+
+    name: str
+    unit: str
+    estimate: float = math.nan
+    ci95: tuple[float, float] = (math.nan, math.nan)
+    why: str = ""
+    rests_on: tuple[str, ...] = ()
+    """What of the profile it depends on that the flight did not show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Qualities:
+    """All that follows from a set of derivatives at a condition."""
+
+    condition: Condition
+    quantities: Mapping[str, Derived]
+    draws: Mapping[str, Array]
+    """Of each quantity, (DRAWS,): NaN where that draw has none."""
+
+
+class Coefficients(NamedTuple):
+    """Nondimensional derivatives, each a number or (d,). `_u` is per V/V0, rates and alphadot per c/2V."""
+
+    cl: Any
+    cl_u: Any
+    cl_alpha: Any
+    cl_q: Any
+    cl_de: Any
+    cd: Any
+    cd_u: Any
+    cd_alpha: Any
+    cm: Any
+    """Of the air alone: it balances the thrust's."""
+    cm_u: Any
+    cm_alpha: Any
+    cm_q: Any
+    cm_de: Any
+    thrust_u: Any
+    """V dT/dV over T: 0 for a thrust that does not depend on speed, -1 for constant power."""
+    cl_adot: Any = 0.0
+    cm_adot: Any = 0.0
+
+
+class Late(NamedTuple):
+    """What of lift and moment follows late: the wing's indicial response and the downwash at the tail."""
+
+    wing: Response
+    chord: float
+    """m, that the response counts in."""
+    tail_slope: float
+    tail_arm: float
+    """m."""
+    downwash: float
+    delay: float
+    """s, of the downwash beyond tail_arm/V."""
+
+
+def late_of(aircraft: Aircraft) -> Late | None:
+    """As the profile has it; None for a quasi-steady aircraft."""
+    u = aircraft.unsteady
+    if not u.memory:
+        return None
+    chord = u.reference_chord or aircraft.geometry.chord
+    return Late(response(u.lift_motion), chord, u.tail_lift_slope, u.tail_arm, u.downwash, u.downwash_delay)
+
+
+def characteristic(
+    c: Coefficients, at: Condition, area: float, chord: float, s: Any = 0.0, late: Late | None = None
+) -> Complex:
+    """s E - A, (..., 4, 4) of (u/V, alpha, q, theta), at a root `s`, 1/s; with `late`, its lags at that root."""
+    v, half = at.speed, 0.5 * chord / at.speed
+    pressure = 0.5 * at.density * v * v
+    lift, moment = pressure * area / (at.mass * v), pressure * area * chord / at.iyy
+    cl_alpha, cm_alpha, cl_q, cm_q = c.cl_alpha, c.cm_alpha, c.cl_q, c.cm_q
+    if late is not None:
+        share, arm = late.tail_slope, late.tail_arm / chord
+        wing = frequency_response(late.wing, s * late.chord / v)
+        tail = 1.0 - late.downwash * np.exp(-s * (late.tail_arm / v + late.delay)) * wing
+        cl_alpha = (cl_alpha - share * (1 - late.downwash)) * wing + share * tail
+        cm_alpha = (cm_alpha + share * arm * (1 - late.downwash)) * wing - share * arm * tail
+        # The profile's are those of a pitching path without change of incidence and its change together.
+        cl_q = cl_q - 2 * share * arm * late.downwash
+        cm_q = cm_q + 2 * share * arm * arm * late.downwash
+    rows = [
+        [s + lift * (2 * c.cd + c.cd_u - c.thrust_u * c.cd), lift * (c.cd_alpha - c.cl), 0.0, G0 / v],
+        [
+            lift * (2 * c.cl + c.cl_u),
+            s * (1 + lift * c.cl_adot * half) + lift * (cl_alpha + c.cd),
+            lift * cl_q * half - 1.0,
+            0.0,
+        ],
+        [
+            # At trim the air's moment is less the thrust's, which follows the speed by its own law.
+            -moment * (2 * c.cm + c.cm_u - c.thrust_u * c.cm),
+            -moment * (s * c.cm_adot * half + cm_alpha),
+            s - moment * cm_q * half,
+            0.0,
+        ],
+        [0.0, 0.0, -1.0, s],
+    ]
+    flat = np.broadcast_arrays(*(np.asarray(x, dtype=complex) for row in rows for x in row))
+    made = np.stack(flat, axis=-1)
+    return np.asarray(made.reshape(*made.shape[:-1], 4, 4), dtype=complex)
+
+
+def modes(c: Coefficients, at: Condition, area: float, chord: float, late: Late | None = None) -> Complex:
+    """The roots (..., 4), 1/s, the largest first: the short period's two, then the phugoid's."""
+    still = characteristic(c, at, area, chord, 0.0)
+    mass = characteristic(c, at, area, chord, 1.0) - still
+    roots = np.linalg.eigvals(-np.linalg.solve(mass, still))
+    roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=-1), -1)
+    if late is None:
+        return np.asarray(roots, dtype=complex)
+    made: list[Complex] = []
+    for k in range(roots.shape[-1]):
+        # Two starts of a pair lead to two roots.
+        pair = made[k - 1] if k % 2 else None
+        made.append(_late_root(c, at, (area, chord), np.asarray(roots[..., k]), late, pair))
+    return np.stack(made, axis=-1)
+
+
+def _late_root(
+    c: Coefficients, at: Condition, size: tuple[float, float], start: NDArray[Any], late: Late, other: Complex | None
+) -> Complex:
+    """The root of the characteristic equation with lags, by Newton's method, with `other` divided out of it; NaN where
+    it does not settle."""
+
+    def determinant(s: Complex) -> Complex:
+        return np.asarray(np.linalg.det(characteristic(c, at, *size, s, late)))
+
+    s = np.array(start, dtype=complex)
+    step = s
+    # Where a draw has no such root the steps lead anywhere; it is left out.
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            small = 1e-6 * np.abs(s) + 1e-12
+            here = determinant(s)
+            slope = (determinant(s + small) - determinant(s - small)) / (2 * small)
+            step = here / (slope if other is None else slope - here / (s - other))
+            s = s - step
+            if (np.abs(step) < _CLOSE * np.abs(s)).all():
+                break
+    return np.asarray(np.where(np.abs(step) < _SETTLED * np.abs(s), s, np.nan))
+
+
+def frequency_and_damping(one: Complex, other: Complex) -> tuple[Array, Array]:
+    """Undamped frequency (rad/s) and damping ratio of two roots; NaN unless they are a pair, or both real and of one
+    sign: two real roots of a stable aircraft have a ratio above 1."""
+    product, total = one * other, one + other
+    good = np.isfinite(product) & (np.abs(product.imag) < 1e-6 * np.abs(product)) & (product.real > 0)
+    omega = np.sqrt(np.where(good, product.real, np.nan))
+    return omega, -0.5 * total.real / omega
+
+
+class Pull(NamedTuple):
+    """A steady pull-up at constant speed, per radian of elevator: angle of attack, and load factor, g."""
+
+    alpha: Any
+    load: Any
+
+
+def pull_up(c: Coefficients, at: Condition, area: float, chord: float, late: Late | None = None) -> Pull:
+    """The rows of lift and moment at rest, solved for alpha and q."""
+    still = characteristic(c, at, area, chord, 0.0, late)[..., 1:3, 1:3].real
+    pressure = 0.5 * at.density * at.speed**2
+    forced = [
+        -pressure * area / (at.mass * at.speed) * np.asarray(c.cl_de),
+        pressure * area * chord / at.iyy * np.asarray(c.cm_de),
+    ]
+    right = np.stack(np.broadcast_arrays(*forced), axis=-1)[..., None]
+    alpha, q = np.moveaxis(np.linalg.solve(still, np.broadcast_to(right, (*still.shape[:-1], 1)))[..., 0], -1, 0)
+    return Pull(alpha, at.speed * q / G0)
+
+
+def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], drag: Any, thrust_u: Any) -> Coefficients:
+    """With the derivatives `drawn` in place of the profile's, and its drag times `drag`; those of CZ count as body
+    axes, whose Z force is that of lift and drag."""
+
+    def of(name: str) -> Any:
+        return drawn.get(name, aircraft.value(name))
+
+    area, v = aircraft.geometry.wing_area, at.speed
+    pressure = 0.5 * at.density * v * v
+    cl = at.mass * G0 / (pressure * area)
+    per_speed = v / (aircraft.reference_speed or v)
+    bent, bent3 = 2 * at.alpha, 3 * at.alpha**2
+    in_body = "CZ_alpha" in drawn
+    lift = {x: -of(f"CZ_{x}") if in_body else of(f"CL_{x}") for x in ("alpha", "q", "de")}
+    if aircraft.drag is not None:
+        induced = aircraft.drag.induced
+        cd, cd_u, along = drag * (aircraft.drag.zero_lift + induced * cl * cl), 0.0, 2 * induced * cl
+    else:
+        cd_u = drag * of("CD_V") * per_speed
+        cd, along = drag * (of("CD_0") + of("CD_alpha") * at.alpha) + cd_u, 0.0
+    slope = lift["alpha"] + of("CL_alpha2") * bent + of("CL_alpha3") * bent3
+    slope = slope - cd if in_body else slope
+    balance = -cd * aircraft.thrust_pitch_arm / aircraft.geometry.chord
+    return Coefficients(
+        cl=cl,
+        cl_u=of("CL_V") * per_speed,
+        cl_alpha=slope,
+        cl_q=lift["q"],
+        cl_de=lift["de"],
+        cd=cd,
+        cd_u=cd_u,
+        cd_alpha=drag * along * slope if aircraft.drag is not None else drag * of("CD_alpha"),
+        cm=balance,
+        cm_u=of("Cm_V") * per_speed,
+        cm_alpha=of("Cm_alpha") + of("Cm_alpha2") * bent + of("Cm_alpha3") * bent3,
+        cm_q=of("Cm_q"),
+        cm_de=of("Cm_de"),
+        thrust_u=thrust_u,
+    )
+
+
+_ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
+    "short_period_frequency": ("rad/s", ("alpha", "q"), ()),
+    "short_period_damping": ("1", ("alpha", "q"), ()),
+    "phugoid_frequency": ("rad/s", ("alpha", "q"), ("drag", "thrust", "speed derivatives")),
+    "phugoid_damping": ("1", ("alpha", "q"), ("drag", "thrust", "speed derivatives")),
+    "n_per_alpha": ("1/rad", ("alpha", "q", "de"), ()),
+    "control_anticipation": ("1/s2", ("alpha", "q", "de"), ()),
+    "static_margin": ("1", ("alpha",), ("iyy over mass",)),
+    "neutral_point": ("m", ("alpha",), ("iyy over mass",)),
+    "manoeuvre_margin": ("1", ("alpha", "q"), ("iyy over mass",)),
+    "elevator_per_g": ("rad", ("alpha", "q", "de"), ()),
+}
+"""Unit of each quantity, the derivatives it is made of, and what of the profile it rests on. Mass and inertia cancel
+where the derivatives were found with the same ones. The neutral point is behind the CG; margins are in chords."""
+
+
+def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late: Late | None) -> dict[str, Array]:
+    roots = modes(c, at, area, chord, late)
+    omega, zeta = frequency_and_damping(roots[..., 0], roots[..., 1])
+    slow, slow_zeta = frequency_and_damping(roots[..., 2], roots[..., 3])
+    pulled = pull_up(c, at, area, chord, late)
+    n_alpha = pulled.load / pulled.alpha
+    margin = -c.cm_alpha / c.cl_alpha
+    cm_q, cl_q = c.cm_q, c.cl_q
+    if late is not None:
+        cm_q = cm_q + 2 * late.tail_slope * (late.tail_arm / chord) ** 2 * late.downwash
+        cl_q = cl_q - 2 * late.tail_slope * late.tail_arm / chord * late.downwash
+    # Relative density of a steady pull-up: Etkin and Reid, section 3.1.
+    density = 4 * at.mass / (at.density * area * chord)
+    return {
+        "short_period_frequency": omega,
+        "short_period_damping": zeta,
+        "phugoid_frequency": slow,
+        "phugoid_damping": slow_zeta,
+        "n_per_alpha": n_alpha,
+        "control_anticipation": omega**2 / n_alpha,
+        "static_margin": margin,
+        "neutral_point": margin * chord,
+        "manoeuvre_margin": margin - cm_q / (density - cl_q),
+        "elevator_per_g": 1.0 / pulled.load,
+    }
+
+
+def qualities(
+    aircraft: Aircraft, at: Condition, found: Mapping[str, float], covariance: NDArray[Any], late: bool = True
+) -> Qualities:
+    """All quantities of `found` derivatives, CL or CZ and Cm, in whose order `covariance` (n, n) is; `late`: whether
+    they are those of an unsteady aircraft, with the profile's lags apart. What is missing among them is not known."""
+    rng = np.random.default_rng(_SEED)
+    names, size = tuple(found), (aircraft.geometry.wing_area, aircraft.geometry.chord)
+    own = late_of(aircraft) if late else None
+    mean = np.array([found[n] for n in names])
+    cloud = np.vstack([mean, rng.multivariate_normal(mean, covariance, DRAWS, method="eigh")]) if names else mean
+    drag = np.concatenate([[1.0], np.maximum(1.0 + DRAG_SHARE * rng.standard_normal(DRAWS), 0.0)])
+    # Engines lie between constant thrust (jets) and constant power (propellers).
+    thrust = np.concatenate([[-0.5], rng.uniform(-1.0, 0.0, DRAWS)])
+    force = "CZ" if "CZ_alpha" in found else "CL"
+    made: dict[str, Array] = {}
+    if {f"{force}_alpha", "Cm_alpha"} <= found.keys():
+        drawn = {n: cloud[:, k] for k, n in enumerate(names)}
+        made = _quantities(coefficients(aircraft, at, drawn, drag, thrust), at, *size, own)
+    no_drag = aircraft.drag is None and not aircraft.value("CD_0") and not aircraft.value("CD_V")
+    out, draws = {}, {}
+    for name, (unit, needs, rests) in _ASKED.items():
+        # CL_q is next to nothing beside 4m/(rho S c): where it is not found, it is the profile's.
+        asked = [f"{c}_{x}" for x in needs for c in (force, "Cm") if (c, x) != (force, "q")]
+        lacking = [n for n in asked if n not in found]
+        if lacking:
+            out[name] = Derived(name, unit, why=f"{', '.join(lacking)} not estimated")
+        elif no_drag and "drag" in rests:
+            out[name] = Derived(name, unit, why="the profile gives no drag")
+        else:
+            draws[name] = np.asarray(made[name][1:])
+            out[name] = _judged(name, unit, np.asarray(made[name]), rests)
+    return Qualities(at, out, draws)
+
+
+def _judged(name: str, unit: str, x: Array, rests: Sequence[str]) -> Derived:
+    """From the estimate, first, and its draws."""
+    lost = float(np.mean(~np.isfinite(x[1:])))
+    if not np.isfinite(x[0]):
+        return Derived(name, unit, why="it does not oscillate: its roots are real, or one of them is unstable")
+    if lost > MOST_LOST:
+        return Derived(name, unit, why=f"for {100 * lost:.0f} % of what the data allow it does not oscillate")
+    low, high = np.nanpercentile(x[1:], (2.5, 97.5))
+    return Derived(name, unit, float(x[0]), (float(low), float(high)), "", tuple(rests))
+
+
+# --- MIL-F-8785C, Military Specification: Flying Qualities of Piloted Airplanes, 1980
+
+
+class Limits(NamedTuple):
+    """Of one level: of CAP (omega^2 over n/alpha, 1/s2 per g), of the short period's damping, and the least n/alpha
+    (g/rad) and frequency (rad/s), 0 where none is asked."""
+
+    cap: tuple[float, float]
+    damping: tuple[float, float]
+    n_per_alpha: float = 0.0
+    frequency: float = 0.0
+
+
+_ANY: Final = math.inf
+LEVELS: Final[Mapping[str, tuple[Limits, Limits, Limits]]] = {
+    "B": (
+        Limits((0.085, 3.6), (0.30, 2.00)),
+        Limits((0.038, 10.0), (0.20, 2.00)),
+        Limits((0.038, _ANY), (0.15, _ANY)),
+    ),
+    "C": (
+        Limits((0.16, 3.6), (0.35, 1.30), 2.0, 0.7),
+        Limits((0.096, 10.0), (0.25, 2.00), 1.0, 0.4),
+        Limits((0.096, _ANY), (0.15, _ANY)),
+    ),
+}
+"""Levels 1 to 3 of flight phase categories B (climb, cruise, descent) and C (approach, landing): figures 2 and 3, and
+table IV, of MIL-F-8785C; n/alpha and frequency in C are those of classes II-L and III."""
+PHUGOID_DAMPING: Final = (0.04, 0.0)
+"""Least of levels 1 and 2 (3.2.1.2)."""
+
+
+def level(category: str, omega: Array, zeta: Array, n_alpha: Array) -> NDArray[np.int64]:
+    """The best level whose limits of frequency and damping are all kept; 4 beyond the last."""
+    out = np.full(np.shape(omega), 4)
+    cap = np.asarray(omega) ** 2 / n_alpha
+    for k, limits in reversed(list(enumerate(LEVELS[category], start=1))):
+        good = (cap >= limits.cap[0]) & (cap <= limits.cap[1])
+        good &= (zeta >= limits.damping[0]) & (zeta <= limits.damping[1])
+        good &= (n_alpha >= limits.n_per_alpha) & (omega >= limits.frequency)
+        out = np.where(good, k, out)
+    return np.asarray(out)
+
+
+def levels_of(q: Qualities) -> dict[str, tuple[int, int, int]]:
+    """Level by category, at the estimate, and the best and worst that the interval leaves open; empty where the short
+    period is not known."""
+    names = ("short_period_frequency", "short_period_damping", "n_per_alpha")
+    if any(q.quantities[n].why for n in names):
+        return {}
+    made: dict[str, tuple[int, int, int]] = {}
+    omega, zeta, n_alpha = (np.append(q.quantities[n].estimate, q.draws[n]) for n in names)
+    for category in LEVELS:
+        found = level(category, omega, zeta, n_alpha)
+        best, worst = np.percentile(found[1:], (2.5, 97.5), method="nearest")
+        made[category] = int(found[0]), int(best), int(worst)
+    return made
