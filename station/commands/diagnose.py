@@ -69,17 +69,18 @@ def diagnose(
     kept = [_checked(path, flown[path], subject) for path in hold_out or []]
     lacking = why_not_flown(subject)
     found: Result
+    more: list[str] = []
     if lacking or not all("elevator" in x.columns for x in flown.values()):
         say(f"{lacking or 'a record has no elevator'}: the kinematic part only")
         found, written = _kinematics(fitted, kept, subject, report)
     else:
-        found, written = _whole(fitted, kept, subject, report)
+        found, written, more = _whole(fitted, kept, subject, report)
     if write_profile is not None:
         _write(found, write_profile, logs)
     if as_json is not None:
         write_json(written, as_json)
     if as_json != "-":
-        print("\n".join(summary(found)))
+        print("\n".join([*summary(found), *(f"  {line}" for line in more)]))
     if not complete.result():
         say("station: a recording is not complete: see station info")
     good = found.verdict in ("no_effect", "effect_found") and complete.result() and not partly_judged(found)
@@ -95,11 +96,13 @@ def _checked(path: Path, flown: Table, subject: Aircraft) -> Marked:
 
 def _whole(
     fitted: Sequence[Marked], kept: Sequence[Marked], subject: Aircraft, report: Path | None
-) -> tuple[Diagnosis, dict[str, Any]]:
-    """Against the simulation, and the same as JSON; without records to hold out, the last of the manoeuvres are."""
+) -> tuple[Diagnosis, dict[str, Any], list[str]]:
+    """Against the simulation, the same as JSON, and what else is printed; without records to hold out, the last of the
+    manoeuvres are."""
     from station.diagnosis.detectable import detectable_sizes
     from station.diagnosis.diagnosis_json import as_json
     from station.diagnosis.procedure import diagnose as solve
+    from station.diagnosis.readings import readings_of
 
     records, held = ([r for ready, spans in some for r in ready.records(subject, spans)] for some in (fitted, kept))
     if not held and len(records) > 1:
@@ -107,14 +110,15 @@ def _whole(
         records, held = records[:-count], records[-count:]
     found = solve(records, held, subject, progress=lambda words: say(f"  {words}"))
     sizes = detectable_sizes(found.problem, found.found.accepted.gust)
+    readings = readings_of(found)
     if report is not None:
         say("  drawing the report")
         from station.diagnosis.diagnosis_report import write_report  # and with it matplotlib
         from station.diagnosis.pictures import series_in_time
 
         with _rrd_beside(found, series_in_time(found, found.before, found.after, _PLOTS)[1], report):
-            say(str(write_report(found, sizes, report)))
-    return found, as_json(found, sizes)
+            say(str(write_report(found, sizes, report, readings.page())))
+    return found, as_json(found, sizes) | readings.as_json(), readings.lines()
 
 
 def _kinematics(

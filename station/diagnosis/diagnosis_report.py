@@ -47,9 +47,9 @@ _KINEMATIC_VERDICT: Final[Mapping[Verdict, str]] = {
 }
 
 
-def write_report(found: Diagnosis, sizes: Sequence[Detectable], folder: Path) -> Path:
-    """Write the page into `folder` as diagnosis.html, with the sizes that its records would show; returns its path.
-    Raises LogError if it cannot be written."""
+def write_report(found: Diagnosis, sizes: Sequence[Detectable], folder: Path, more: Sequence[str] = ()) -> Path:
+    """Write the page into `folder` as diagnosis.html, with the sizes that its records would show, and `more` pieces of
+    HTML; returns its path. Raises LogError if it cannot be written."""
     before, after = found.before, found.after
     verdict = (_VERDICT if found.with_error is None else _VERDICT_WITH_ERROR)[found.verdict]
     body = [
@@ -69,6 +69,7 @@ def write_report(found: Diagnosis, sizes: Sequence[Detectable], folder: Path) ->
         if found.named
         else "",
         image(times(found, before, after), "each series over time before and after"),
+        *more,
         "<h2>What was tested</h2>",
         image(reductions(found), "deviance reduction of each effect alone"),
         _tested(found, sizes),

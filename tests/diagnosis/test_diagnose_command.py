@@ -6,11 +6,14 @@ import json
 import re
 import tomllib
 
+import numpy as np
 import pytest
 
 from station.__main__ import app
 from station.diagnosis.effects import EFFECTS, extended
 from station.diagnosis.extension import to_toml, write_profile
+from station.diagnosis.nuisances import DERIVATIVES
+from station.model.flying_qualities import Condition, qualities
 from station.profile import load_aircraft
 from station.rows import UsageError
 
@@ -50,10 +53,20 @@ def test_names_measures_extends_and_reports(late, tmp_path):
     assert first["unit"] == "s"
     assert result["gain"]["before"] > result["gain"]["after"]
     assert result["held_out"] == [late[2].name]
+    # The aircraft flown is the profile's: what its own derivatives make of the short period lies in the interval.
+    own = load_aircraft("twin_otter")
+    condition = result["derived"]["condition"]
+    at = Condition(condition["airspeed_mps"], condition["density_kgpm3"], own.inertia.mass, own.inertia.iyy)
+    six = {n: own.value(n) for n in DERIVATIVES}
+    true = qualities(own, at, six, np.zeros((6, 6))).quantities
+    for name in ("short_period_frequency", "short_period_damping", "static_margin", "elevator_per_g"):
+        low, high = result["derived"]["quantities"][name]["ci95"]
+        assert low < true[name].estimate < high, name
     better = load_aircraft(str(profile))
     assert better.instruments["alpha_vane"].latency == pytest.approx(0.03, abs=0.004)
     page = (report / "diagnosis.html").read_text()
     assert "data:image/png;base64," in page
+    assert "MIL-F-8785C" in page
     assert "http" not in re.sub(r"base64,[^\"]*", "", page)
     assert (report / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
 
