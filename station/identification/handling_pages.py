@@ -12,7 +12,8 @@ from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
 from station.identification.handling_qualities import WORDS, level_words, shown
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text
-from station.model.flying_qualities import LEVELS, PHUGOID_DAMPING, Derived, Qualities, levels_of
+from station.model.flying_qualities import Derived, Qualities
+from station.model.flying_quality_levels import LEVELS, PHUGOID_DAMPING, levels_of
 
 CATEGORIES: Final = {"B": "climb, cruise, descent", "C": "approach, landing"}
 _SHADES: Final = ("#c3d4e8", "#dfe6ef", "#f3f4f7")

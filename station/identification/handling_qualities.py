@@ -12,14 +12,8 @@ from numpy.typing import NDArray
 from station.conventions import from_si
 from station.estimation.results import DOF
 from station.identification.identified import Identification
-from station.model.flying_qualities import (
-    LEVELS,
-    Condition,
-    Derived,
-    Qualities,
-    levels_of,
-    qualities,
-)
+from station.model.flying_qualities import Condition, Derived, Qualities, qualities
+from station.model.flying_quality_levels import LEVELS, levels_of
 from station.rows import Status
 
 Array = NDArray[np.float64]

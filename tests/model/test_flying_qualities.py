@@ -14,12 +14,11 @@ from station.model.flying_qualities import (
     Condition,
     coefficients,
     late_of,
-    level,
-    levels_of,
     modes,
     pull_up,
     qualities,
 )
+from station.model.flying_quality_levels import level, levels_of
 from station.numerics.atmosphere import atmosphere
 from station.profile import Flight, load_aircraft
 from station.simulation.three_degrees import Simulation
