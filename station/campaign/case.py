@@ -63,11 +63,13 @@ def flown_aircraft(scenario: Scenario, beside: Path | None = None) -> Aircraft:
 def known_aircraft(scenario: Scenario, flown: Aircraft) -> Aircraft:
     """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth.
 
-    Where the lift has no memory they are not told: `physical` is to show what that costs.
+    Where the lift has no memory they are not told: `physical` is to show what that costs. Mass and inertia are those of
+    the profile, and known to be.
     """
     boom: Boom | None = flown.boom if scenario.alpha == "boom" else None
     unsteady = flown.unsteady.model_copy(update={"memory": True})
-    return flown.model_copy(update={"boom": boom, "unsteady": unsteady})
+    doubt = flown.uncertainty.model_copy(update={"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0})
+    return flown.model_copy(update={"boom": boom, "unsteady": unsteady, "uncertainty": doubt})
 
 
 def sensors_flown(scenario: Scenario) -> dict[str, Sensor]:

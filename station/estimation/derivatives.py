@@ -50,6 +50,7 @@ from station.estimation.method_fits import (
 )
 from station.estimation.published.cross_spectra import VaneSpectra
 from station.model import regressor_error, unsteady_lift
+from station.model.airframe_error import relative_errors
 from station.numerics import spectra
 from station.numerics.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
@@ -158,6 +159,7 @@ def judge(
     fitted: Found,
     rows: Whole,
     known: Array,
+    airframe: Array,
     has_inertia: bool,
     blocked: Whole,
     found: Array,
@@ -165,8 +167,8 @@ def judge(
 ) -> None:
     """Acceptance of the kinds in `rows` -> `found` (2, rows, 6): values and errors, and `verdicts` (rows, 6).
 
-    `known` (6,): sizes of the profile's derivatives; `blocked` (rows,):
-    a verdict over all of a kind's, or ESTIMATED.
+    `known` (6,): sizes of the profile's derivatives; `airframe` (6,): relative error by mass and inertia; `blocked`
+    (rows,): a verdict over all of a kind's, or ESTIMATED.
     """
     fitted = Found(Fitted(*fitted[0]), fitted[1], fitted[2], fitted[3])
     out = fitted.fitted
@@ -182,6 +184,7 @@ def judge(
             if is_solved:
                 value = out.value[kind, e, j]
                 error = math.hypot(out.error[kind, e, j], fitted.model[kind, e, j])
+                error = math.hypot(error, airframe[i] * value)
                 if verdict == ESTIMATED:
                     verdict = acceptance.of_equation(fitted.r2[kind, e])
                 if verdict == ESTIMATED:
@@ -244,6 +247,8 @@ class Derivatives:
         self._whys: list[str] = []
         self._noise = noise
         self._has_inertia = aircraft.inertia.iyy is not None
+        self._airframe = relative_errors(aircraft, names)
+        self.mass_recorded = False
         self._has_tail = aircraft.unsteady.tail_arm > 0.0
         self._lengths = lengths(aircraft)
         self._unsteady = unsteady_lift.known(aircraft)
@@ -294,7 +299,8 @@ class Derivatives:
         for i, method in enumerate(self._methods):
             is_lost = method == "split+gust" and not self._has_tail
             self._of_kinds[i] = NO_TAIL if is_lost else of_groups[GROUP_OF[self._rows[i]]]
-        judge(self._plain_made, self._rows, self._known, self._has_inertia, self._of_kinds, self._found, self._verdicts)
+        sizes = (self._known, self._airframe[int(self.mass_recorded)], self._has_inertia)
+        judge(self._plain_made, self._rows, *sizes, self._of_kinds, self._found, self._verdicts)
         verdicts = self._verdicts.tobytes()
         if verdicts != self._judged or self.lacking != self._lacked:
             self._judged, self._lacked = verdicts, self.lacking

@@ -31,6 +31,7 @@ from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TIC
 from station.estimation.acceptance import EXCITED, MIN_PERIODS, UNSOLVED, of_equation, of_estimate, worded
 from station.estimation.derivatives import SLACK_S
 from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
+from station.model.airframe_error import relative_errors
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.differentiation import central
@@ -66,7 +67,6 @@ RING: Final = 128
 """Side gusts kept, ticks."""
 METHODS: Final = ("II", "split")
 """In the order of Lateral's spectra."""
-
 # One row of the history that a tick's coefficients are made from.
 _BETA, _P, _R, _AY, _AILERON, _RUDDER, _Q, _V, _QBAR, _MASS, _BETA_I, _ROW = range(12)
 # constants
@@ -198,8 +198,7 @@ class Spectra:
 
     def fit(self, derivative: Array, ridge: Array) -> None:
         """Solve the three equations."""
-        samples = self._transform.samples
-        if samples == 0:
+        if (samples := self._transform.samples) == 0:
             return
         close = samples * self._dt >= 1.0 / self._step_hz
         share = samples * self._dt * self._step_hz
@@ -229,7 +228,7 @@ class Lateral:
         """`imu_position`: m from the CG, body axes. `noise`: standard deviations of a frame's signals, SI."""
         g, i, boom = aircraft.geometry, aircraft.inertia, aircraft.boom
         inertias = [math.nan if inertia is None else inertia for inertia in (i.ixx, i.iyy, i.izz)]
-        self._inertia = all(math.isfinite(inertia) for inertia in inertias)
+        self._inertia = bool(np.isfinite(inertias).all())
         fixed = aircraft.reference_speed if aircraft.rate_reference == "fixed" else None
         place = (boom.vane_x, boom.vane_z) if boom else (0.0, 0.0)
         vane = inverse_terms(boom.vane_frequency, boom.vane_damping) if boom else (0.0, 0.0)
@@ -237,8 +236,7 @@ class Lateral:
         self._arm = place[0]
         self._dt = dt
         self._noise = np.array([noise.get(name, 0.0) or DEFAULT_NOISE[name] for name in REGRESSORS])
-        self._half = 0.0
-        """b/2V."""
+        self._half = 0.0  # b/2V
         self._minimum = MIN_PERIODS / card.low
         frequencies = grid(card.low, card.high, card.step)
         self._lines = len(frequencies)
@@ -246,12 +244,13 @@ class Lateral:
         keep = math.exp(-1.0 / card.step / forgetting_s)
         self._spectra = tuple(Spectra(frequencies, dt, card.step, card.warm_up, keep) for _ in METHODS)
         self._known = {name: abs(aircraft.value(name)) for name in LATERAL}
+        self._airframe = relative_errors(aircraft, LATERAL).reshape(2, len(EQUATIONS), PARAMETERS)
+        self.mass_recorded = False
         self._history = np.full((3, _ROW), math.nan)
         self._row = np.zeros(_ROW)
         self._sides = np.zeros(CHANNELS)
         self._ring = np.zeros(RING)
-        self._gusts = 0
-        """In the ring, one after the other."""
+        self._gusts = 0  # in the ring, one after the other
         self._ridge = np.zeros(PARAMETERS)
         self._run = 0
         self._last_ns = 0
@@ -376,7 +375,8 @@ class Lateral:
                 continue
             of, is_estimated = spectra.fitted, refused[0] is Status.ESTIMATED
             # Noise in a regressor shrinks its derivative by the noise's share of what the regressor has for itself.
-            columns = (of.value[e], of.error[e], model[e], noise * of.inflation[e], of.inflation[e])
+            doubt = np.hypot(model[e], self._airframe[int(self.mass_recorded), e] * of.value[e])
+            columns = (of.value[e], of.error[e], doubt, noise * of.inflation[e], of.inflation[e])
             each = zip(names, SPOKEN, *[x.tolist() for x in columns], strict=True)
             for name, regressor, value, error, wrong, attenuated, inflation in each:
                 sd, said, is_still = math.hypot(error, wrong, attenuated * value), refused, regressor in still

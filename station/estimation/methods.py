@@ -33,6 +33,8 @@ UNEXPLAINED: Final = to_si(0.15, "deg")
 """In calm air the vane must show what the motion predicts, to this rms beyond its noise over tick.UNEXPLAINED_S."""
 HELD_TICKS: Final = 3
 """An angle of attack from a vane or pitch rate held longer is not valid."""
+SEEN_HZ: Final = 15.0
+"""Rate of a record in which the band of the turbulence, up to 7 Hz, can be seen."""
 WAIT_TICKS: Final = 150
 """Without inertial data for so long after a start, the turbulence is judged by the vane alone."""
 WARMED: Final = tuple(dict.fromkeys((*cond.INPUTS, *lateral.MEASURED)))
@@ -70,8 +72,10 @@ class Estimator:
         force: bool = False,
         forgetting_s: float = math.inf,
         spectra: VaneSpectra | None = None,
+        recorded_hz: float = TICK_HZ,
     ) -> None:
         """`imu_position`: m from the CG, body axes, by the rig. `noise`: standard deviation of each signal, SI.
+        `recorded_hz`: rate of a slower record, which the frames are interpolated from.
 
         Raises UsageError for a method that does not run live, or IV without `spectra`.
         """
@@ -82,7 +86,10 @@ class Estimator:
                 raise UsageError(f"{name} is no live method: choose from {', '.join(LIVE)}")
         self._dt = dt = 1.0 / TICK_HZ
         given = {k: v for k, v in (noise or {}).items() if v > 0}
-        self._noise = {**DEFAULT_NOISE, **given}
+        # White noise of fewer samples is as strong in every line as more noise of all of them.
+        coarse = math.sqrt(max(TICK_HZ / recorded_hz, 1.0))
+        self._noise = {name: coarse * sd for name, sd in {**DEFAULT_NOISE, **given}.items()}
+        self._sees_gusts = recorded_hz > SEEN_HZ
         self._methods = methods
         self._force = force
         names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
@@ -191,8 +198,10 @@ class Estimator:
         alpha = self._alpha(frame.t_ns, u, usable, why)
         applicable = self._not_applicable()
         air = (self._mean_speed(), self._sides.density, self._wind_sd.item())
+        self._derivatives.mass_recorded = mass_recorded = bool(u[cond.MASS] > 0.0)
         estimates = self._derivatives.estimate(frame.t_ns, air, applicable)
         if self._physical:
+            self._physical.mass_recorded = mass_recorded
             self._physical.lacking = lacking or ("" if self._conditioner.has_attitude else "no attitude")
             estimates += (self._physical.estimate(frame.t_ns),)
         if self._lateral:
@@ -205,7 +214,8 @@ class Estimator:
         if usable:
             since_start = (frame.t_ns - (self._start_ns or 0)) * 1e-9
             density, mass = self._body
-            mass = float(u[cond.MASS]) if u[cond.MASS] > 0.0 else mass
+            side.mass_recorded = bool(u[cond.MASS] > 0.0)
+            mass = float(u[cond.MASS]) if side.mass_recorded else mass
             pressure = cond.dynamic_pressure(u, density)
             beta = self._flow.beta if self._flow.is_ready else math.nan
             side.add(frame, float(u[cond.AIRSPEED]), pressure, mass, beta, since_start)
@@ -242,7 +252,9 @@ class Estimator:
         seen = self._seen = Seen(*self._of_vane.item())
         self._flow = Flow(*self._of_motion.item())
         speed = float(u[cond.AIRSPEED])
-        if math.isfinite(seen.boom_gust):
+        if not self._sees_gusts:
+            pass  # the turbulence stays unknown
+        elif math.isfinite(seen.boom_gust):
             self._turbulence.step(seen.boom_gust, speed, True)
         elif self._ticks > WAIT_TICKS:
             self._turbulence.step(seen.steady, speed, False)

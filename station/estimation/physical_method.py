@@ -29,6 +29,7 @@ from station.estimation.acceptance import (
     worded,
 )
 from station.model import physical_fit
+from station.model.airframe_error import relative_errors
 from station.model.physical_columns import CHANNELS, DE, Segment
 from station.model.physical_constants import CM_ALPHA, FIRST_NUISANCE, constants, why_not
 from station.model.physical_signals import SIGNALS
@@ -59,7 +60,7 @@ class Solution:
     stat: Array
     """(PARAMETERS,) standard errors if the profile's constants are right: repeatability."""
     total: Array
-    """(PARAMETERS,) standard errors with the constants' own uncertainty."""
+    """(PARAMETERS,) standard errors with the constants' own uncertainty, but that of mass and inertia."""
     r2: tuple[float, float]
     """Of CL and Cm over the lines of all segments."""
     gust: float
@@ -178,6 +179,8 @@ class Physical:
         self._equations = None if self.why_not else Equations(aircraft, self._frequencies, dt, noise)
         self._has_inertia = aircraft.inertia.iyy is not None
         self._known = [abs(aircraft.value(n)) for n in names]
+        self._airframe = relative_errors(aircraft, names)
+        self.mass_recorded = False
         self._row = np.zeros(CHANNELS)
         self._from_s = 0.0
         self._speed_sum = 0.0
@@ -257,7 +260,8 @@ class Physical:
             found = tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in self._names)
             return found, not self.why_not, self.why_not
         values = solution.theta[:FIRST_NUISANCE].tolist()
-        errors = solution.total[:FIRST_NUISANCE].tolist()
+        scale = self._airframe[int(self.mass_recorded)] * solution.theta[:FIRST_NUISANCE]
+        errors = np.hypot(solution.total[:FIRST_NUISANCE], scale).tolist()
         parameters = []
         for i, name in enumerate(self._names):
             if i >= CM_ALPHA and not self._has_inertia:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
 from station.estimation.acceptance import EXCITED, WIDE, of_estimate, worded
 from station.estimation.flight_record import FlightRecord
+from station.model.airframe_error import relative_errors
 from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
 from station.profile import Aircraft
 from station.rows import ParamEstimate, Status
@@ -163,6 +164,46 @@ def regress(record: FlightRecord, equation: Equation) -> tuple[Fit, Array]:
     return least_squares(np.column_stack([x - start, np.ones(len(x))]), z), inflation_of(x)
 
 
+def airframe_errors(record: FlightRecord, parameters: Sequence[ParamEstimate]) -> list[float]:
+    """What the uncertainty of mass and inertia does to each parameter, standard deviations."""
+    relative = relative_errors(record.aircraft, [p.name for p in parameters])[int("mass" in record.motion)]
+    return [abs(share * p.value) for share, p in zip(relative.tolist(), parameters, strict=True)]
+
+
+def with_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodResult:
+    """Standard errors that include those of mass and inertia, which no residual shows."""
+    made = []
+    for p, share in zip(result.parameters, airframe_errors(record, result.parameters), strict=True):
+        made.append(_with_error(p, math.hypot(p.sd, share), record.aircraft))
+    own = {p.name: p.sd for p in result.parameters if math.isfinite(p.sd)}
+    return replace(_or_why(result, made), parameters=tuple(made), statistical={**own, **result.statistical})
+
+
+def without_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodResult:
+    """The contrary: to be compared with a result that is wrong by the same share."""
+    shares = airframe_errors(record, result.parameters)
+    pairs = zip(result.parameters, shares, strict=True)
+    made = tuple(_with_error(p, math.sqrt(max(p.sd**2 - share**2, 0.0)), None) if share else p for p, share in pairs)
+    return replace(result, parameters=made)
+
+
+def _with_error(p: ParamEstimate, sd: float, aircraft: Aircraft | None) -> ParamEstimate:
+    """A parameter with another standard error: not significant where two of them exceed its size by the result and by
+    the profile."""
+    status, why = p.status, p.why
+    size = max(abs(p.value), abs(aircraft.value(p.name.replace("CZ_", "CL_"))) if aircraft else 0.0)
+    if aircraft and status is Status.ESTIMATED and 2 * sd > size:
+        status, why = worded(WIDE)
+    return ParamEstimate(p.name, p.value, sd, status, why)
+
+
+def _or_why(result: MethodResult, made: Sequence[ParamEstimate]) -> MethodResult:
+    """Not applicable where no parameter is significant any more."""
+    if result.status == "ok" and not any(p.status is Status.ESTIMATED for p in made):
+        return replace(result, status="not_applicable", why=worded(WIDE)[1])
+    return result
+
+
 def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: Aircraft | None = None) -> MethodResult:
     """Standard errors that include the bias by the angle of attack.
 
@@ -174,23 +215,18 @@ def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: 
     unestimated. `called`: the witness's name.
     """
     known = {p.name: p for p in witness.parameters if p.status is not Status.INVALID and math.isfinite(p.sd)}
-    made = tuple(_wider(p, known[p.name], aircraft) if p.name in known else p for p in result.parameters)
+
+    def wider(p: ParamEstimate) -> ParamEstimate:
+        by = known[p.name]
+        return _with_error(p, math.hypot(p.sd, p.value - by.value, by.sd), aircraft)
+
+    made = tuple(wider(p) if p.name in known else p for p in result.parameters)
     if made == result.parameters:
         return result
     errors = result.settings.get("standard_errors", "coloured residuals")
     settings = {**result.settings, "standard_errors": f"{errors}, and the distance from {called}"}
-    if result.status == "ok" and not any(p.status is Status.ESTIMATED for p in made):
-        result = replace(result, status="not_applicable", why=worded(WIDE)[1])
     own = {p.name: p.sd for p in result.parameters if p.name in known and math.isfinite(p.sd)}
-    return replace(result, parameters=made, settings=settings, statistical={**own, **result.statistical})
-
-
-def _wider(p: ParamEstimate, by: ParamEstimate, aircraft: Aircraft | None) -> ParamEstimate:
-    sd, status, why = math.hypot(p.sd, p.value - by.value, by.sd), p.status, p.why
-    size = max(abs(p.value), abs(aircraft.value(p.name.replace("CZ_", "CL_"))) if aircraft else 0.0)
-    if aircraft and status is Status.ESTIMATED and 2 * sd > size:
-        status, why = worded(WIDE)
-    return ParamEstimate(p.name, p.value, sd, status, why)
+    return replace(_or_why(result, made), parameters=made, settings=settings, statistical={**own, **result.statistical})
 
 
 def result_of(

@@ -22,6 +22,7 @@ from station.estimation.results import (
     not_applicable,
     result_of,
     unknown,
+    with_airframe_errors,
 )
 from station.identification.input_ranking import Input, rank_inputs
 from station.identification.sifting import sift
@@ -112,7 +113,7 @@ def sifted_results(
             else:
                 parameters += unknown([name], Status.INVALID, "no finite coefficient")
         settings = {"sifted_lines_hz": made.lines_hz.tolist(), "lines_between_agree": made.agree}
-        results[method] = result_of(parameters, {}, settings)
+        results[method] = with_airframe_errors(result_of(parameters, {}, settings), record)
     return results
 
 

@@ -14,10 +14,10 @@ from station.conventions import LATERAL
 from station.estimation.method_table import LIVE, METHODS, recommended
 from station.estimation.published import batch, cross_spectra
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.estimation.results import MethodResult, names, not_applicable
+from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
-from station.identification.flown import MIN_LIVE_HZ, WITNESSES, Flown, fly
+from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
 from station.identification.kinematics import kinematics
 from station.identification.model_structure import Comparison, structures
@@ -32,6 +32,8 @@ from station.rows import ParamEstimate, Status, UsageError
 
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Where `recommended` names none, the first of these that applies is recommended, then any other post-flight method."""
+SPECTRA_HZ: Final = 25.0
+"""Rate of a record that shows the vane's spectra to the frequencies of the gusts."""
 REGRESSED: Final = ("split+gust", "split", "II", "I")
 """Whose residuals are those of the equations that errors are predicted with."""
 
@@ -87,8 +89,8 @@ def _spectra(wanted: tuple[str, ...], ready: Prepared) -> VaneSpectra | str | No
     if ready.refusal or not any(METHODS[name].needs_spectra for name in wanted):
         return None
     try:
-        if not ready.record.dt <= 1 / MIN_LIVE_HZ:
-            raise NotIdentifiable(f"recorded at {1 / ready.record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
+        if not ready.record.dt <= 1 / SPECTRA_HZ:
+            raise NotIdentifiable(f"recorded at {1 / ready.record.dt:.3g} Hz: needs {SPECTRA_HZ:g} Hz or more")
         return cross_spectra.measure(ready.record_of_whole(), ready.request.band_hz)
     except NotIdentifiable as why:
         return str(why)
@@ -114,7 +116,11 @@ def _result(name: str, ready: Prepared, flown: Flown | None, spectra: VaneSpectr
     if flown is not None and not method.runner:
         return flown.result(name, ready.record, axes)
     result = batch.run(name, ready.record, axes)
-    return flown.widened(result, ready.record, axes) if method.errors_widened and flown else result
+    if method.as_published:
+        return result
+    if method.errors_widened and flown:
+        result = flown.widened(result, ready.record, axes)
+    return with_airframe_errors(result, ready.record)
 
 
 def _forced(name: str, result: MethodResult, level: str) -> MethodResult:

@@ -28,11 +28,12 @@ from station.estimation.results import (
     names,
     not_applicable,
     widened,
+    without_airframe_errors,
 )
 from station.identification.request import DEFAULT_CARD, Request
 from station.identification.table_frames import frames, trim_before
 from station.log import Table
-from station.rows import AlphaEstimate, MethodEstimate, ParamEstimate, Status
+from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Status
 
 Array = NDArray[np.float64]
 
@@ -45,7 +46,8 @@ IN_TRIM: Final = math.radians(1.0)
 """Pitch rate up to which a record may begin in trim."""
 PERIODS: Final = 1.0
 """Of the lowest frequency, that a record needs which begins pitching."""
-MIN_LIVE_HZ: Final = 25.0
+MIN_LIVE_HZ: Final = 5.0
+"""Below, not even the short period of a transport is in the band that the rate supports."""
 LEAST_SHARE: Final = 0.5
 """Of the rows must have a gust, for the record to have one."""
 LEAST_ROWS: Final = 10
@@ -131,7 +133,7 @@ class Flown:
             return result
         done: set[str] = set()
         for name in WITNESSES:
-            witness = self.result(name, record, axes)
+            witness = without_airframe_errors(self.result(name, record, axes), record)
             if witness.status == "ok":
                 more = tuple(p for p in witness.parameters if p.name not in done)
                 done |= {p.name for p in more}
@@ -190,7 +192,7 @@ def fly(
 ) -> Flown:
     """Run the live estimator over the interval of a corrected table of which `record` is made, its filters settled on
     the flight before or on a constructed trim."""
-    if not record.dt <= 1 / MIN_LIVE_HZ:
+    if record.dt > 1.001 / MIN_LIVE_HZ:
         return Flown((), record.t_s, {}, {}, f"recorded at {1 / record.dt:.3g} Hz: needs {MIN_LIVE_HZ:g} Hz or more")
     start = float(record.t_s[0]) if request.start_s is None else request.start_s
     card = request.card if request.card is not None else DEFAULT_CARD
@@ -199,7 +201,8 @@ def fly(
     has_lead = len(before.t_s) > 1
     seconds = start - float(before.t_s[0]) if has_lead else 0.0
     led = has_lead and seconds >= card.warm_up
-    inside = table.between(start, float(record.t_s[-1]) + 0.5 * record.dt)
+    end = float(record.t_s[-1]) + 0.5 * record.dt
+    inside = table.between(start, end)
     pitching = 0.0 if has_lead else _pitching(inside)
     if abs(pitching) > IN_TRIM and (record.t_s[-1] - start) * card.low < PERIODS:
         why = f"begins pitching at {math.degrees(pitching):.1f} deg/s: a record shorter than one period of {card.low:g}"
@@ -213,14 +216,15 @@ def fly(
         axes=request.axes,
         force=request.force,
         spectra=spectra,
+        recorded_hz=1 / record.dt,
     )
+    earlier, flown = _frames_about(start, table.between(start - LEAD_S if has_lead else start, end))
     # The flight before shows more than a trim constructed from an interval that may begin in motion.
-    for frame in frames(before) if led else [*trim_before(before if has_lead else inside), *frames(before)]:
+    for frame in earlier if led else [*trim_before(before if has_lead else inside), *earlier]:
         estimator.step(frame)
     estimator.start_point()
     alphas: list[AlphaEstimate] = []
     last: tuple[MethodEstimate, ...] = ()
-    flown = frames(inside)
     for frame in flown:
         alpha, last = estimator.step(frame)
         alphas.append(alpha)
@@ -236,6 +240,13 @@ def fly(
         statistical=estimator.statistical(),
         preference=estimator.preference(),
     )
+
+
+def _frames_about(start: float, table: Table) -> tuple[list[Frame], list[Frame]]:
+    """Frames before and from `start`, s of the table's time axis, on."""
+    all_of_them = frames(table)
+    number = sum(f.t_ns < table.t0_ns + round(start * 1e9) for f in all_of_them)
+    return all_of_them[:number], all_of_them[number:]
 
 
 def _settled_on(seconds: float, led: bool, pitching: float) -> str:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from station.estimation.flight_record import FlightRecord
-from station.estimation.results import MethodResult
+from station.estimation.results import MethodResult, without_airframe_errors
 from station.profile import Aircraft
 from station.rows import Status
 
@@ -34,6 +34,8 @@ def hint(aircraft: Aircraft, recorded: Aircraft, record: FlightRecord, result: M
         return ""
     found = [*_another(aircraft, recorded), *_mass(aircraft, record), *_lift(aircraft, record)]
     if result is not None:
+        # What the profile states of its mass and inertia is what is in question.
+        result = without_airframe_errors(result, record)
         found += _derivatives(aircraft, {p.name: (p.value, p.sd, p.status) for p in result.parameters})
     return f"is {aircraft.name} the aircraft recorded? {'; '.join(found)}" if found else ""
 

@@ -13,7 +13,7 @@ from station.estimation.bending import Bending, bends
 from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import Corrector, known
 from station.identification.cleaning import cleaned
-from station.identification.request import Request
+from station.identification.request import DEFAULT_CARD, Request
 from station.identification.signs_and_units import mistakes
 from station.log import Table
 from station.numerics.regression import NotIdentifiable
@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 SHORTEST_STEP_S: Final = 1e-4
 LEAST_ROWS: Final = 2
+SUPPORTED: Final = 0.2
+"""Share of a record's rate up to which its lines are used: what lies above half the rate is folded to four fifths of it
+and more, where motion and gusts are a sixteenth."""
 LINKS_START_S: Final = 2.0
 """Within which the links of a rig come up."""
 NEEDED: Final = ("alpha_vane", "airspeed", "q", "ax", "az", "theta", "v_down", "elevator")
@@ -79,7 +82,12 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
         record, refusal = flight_record(cut, aircraft, request.imu_position, request.noise)
     except NotIdentifiable as why:
         raise UsageError(f"{request.subject}: {why}" + (f"\n{mistaken}" if mistaken else "")) from why
-    asked = replace(request, start_s=start, end_s=end)
+    card = request.card if request.card is not None else DEFAULT_CARD
+    high = SUPPORTED / record.dt
+    if high < card.high and card.low + card.step < high:
+        card = card.model_copy(update={"high": high})
+        remarks = [*remarks, f"recorded at {1 / record.dt:.3g} Hz: lines from {card.low:g} to {high:.2g} Hz are used"]
+    asked = replace(request, start_s=start, end_s=end, card=card)
     return Prepared(asked, whole, cut, record, refusal, mistaken, tuple(remarks))
 
 

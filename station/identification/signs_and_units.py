@@ -35,6 +35,9 @@ CLEAR: Final = 1.5
 """Reduction of the sum of log squared mismatches that shows a mistake."""
 FEW: Final = 0.05
 """Share of impossible values below which they are bit errors, not a unit."""
+ZERO: Final = 0.2
+"""m/s2: what zeros of accelerometer and pitch (0.1 m/s2, 1 deg) make of a mean acceleration along the path; in level
+flight at a steady speed nothing is larger, and the relation tells nothing."""
 TIED: Final = 0.7
 """Share of the largest reduction from which another mistake is as likely."""
 
@@ -147,7 +150,8 @@ def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str
         # Along the path: the forward acceleration less the climb.
         speed = np.hypot(x["v_north"], x["v_east"])
         gained = np.full(1, (speed[-1] - speed[0]) / (len(speed) * dt))
-        shares["gaining"] = _share(gained, _mean(np.cos(theta) * x["ax"]), _mean(np.sin(theta) * np.cos(phi) * x["az"]))
+        pulls = _mean(np.cos(theta) * x["ax"]), _mean(np.sin(theta) * np.cos(phi) * x["az"])
+        shares["gaining"] = _share(gained, *pulls, zero=ZERO)
     if {"airspeed", "dynamic_pressure"} <= set(x):
         by_pressure = np.sqrt(2 * np.maximum(x["dynamic_pressure"], 0.0) / _density(x, aircraft))
         shares["pressure"] = _share(_mean(x["airspeed"]), _mean(by_pressure))
@@ -176,11 +180,11 @@ def _by_profile(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[s
     return shares
 
 
-def _share(one: Array, *others: Array) -> float:
-    """Size of `one` - sum(others) over the sum of their sizes."""
+def _share(one: Array, *others: Array, zero: float = 0.0) -> float:
+    """Size of `one` - sum(others) over the sum of their sizes and of the `zero` that they may be wrong by."""
     n = min(len(a) for a in (one, *others))
     rest = one[:n] - sum((o[:n] for o in others), np.zeros(n))
-    size = math.sqrt(float(one @ one)) + sum(math.sqrt(float(o @ o)) for o in others)
+    size = zero + math.sqrt(float(one @ one)) + sum(math.sqrt(float(o @ o)) for o in others)
     return math.sqrt(float(rest @ rest)) / size if size > 0 else 0.0
 
 

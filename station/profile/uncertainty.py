@@ -8,9 +8,16 @@ from station.profile.quantity import Frozen, Seconds
 
 
 class Uncertainty(Frozen):
-    """Prior standard deviations of the constants that method `physical` takes from the profile, relative to the value
-    where no unit is named. Zero says that a constant is right; the defaults are those of a profile put together from
-    drawings, handbook methods and a vortex lattice."""
+    """Prior standard deviations of what the methods take from the profile, relative to the value where no unit is
+    named: of mass and inertia in every method, of the others in `physical` and `split+gust`. Zero says that a constant
+    is right; the defaults are those of a profile put together from drawings, handbook methods and a vortex lattice."""
+
+    mass: float = Field(default=0.03, ge=0)
+    """Of the mass where it is not recorded: fuel, crew and payload by estimate."""
+    recorded_mass: float = Field(default=0.01, ge=0)
+    """Of a recorded mass: weighed, less the fuel burnt."""
+    inertia: float = Field(default=0.06, ge=0)
+    """Of the moments of inertia: scaled from another loading, or added up from components."""
 
     tail_lift_slope: float = Field(default=0.2, ge=0)
     """Of the tail's lift slope."""

@@ -1,0 +1,81 @@
+"""A profile's mass and inertia are known to some per cent, and so is every derivative: by closed form."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from station.conventions import LATERAL, LONGITUDINAL
+from station.identification.analysis import identify
+from station.identification.request import Request
+from station.log import Table
+from station.profile import Aircraft, Card, Doublet, Flight, load_aircraft, load_rig
+from station.rows import ParamEstimate
+from station.simulation.sortie import fly
+
+AIRCRAFT, RIG = load_aircraft("twin_otter"), load_rig("bench")
+METHODS = ["I", "II", "split", "split+gust", "physical", "VI", "oe", "sidpac"]
+
+
+@functools.cache
+def columns() -> dict[str, np.ndarray]:
+    flight = Flight.model_validate({"speed": "110 kt", "altitude": "2500 ft"})
+    doublets = [
+        Doublet.model_validate({"kind": "doublet", "start": start, "surface": surface, "width": "1 s", **size})
+        for start, surface, size in (
+            ("22 s", "elevator", {"amplitude": "3.5 deg"}),
+            ("28 s", "aileron", {"amplitude": "3 deg"}),
+            ("34 s", "rudder", {"amplitude": "3 deg"}),
+        )
+    ]
+    card = Card(name="t", aircraft="t", rig="bench", flight=flight, manoeuvres=tuple(doublets))
+    return fly(AIRCRAFT, RIG, card, 45.0, 4)[0]
+
+
+def made(aircraft: Aircraft, with_mass: bool = False) -> dict[str, dict[str, ParamEstimate]]:
+    shown = {n: c for n, c in columns().items() if n not in ("mass", "thrust", "pdot", "qdot", "rdot")}
+    if with_mass:
+        shown["mass"] = np.full(len(shown["q"]), AIRCRAFT.inertia.mass)
+    table = Table(np.arange(len(shown["q"])) * 0.02, shown, aircraft, 0)
+    found = identify(table, aircraft, Request(METHODS, 20.0, noise=RIG.noise_si())).methods
+    return {m: {p.name: p for p in one.parameters} for m, one in found.items()}
+
+
+def known(**changes: Any) -> Aircraft:
+    doubt = AIRCRAFT.uncertainty.model_copy(update={"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, **changes})
+    return AIRCRAFT.model_copy(update={"uncertainty": doubt})
+
+
+@pytest.mark.parametrize(("key", "with_mass"), [("mass", False), ("recorded_mass", True)])
+def test_every_error_holds_those_of_mass_and_inertia(key: str, with_mass: bool) -> None:
+    """Force derivatives go with the mass, moment derivatives with the inertia; published errors stay as published."""
+    exact, doubtful = made(known(), with_mass), made(known(**{key: 0.04, "inertia": 0.07}), with_mass)
+    counted = 0
+    for method in METHODS:
+        for name, p in exact[method].items():
+            more = doubtful[method][name]
+            if not math.isfinite(p.sd):
+                continue
+            share = 0.04 if name[:2] in ("CL", "CY") else 0.07
+            wanted = p.sd if method == "sidpac" else math.hypot(p.sd, share * p.value)
+            assert more.value == p.value
+            assert more.sd == pytest.approx(wanted, rel=1e-9), (method, name)
+            counted += method != "sidpac"
+    assert counted >= 5 * len(LONGITUDINAL) + 2 * len(LATERAL)
+
+
+def test_a_profile_five_per_cent_too_heavy_gives_derivatives_five_per_cent_too_large() -> None:
+    """Which the errors are for: lift by mass, moment by inertia, whatever the method."""
+    heavy = AIRCRAFT.inertia.model_copy(
+        update={"mass": 1.05 * AIRCRAFT.inertia.mass, "iyy": 1.05 * (AIRCRAFT.inertia.iyy or 0.0)}
+    )
+    right, wrong = made(known()), made(known().model_copy(update={"inertia": heavy}))
+    for method in ("I", "split", "physical"):
+        for name in ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"):
+            ratio = wrong[method][name].value / right[method][name].value
+            # The tail's own lift, known beside, does not scale, and thrust, estimated from the drag polar, does.
+            assert ratio == pytest.approx(1.05, abs=0.012), (method, name)
