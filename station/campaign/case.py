@@ -25,13 +25,14 @@ from station.model.physical_constants import constants, why_not
 from station.numerics import spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
-from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, load_aircraft
+from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, Pilot, load_aircraft
 from station.simulation import airframe as ac
 from station.simulation.boom import NO_BOOM, second_order, vane_constants
 from station.simulation.distortion import REACH, distortion_filter
 from station.simulation.gusts import STEP, dryden, field_constants, field_start
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
+from station.simulation.pilot import deviation, hands
 from station.simulation.sensors import STANDARD, Sensor
 from station.simulation.three_degrees import reach, site
 
@@ -118,6 +119,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
     fastest = 1.02 * flight.speed + _FASTER * flight.gust_sigma
     points = math.ceil((fastest * steps * DT + ahead) / STEP) + 4 - first
     constants = ac.constants(flown, flight.speed, flight.altitude)
+    pilot = campaign.pilots.get(scenario.pilot, Pilot())
     half_steps = np.arange(2 * steps + 1, dtype=np.float64) * (0.5 * DT)
     added = elevator_input(manoeuvres_of(campaign, scenario), half_steps)
     boom = flown.boom or NO_BOOM
@@ -130,6 +132,8 @@ def prepare(plan: Plan, case: Case) -> Setup:
         behind=behind,
         first=first,
         command=constants.trim_elevator + added + np.zeros_like(half_steps),
+        hands=hands(pilot, constants.trim_alpha, constants.trim_height),
+        tremor=deviation(pilot),
     )
     channels = sensors_flown(scenario)
     d = campaign.distortion
@@ -196,7 +200,7 @@ def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
 def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[range, Results]]:
     """Fly the seeds, TOGETHER at a time. `quiet`: without turbulence and noise."""
     if quiet:
-        calm = setup.air._replace(field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)))
+        calm = setup.air._replace(field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)), tremor=0.0)
         silent = setup.sensors._replace(noisy=np.empty(0, dtype=np.int64), noise=np.empty(0))
         setup = replace(setup, air=calm, sensors=silent)
     room = Room.of(setup, TOGETHER)
@@ -266,6 +270,7 @@ class Room:
             self.reached[i] = fly_and_measure(
                 setup.air,
                 setup.sensors,
+                seed,
                 self.state[i],
                 self.wind[i],
                 self.white[i],

@@ -32,6 +32,7 @@ from station.simulation.distortion import distort
 from station.simulation.gusts import Field, FieldConstants, fill
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.motion import COLUMNS, EVERY, Flown, Site, advance, at_rest, places
+from station.simulation.pilot import Hands, Tremor
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -60,7 +61,10 @@ class Air(NamedTuple):
     first: int
     """Index of the field's first point."""
     command: Array
-    """Elevator at steps and half-steps, rad."""
+    """Elevator at steps and half-steps, rad, beside the feedback of `hands`."""
+    hands: Hands
+    tremor: float
+    """Standard deviation of what the noise of the feedback's sensors adds, rad."""
 
 
 class Sensors(NamedTuple):
@@ -360,20 +364,25 @@ def _hand_over(found: method_fits.Found, results: Results, run: int) -> None:
 
 
 def fly_and_measure(
-    air: Air, sensors: Sensors, state: Array, wind: Array, white: Array, shown: Array, true_alpha: Array
+    air: Air, sensors: Sensors, seed: int, state: Array, wind: Array, white: Array, shown: Array, true_alpha: Array
 ) -> float:
     """One flight of a case, and what its sensors show; returns how far it got, m.
 
-    state (5,) and wind (points, 5): white noise of unit variance for the field; white (noisy, ticks) for the sensors.
-    Fills shown (ticks, signals) and the angle of attack at the CG, true_alpha (ticks,).
+    `seed` of the noise that the feedback hears; state (5,) and wind (points, 5): white noise of unit variance for the
+    field; white (noisy, ticks) for the sensors. Fills shown (ticks, signals) and the angle of attack at the CG,
+    true_alpha (ticks,).
     """
     truth = np.empty((sensors.ticks + sensors.distortion.shape[0] // 2, len(COLUMNS)))
     field = Field(np.zeros((wind.shape[0], 3)), air.first)
     if air.field.sigmas[2] > 0.0:
         fill(air.field, wind, state.copy(), air.first, field.values)
-    memory = at_rest(air.constants, air.tables, air.behind, field)
-    flown = Flown(air.constants, air.tables, air.vane, air.site)
-    advance(flown, memory, air.command, field, EVERY, truth)
+    memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
+    flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)
+    command = air.command
+    if air.tremor:
+        ticks = math.ceil(command.shape[0] / (2 * EVERY))
+        command = command + Tremor(air.tremor, seed).half_steps(ticks)[: command.shape[0]]
+    advance(flown, memory, command, field, EVERY, truth)
     measure(sensors, truth, white, shown)
     true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]
     return float(memory.x[DISTANCE])

@@ -4,6 +4,7 @@
     [factors]    lists of levels, each of a key of [flight]; every combination is a case of `runs` flights
     [[variants]] keys of [flight] that change together; every one is flown with every combination
     [[inputs.NAME]]  manoeuvres that the flight's `input` names
+    [pilots.NAME]    feedback that the flight's `pilot` names: a card's [pilot]
 
 Anything else is as in profiles: quantities with their units, unknown keys refused.
 """
@@ -29,6 +30,7 @@ from station.profile import (
     Manoeuvre,
     Metres,
     MetresPerSecond,
+    Pilot,
     Positive,
     Seconds,
     explain,
@@ -82,6 +84,8 @@ class Scenario(Frozen):
     """After the record begins; 0: it was always there."""
     input: str = ""
     """Which of the inputs; the only one if left out."""
+    pilot: str = ""
+    """Which of the pilots moves the elevator beside the input; hands off if left out."""
     alpha: Literal["boom", "perfect", "vane", "distorted", "distorted gust"] = "boom"
     """What is measured. boom: the profile's, which the estimators know. perfect: the angle of attack at the CG. vane:
     that through the vane's dynamics. distorted: through `distortion` as well; distorted gust: the gust's part only."""
@@ -197,6 +201,8 @@ class Campaign(Frozen):
     """`[[variants]]`: keys of [flight] that change together, flown with every combination."""
     inputs: dict[str, tuple[Manoeuvre, ...]] = Field(default={})
     """Their times count from the record's begin."""
+    pilots: dict[str, Pilot] = Field(default={})
+    """As a card's [pilot]."""
     distortion: Distortion | None = None
     claims: tuple[Claim, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
@@ -300,6 +306,8 @@ def load_plan(name: str) -> Plan:
         aircraft = load_aircraft(scenario.aircraft, path)
         if scenario.input and scenario.input not in known:
             raise wrong("input", f"no inputs.{scenario.input}{nearest(scenario.input, known)}")
+        if scenario.pilot and scenario.pilot not in campaign.pilots:
+            raise wrong("pilot", f"no pilots.{scenario.pilot}{nearest(scenario.pilot, campaign.pilots)}")
         if not scenario.input and len(known) > 1:
             raise wrong("flight.input", f"missing: which of {', '.join(known)}?")
         if scenario.alpha.startswith("distorted") and campaign.distortion is None:

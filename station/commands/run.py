@@ -48,7 +48,7 @@ def run(
 ) -> int:
     """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
     profiles = load(card)
-    say(f"card {profiles.card.name}: {profiles.aircraft.name} on rig {profiles.rig.name}")
+    say(f"card {profiles.card.name}: {profiles.aircraft.name} on rig {profiles.rig.name}{profiles.card.flown}")
     # Unlike collecting it, freezing what the imports leave costs nothing; and a collection would stop the loop.
     gc.disable()
     with ExitStack() as stack:

@@ -42,7 +42,7 @@ def simulate(
     notes = {"scenario": scenario, "seed": str(profiles.card.flight.seed if seed is None else seed)}
     about = About(profiles.aircraft, streams, profiles.rig, profiles.card, "simulation", imported=True, notes=notes)
     count = write_log(out, about, _simulated_rows(streams, shown, truth))
-    say(f"{out}: {count} rows, {duration:g} s of {profiles.aircraft.name}")
+    say(f"{out}: {count} rows, {duration:g} s of {profiles.aircraft.name}{profiles.card.flown}")
     beyond = np.flatnonzero(~(np.abs(truth["alpha"]) < OUT_OF_HAND))
     if len(beyond):
         angle, at = math.degrees(OUT_OF_HAND), truth["time"][beyond[0]]

@@ -19,7 +19,7 @@ from station.profile.aircraft import (
     Instrument,
     Unsteady,
 )
-from station.profile.card import Card, Doublet, Fault, Flight, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
+from station.profile.card import Card, Doublet, Fault, Flight, Manoeuvre, Multisine, Pilot, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.files import (
     Profiles,
     explain,
@@ -43,6 +43,7 @@ from station.profile.quantity import (
     Newtons,
     Positive,
     Radians,
+    RadiansPerMetre,
     RadiansPerSecond,
     Seconds,
     SquareMetres,
@@ -83,10 +84,12 @@ __all__ = [
     "MetresPerSecond",
     "Multisine",
     "Newtons",
+    "Pilot",
     "Positive",
     "Profiles",
     "Pulse",
     "Radians",
+    "RadiansPerMetre",
     "RadiansPerSecond",
     "Rig",
     "Seconds",

@@ -8,7 +8,18 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS
-from station.profile.quantity import Bytes, Frozen, Hertz, Metres, MetresPerSecond, Positive, Radians, Seconds, nearest
+from station.profile.quantity import (
+    Bytes,
+    Frozen,
+    Hertz,
+    Metres,
+    MetresPerSecond,
+    Positive,
+    Radians,
+    RadiansPerMetre,
+    Seconds,
+    nearest,
+)
 
 
 class _Input(Frozen):
@@ -121,6 +132,36 @@ class Flight(Frozen):
     """How fast the devices' clocks gain, parts per million, each a multiple of it."""
 
 
+class Pilot(Frozen):
+    """Feedback from what is measured to the elevator, all the flight long: gusts are answered too. Without a gain,
+    hands off. Its sensors have the noise of a good installation."""
+
+    pitch_rate: Annotated[Seconds, Field(ge=0, le=5)] = 0.0
+    """Pitch damper: elevator, trailing edge down, by pitch rate."""
+    attitude: float = Field(default=0.0, ge=0, le=5)
+    """Attitude hold: elevator by pitch attitude above the trim's."""
+    altitude: Annotated[RadiansPerMetre, Field(ge=0, le=0.05)] = 0.0
+    """Altitude hold: elevator by height above the trim's."""
+    delay: Annotated[Seconds, Field(ge=0, le=0.3)] = 0.04
+    """From what is measured to what the actuator is asked for, a multiple of 5 ms."""
+
+    @property
+    def flies(self) -> bool:
+        """Whether it moves the elevator."""
+        return bool(self.pitch_rate or self.attitude or self.altitude)
+
+    @property
+    def words(self) -> str:
+        """What it does, for a description."""
+        gains = (
+            (self.pitch_rate, f"pitch damper {self.pitch_rate:g} s"),
+            (self.attitude, f"attitude hold {self.attitude:g}"),
+            (self.altitude, f"altitude hold {self.altitude:g} rad/m"),
+        )
+        named = ", ".join(words for gain, words in gains if gain)
+        return f"{named}, {1000 * self.delay:g} ms late" if named else "hands off"
+
+
 class Card(Frozen):
     """A test card: aircraft, rig, what to fly, what to record and when the answers are good enough."""
 
@@ -156,8 +197,15 @@ class Card(Frozen):
     """What the emulated aircraft flies."""
     manoeuvres: tuple[Manoeuvre, ...] = ()
     """What the pilot does."""
+    pilot: Pilot = Pilot()
+    """What moves the elevator beside the manoeuvres."""
     faults: tuple[Fault, ...] = ()
     """What emulated devices do wrong."""
+
+    @property
+    def flown(self) -> str:
+        """Who moves the elevator beside the manoeuvres, to be added to a sentence; nothing where nobody does."""
+        return f", flown with {self.pilot.words}" if self.pilot.flies else ""
 
     @property
     def asks_lateral(self) -> bool:
@@ -181,4 +229,6 @@ class Card(Frozen):
                 )
         if self.high <= self.low:
             raise PydanticCustomError("band", "high must be above low")
+        if self.pilot.flies and self.flight.source == "recording":
+            raise PydanticCustomError("pilot", "a recording is flown as it is: no [pilot] moves its elevator")
         return self

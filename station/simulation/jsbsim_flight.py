@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, to_si
-from station.profile import Actuator, Aircraft, Flight, Manoeuvre
+from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import HOLD_HEIGHT, HOLD_LAG, HOLD_SPEED, indicial_tables
 from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import dryden_of, gust_at
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import DONE, DT, TRUTH, memory_of, vanes_now
+from station.simulation.motion import DONE, DT, EVERY, TRUTH, memory_of, vanes_now
+from station.simulation.pilot import asked, hands
 from station.simulation.sensors import lagged
-from station.simulation.three_degrees import ORIGIN, elevator_backlash, gusts_of, site
+from station.simulation.three_degrees import HANDS_OFF, ORIGIN, elevator_backlash, gusts_of, site, tremor
 
 MODEL: Final = "DHC6"
 FINER: Final = 4
@@ -141,6 +142,7 @@ class JsbsimFlight:
         manoeuvres: Sequence[Manoeuvre] = (),
         imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
         seed: int | None = None,
+        pilot: Pilot = HANDS_OFF,
     ) -> None:
         """As Simulation's. Raises ProfileError."""
         self._sim = trimmed(flight.speed, flight.altitude, flight.heading)
@@ -157,7 +159,7 @@ class JsbsimFlight:
         self._site = site(flight, imu_position)
         self._field = gusts_of(flight, _BEHIND, self._ahead, seed)
         self._is_windy = dryden_of(flight).sigma_w > 0
-        self._memory = memory_of(np.zeros(eq.LAGS), 1, self._tables, 0.0)
+        self._tremor = tremor(flight, pilot, seed)
         actuators = {"elevator": aircraft.elevator, "aileron": aircraft.aileron, "rudder": aircraft.rudder}
         self._trim = {name: _COMMANDS[name][2] * float(self._sim[_POSITIONS[name]]) for name in actuators}
         backlashes = {"elevator": elevator_backlash(aircraft)}
@@ -171,6 +173,8 @@ class JsbsimFlight:
         self._distance = 0.0
         self._now = self._state()
         self._settle()
+        self._hands = hands(pilot, self._now["theta"], self._now["altitude"])
+        self._memory = memory_of(np.zeros(eq.LAGS), 1, self._tables, 0.0, self._hands)
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, and TRUTH; each (n,)."""
@@ -276,7 +280,9 @@ class JsbsimFlight:
         if at == 0 or not self._inputs:
             time = (np.arange(_BLOCK, dtype=np.float64) + number * _BLOCK) * DT
             self._inputs = {n: surface_input(self._manoeuvres, time, n) for n in self._surfaces}
-        pilot = self._piloted()
+            self._inputs["elevator"] += self._tremor.half_steps(_BLOCK // EVERY)[: 2 * _BLOCK : 2]
+        pilot, s = self._piloted(), self._now
+        pilot["elevator"] += asked(self._hands, self._memory.asked, k, s["q"], s["theta"], s["altitude"])
         return {n: angle + float(self._inputs[n][at]) for n, angle in pilot.items()}
 
     def _piloted(self) -> dict[str, float]:

@@ -15,8 +15,8 @@ from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants, Tables
 from station.simulation.boom import VaneConstants, bending, flow_angle, second_order_step, settle, upwash_step
 from station.simulation.gusts import ALONG, SIDEWAYS, UP, Field, gust_at
+from station.simulation.pilot import RATE_HZ, Hands, asked, ring
 
-RATE_HZ: Final = 200
 DT: Final = 1.0 / RATE_HZ
 EVERY: Final = RATE_HZ // TICK_HZ
 
@@ -68,6 +68,7 @@ class Flown(NamedTuple):
     tables: Tables
     vane: VaneConstants
     site: Site
+    hands: Hands
 
 
 DONE, NEWEST, AT_TAIL = range(3)
@@ -95,13 +96,15 @@ class Memory(NamedTuple):
     boom: NDArray[np.float64]
     last: NDArray[np.float64]
     """(3,)."""
+    asked: NDArray[np.float64]
+    """pilot.ring's."""
 
 
-def memory_of(x: NDArray[np.float64], ring: int, tables: Tables, surface: float) -> Memory:
-    """Nothing remembered yet; `ring`: entries of the wake."""
+def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: float, hands: Hands) -> Memory:
+    """Nothing remembered yet; `entries` of the wake."""
     return Memory(
         x,
-        np.zeros((2, ring)),
+        np.zeros((2, entries)),
         np.zeros(3, dtype=np.int64),
         np.zeros(tables.upwash_motion.shape[1]),
         np.zeros(tables.upwash_gust.shape[1]),
@@ -109,10 +112,11 @@ def memory_of(x: NDArray[np.float64], ring: int, tables: Tables, surface: float)
         np.zeros(3),
         np.zeros(3),
         np.array([0.0, 0.0, surface]),
+        ring(hands),
     )
 
 
-def at_rest(c: Constants, tables: Tables, behind: float, field: Field) -> Memory:
+def at_rest(c: Constants, tables: Tables, behind: float, field: Field, hands: Hands) -> Memory:
     """Trimmed flight, the wing's response to gusts as if the one at the start had lasted.
 
     `behind`: where the wake begins, m behind the origin; farther than the tail.
@@ -122,7 +126,7 @@ def at_rest(c: Constants, tables: Tables, behind: float, field: Field) -> Memory
     ug, wg = gust_at(field, c.gust_edge, ALONG), gust_at(field, c.gust_edge, UP)
     met = math.atan2(x[eq.W] + wg, x[eq.U] + ug) - math.atan2(x[eq.W], x[eq.U])
     x[eq.LAGS + motions :] = met
-    memory = memory_of(x, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * DT)), tables, c.trim_elevator)
+    memory = memory_of(x, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * DT)), tables, c.trim_elevator, hands)
     memory.wake[DISTANCE, 0] = -behind
     memory.wake[INCIDENCE, 0] = met
     return memory
@@ -229,20 +233,21 @@ def advance(
 ) -> None:
     """Step on by every * len(out) steps of DT: classical Runge-Kutta of fourth order.
 
-    command (2n + 1): commanded elevator at steps and half-steps. out (., len(COLUMNS)): the instants before the steps,
-    every `every`-th of them.
+    command (2n + 1): commanded elevator at steps and half-steps, beside feedback. out (., len(COLUMNS)): the instants
+    before the steps, every `every`-th of them.
     """
     c, x, marks = flown.constants, memory.x, memory.marks
     n = x.shape[0]
     slope, total, trial = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(every * out.shape[0]):
         air = eq.air_at(c, x[eq.HEIGHT])
+        held = asked(flown.hands, memory.asked, marks[DONE], x[eq.Q], x[eq.THETA], x[eq.HEIGHT])
         for i in range(n):
             trial[i] = x[i]
             total[i] = 0.0
         for stage in range(STAGES):
-            asked = command[2 * k + (stage + 1) // 2]
-            flow, gust, entry = stage_rates(flown, memory, field, air, trial, asked, 0.0, slope)
+            wanted = command[2 * k + (stage + 1) // 2] + held
+            flow, gust, entry = stage_rates(flown, memory, field, air, trial, wanted, 0.0, slope)
             if stage == 0:
                 marks[AT_TAIL] = entry
                 memory.last[SURFACE] = flow.surface

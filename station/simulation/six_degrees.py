@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.profile import Actuator, Aircraft, Flight, Manoeuvre
+from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants
@@ -29,6 +29,7 @@ from station.simulation.motion import (
     COLUMNS,
     DONE,
     DT,
+    EVERY,
     STAGES,
     SURFACE,
     WEIGHTS,
@@ -42,7 +43,8 @@ from station.simulation.motion import (
     stage_rates,
     vanes_now,
 )
-from station.simulation.three_degrees import BLOCK, SPEED_MARGIN, flown_by, gusts_of, reach
+from station.simulation.pilot import asked
+from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, flown_by, gusts_of, reach, tremor
 from station.simulation.trigonometry import sine_cosine
 
 SIDE, ROLL, YAW, BANK, TURN, NORTH, EAST, AILERON, RUDDER, HELD, SIZE = range(11)
@@ -246,6 +248,7 @@ def advance_lateral(
     total = Both(np.zeros(n), np.zeros(SIZE))
     for k in range(out.shape[0]):
         air = eq.air_at(c, x[eq.HEIGHT])
+        held = asked(flown.hands, memory.asked, marks[DONE], x[eq.Q], x[eq.THETA], x[eq.HEIGHT])
         # By loops: numba takes seconds to compile the check of two arrays' shapes.
         for i in range(n):
             trial.along[i], total.along[i] = x[i], 0.0
@@ -255,10 +258,10 @@ def advance_lateral(
             at = 2 * k + (stage + 1) // 2
             side_air = trial.across[SIDE] + gust_at(field, trial.along[eq.DISTANCE], SIDEWAYS)
             flow, gust, entry = stage_rates(
-                flown, memory, field, air, trial.along, commands[0, at], side_air, slope.along
+                flown, memory, field, air, trial.along, commands[0, at] + held, side_air, slope.along
             )
-            asked = (commands[1, at], commands[2, at])
-            seen = add_lateral(c, side, flown.site.heading, trial, asked, side_air, slope, flow)
+            surfaces = (commands[1, at], commands[2, at])
+            seen = add_lateral(c, side, flown.site.heading, trial, surfaces, side_air, slope, flow)
             if stage == 0:
                 marks[AT_TAIL] = entry
                 memory.last[SURFACE] = flow.surface
@@ -295,14 +298,16 @@ class LateralSimulation:
         imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
         seed: int | None = None,
         hold: bool = True,
+        pilot: Pilot = HANDS_OFF,
     ) -> None:
         """As Simulation's; `hold` also levels the wings. Raises ProfileError."""
-        self.flown = flown_by(aircraft, flight, imu_position, hold)
+        self.flown = flown_by(aircraft, flight, imu_position, hold, pilot)
+        self._tremor = tremor(flight, pilot, seed)
         self.lateral = lateral_constants(aircraft, hold)
         self._manoeuvres = tuple(manoeuvres)
         self._behind, self._ahead = reach(aircraft)
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
-        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now)
+        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now, self.flown.hands)
         self._state = np.zeros(SIZE)
         self._commands: NDArray[np.float64] = np.empty((3, 0))
         self._block = -1
@@ -334,7 +339,7 @@ class LateralSimulation:
         if number != self._block:
             half_steps = (np.arange(2 * BLOCK + 1, dtype=np.float64) + 2 * number * BLOCK) * (0.5 * DT)
             self._commands = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
-            self._commands[0] += self.flown.constants.trim_elevator
+            self._commands[0] += self.flown.constants.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
             self._block = number
         s = float(self._memory.x[eq.DISTANCE])
         far = SPEED_MARGIN * self.flown.constants.trim_speed * BLOCK * DT

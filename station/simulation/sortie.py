@@ -28,10 +28,10 @@ def source_of(
     """
     place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":
-        return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed)
+        return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed, card.pilot)
     if any(m.surface != "elevator" for m in card.manoeuvres):
-        return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed)
-    return Simulation(aircraft, card.flight, card.manoeuvres, place, seed)
+        return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
+    return Simulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
 
 
 def installed(aircraft: Aircraft, rig: Rig, card: Card, seed: int | None = None) -> Installed:

@@ -12,13 +12,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.profile import Aircraft, Flight, Manoeuvre
+from station.profile import Aircraft, Flight, Manoeuvre, Pilot
 from station.simulation.airframe import constants, indicial_tables
 from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import GustField, dryden_of, field_constants
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
-from station.simulation.motion import COLUMNS, DONE, DT, Flown, Site, advance, at_rest
+from station.simulation.motion import COLUMNS, DONE, DT, EVERY, Flown, Site, advance, at_rest
+from station.simulation.pilot import Tremor, deviation, hands
 
 ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
@@ -28,6 +29,9 @@ BLOCK: Final = 400
 """Steps whose elevator commands are made together."""
 SPEED_MARGIN: Final = 2.0
 """The gust field is made this many trim speeds times the block's time ahead."""
+
+
+HANDS_OFF: Final = Pilot()
 
 
 class Simulation:
@@ -47,15 +51,18 @@ class Simulation:
         seed: int | None = None,
         hold: bool = True,
         deflection: NDArray[np.float64] | None = None,
+        pilot: Pilot = HANDS_OFF,
     ) -> None:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
-        one, commanded from trim at every half step (rad), is flown in place of the manoeuvres. Raises ProfileError."""
-        self.flown = flown_by(aircraft, flight, imu_position, hold)
+        one, commanded from trim at every half step (rad), is flown in place of the manoeuvres; `pilot`: the
+        elevator's feedback. Raises ProfileError."""
+        self.flown = flown_by(aircraft, flight, imu_position, hold, pilot)
+        self._tremor = tremor(flight, pilot, seed)
         self._manoeuvres = tuple(manoeuvres)
         self._deflection = deflection
         self._behind, self._ahead = reach(aircraft)
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
-        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now)
+        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now, self.flown.hands)
         self._commands: NDArray[np.float64] = np.empty(0)
         self._block = 0
         """Number of the block of elevator commands at hand, plus 1."""
@@ -89,21 +96,30 @@ class Simulation:
                 added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
             else:
                 added = self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
-            self._commands = self.flown.constants.trim_elevator + added
+            self._commands = self.flown.constants.trim_elevator + added + self._tremor.half_steps(BLOCK // EVERY)
             self._block = number + 1
         s = float(self._memory.x[DISTANCE])
         far = SPEED_MARGIN * self.flown.constants.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)
 
 
-def flown_by(aircraft: Aircraft, flight: Flight, imu_position: tuple[float, float, float], hold: bool) -> Flown:
-    """The aircraft trimmed at the flight's speed and altitude, and where it flies. Raises ProfileError."""
+def flown_by(
+    aircraft: Aircraft, flight: Flight, imu_position: tuple[float, float, float], hold: bool, pilot: Pilot
+) -> Flown:
+    """The aircraft trimmed at the flight's speed and altitude, where it flies and who. Raises ProfileError."""
+    trimmed = constants(aircraft, flight.speed, flight.altitude, hold, elevator_backlash(aircraft))
     return Flown(
-        constants(aircraft, flight.speed, flight.altitude, hold, elevator_backlash(aircraft)),
+        trimmed,
         indicial_tables(aircraft),
         vane_constants(aircraft.boom or NO_BOOM, DT),
         site(flight, imu_position),
+        hands(pilot, trimmed.trim_alpha, trimmed.trim_height),
     )
+
+
+def tremor(flight: Flight, pilot: Pilot, seed: int | None) -> Tremor:
+    """The noise of the feedback's sensors; `seed` in place of the flight's."""
+    return Tremor(deviation(pilot), flight.seed if seed is None else seed)
 
 
 def gusts_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> GustField:

@@ -23,7 +23,7 @@ from station.campaign.spec import METHODS, Campaign, Case, Plan
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS
 from station.estimation.method_fits import KINDS
 from station.estimation.methods import Estimator
-from station.profile import Card
+from station.profile import Card, Pilot
 from station.rows import Frame, MethodEstimate
 from station.simulation import fly
 from station.simulation.boom import second_order, vane_constants
@@ -54,6 +54,7 @@ def plain(p: Plan, seed: int) -> tuple[MethodEstimate, ...]:
         update={
             "flight": flight_of(campaign, scenario),
             "manoeuvres": manoeuvres_of(campaign, scenario),
+            "pilot": campaign.pilots.get(scenario.pilot, Pilot()),
             **{key: getattr(campaign, key) for key in ("warm_up", "low", "high", "step")},
         }
     )
@@ -88,6 +89,10 @@ DISTORTION = {"frequency": ["0 Hz", "2 Hz"], "correction": [0.75, 0.9], "lead": 
         ({"turbulence": "light"}, {"warm_up": "3 s", "record": "35 s", "methods": list(METHODS)}),
         ({"turbulence": "moderate", "turbulence_start": "8 s", "CL_gust": 1.0, "Cm_gust": -0.5}, {"record": "15 s"}),
         ({"turbulence": "severe", "alpha": "perfect", "lift": "steady", "signal_to_noise": 50.0}, {"axes": "body"}),
+        (
+            {"turbulence": "light", "pilot": "hold"},
+            {"record": "15 s", "pilots": {"hold": {"pitch_rate": "0.5 s", "attitude": 0.5, "altitude": "0.1 deg/m"}}},
+        ),
         (
             {"turbulence": "light", "alpha": "distorted gust", "signal_to_noise": 50.0, "vane_frequency": "5 Hz"},
             {"axes": "body", "distortion": DISTORTION},

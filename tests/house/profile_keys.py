@@ -160,6 +160,7 @@ def card_keys() -> str:
         ('`kind = "multisine"`', card.Multisine, wave),
         ('`kind = "sweep"`', card.Sweep, wave),
         ('`kind = "pulse"`', card.Pulse, wave),
+        ("`[pilot]`, and `[pilots.NAME]` of a campaign", card.Pilot),
         ("`[[faults]]`", card.Fault),
     )
 

@@ -1,0 +1,88 @@
+"""The feedback that flies a card's elevator: from what is measured, late and noisy, to what the actuator is asked for.
+
+All the while, gusts too are answered: asked = trim + input + by_rate q + by_attitude (theta - trim) + by_height (h -
+trim), of the instant `delay` ago, held for a tick. The noise of its sensors comes with the input, weighted the same.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from station.conventions import TICK_HZ
+from station.profile import Pilot
+from station.simulation.sensors import STANDARD
+
+Array = NDArray[np.float64]
+
+RATE_HZ: Final = 200
+"""Of the simulation's steps."""
+HELD: Final = RATE_HZ // TICK_HZ
+"""Steps that a command is held for."""
+HEIGHT_NOISE: Final = 0.3
+"""Standard deviation of the height that it measures, m: a barometric altimeter's, filtered."""
+_STREAM: Final = 4
+"""Of the random numbers, beside those of the sensors."""
+
+
+class Hands(NamedTuple):
+    """What is asked of the elevator, by the trim that it holds."""
+
+    by_rate: float
+    """s"""
+    by_attitude: float
+    by_height: float
+    """rad/m"""
+    delay: int
+    """Steps."""
+    theta: float
+    """Trim, rad."""
+    height: float
+    """Trim, m."""
+
+
+def hands(pilot: Pilot, theta: float, height: float) -> Hands:
+    return Hands(pilot.pitch_rate, pilot.attitude, pilot.altitude, round(pilot.delay * RATE_HZ), theta, height)
+
+
+def ring(h: Hands) -> Array:
+    """What `asked` remembers: what is asked for now, and of each of the last steps; nothing yet."""
+    return np.zeros(2 + h.delay)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def asked(h: Hands, memory: Array, step: int, q: float, theta: float, height: float) -> float:
+    """What the elevator is asked for at a step beside trim and input, rad; `memory` as `ring` makes it."""
+    n = memory.shape[0] - 1
+    memory[1 + step % n] = h.by_rate * q + h.by_attitude * (theta - h.theta) + h.by_height * (height - h.height)
+    if step % HELD == 0:
+        memory[0] = memory[1 + (step + n - h.delay) % n]
+    return float(memory[0])
+
+
+def deviation(pilot: Pilot) -> float:
+    """Standard deviation of what its sensors' noise asks of the elevator, rad."""
+    q, theta = STANDARD["q"].noise, STANDARD["theta"].noise
+    return math.hypot(pilot.pitch_rate * q, pilot.attitude * theta, pilot.altitude * HEIGHT_NOISE)
+
+
+class Tremor:
+    """What the noise of the feedback's sensors adds to the command, in pieces of the flight, held for a tick each."""
+
+    def __init__(self, sd: float, seed: int) -> None:
+        """`sd` as `deviation` gives it; it depends on the flight's `seed` only."""
+        self._sd = sd
+        self._rng = np.random.default_rng([seed, 0, _STREAM])
+        self._last = np.empty(0)
+
+    def half_steps(self, ticks: int) -> Array:
+        """Of the next `ticks`, at steps and half-steps: (2 * HELD * ticks + 1,), the last of them the next piece's
+        first."""
+        drawn = self._rng.standard_normal(ticks + 1 - len(self._last)) if self._sd else np.zeros(ticks + 1)
+        line = np.concatenate((self._last, drawn))[: ticks + 1]
+        self._last = line[-1:]
+        return self._sd * np.repeat(line, 2 * HELD)[: 2 * HELD * ticks + 1]
