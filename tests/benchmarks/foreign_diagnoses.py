@@ -45,11 +45,11 @@ def foreign_hidden(answers: dict[str, Any]) -> dict[str, float]:
 
 def foreign_deviations(answers: dict[str, Any]) -> dict[str, float]:
     """How the foreign aircraft differs from the profile, by the catalogue's ids."""
-    c, d = answers["constants"], answers["derivatives"]
+    c, d, hidden = answers["constants"], answers["derivatives"], foreign_hidden(answers)
     return {
         "alpha_vane.position": c["r"] * FT - BOOM_X,
         "alpha_vane.dynamics": c["WN"] / 9.0 - 1,
-        "alpha_vane.scale": (1 + c["KU0"]) / 1.177 - 1,
+        "alpha_vane.scale": (1 + c["KU0"]) * (1 + hidden.get("alpha_vane.scale", 0.0)) / 1.177 - 1,
         "aero.unsteady_lift": c["mem_a"] - 1,
         "gust.tail_penetration": c["LT"] * FT / TAIL_ARM - 1,
         **{f"aero.{n}": d[n] / v - 1 for n, v in LONGITUDINAL.items()},

@@ -1,6 +1,6 @@
 """Identification counted on the foreign flights: aircraft that differ from their profile as real ones do.
 
-    uv run python tests/benchmarks/foreign_flights.py [--folder DIR] [--workers 2]
+    uv run python tests/benchmarks/foreign_flights.py [--folder DIR] [--workers 2] [--flights DIR]
 
 The flights and their answers (tests/records.toml) come from a simulation that shares no formula with the station. Each
 is imported as a user would import it, identified against the shipped profile, and the recommended estimates are held
@@ -72,8 +72,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, help="where recordings and results are kept")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--flights", type=Path, help="others of that form, as tests/second_simulation writes them")
     given = parser.parse_args()
-    flights = record("flights/answers.json").parent
+    flights = given.flights or record("flights/answers.json").parent
     answers = json.loads((flights / "answers.json").read_text())
     folder = given.folder or Path(tempfile.mkdtemp(prefix="foreign-flights-"))
     folder.mkdir(parents=True, exist_ok=True)

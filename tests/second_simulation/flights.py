@@ -5,7 +5,8 @@
 `identify_NN`: one manoeuvre after 20 s of quiet flight. `diagnose_NN_a`, `_b` (to fit) and `_h` (held out): one
 aircraft with one thing hidden, or nothing, two or three. `lateral_NN`: ailerons and rudder. answers.json has each
 flight's `derivatives` (memory apart), `quasi_steady` (what equation error makes of the same flight in calm air with
-the true angle of attack), what was drawn, `hidden`, and `deviations`: how the sound aircraft differs from its profile.
+the true angle of attack), what was drawn, `hidden`, and `deviations`: how all of it differs from the profile, by the
+catalogue's ids.
 """
 
 from __future__ import annotations
@@ -178,7 +179,7 @@ def flown(case: Case) -> Flown:
         "constants": asdict(aircraft),
         "zeros": case.zeros,
         "hidden": case.hidden,
-        "deviations": hides.deviations(case.aircraft, case.zeros),
+        "deviations": hides.deviations(case.aircraft, case.zeros, case.hidden),
         "thrust_recorded": case.thrust_recorded,
     }
     return Flown(time, {n: shown[n] for n in wanted}, true, answers)

@@ -133,24 +133,24 @@ def of_motion(aircraft: Drawn, trim_alpha: float, hidden: Mapping[str, float]) -
     )
 
 
-def deviations(aircraft: Drawn, zeros: Mapping[str, float]) -> dict[str, float]:
-    """How the aircraft of a flight without anything hidden differs from its profile, by the catalogue's ids, SI.
-
-    To name one of these with its right value is no false name.
+def deviations(sound: Drawn, zeros: Mapping[str, float], hidden: Mapping[str, float]) -> dict[str, float]:
+    """How the aircraft flown and its instruments differ from the profile, by the catalogue's ids, SI: what is hidden,
+    and what was drawn. To name one of these with its right value is no false name.
     """
+    aircraft, x = changed(sound, hidden), hidden.get
     upwash = 1 + aircraft.upwash_body + aircraft.upwash_wing
     return {
         "mass.scale": aircraft.mass / MASS - 1,
         "inertia.scale": aircraft.iyy / IYY - 1,
         "alpha_vane.position": aircraft.boom_x - BOOM_X,
         "alpha_vane.dynamics": aircraft.vane_hz / 9.0 - 1,
-        "alpha_vane.scale": upwash / 1.177 - 1,
+        "alpha_vane.scale": upwash * (1 + x("alpha_vane.scale", 0.0)) / 1.177 - 1,
         "alpha_vane.upwash_memory": aircraft.upwash_memory * aircraft.upwash_wing / 0.107 - 1,
         "aero.unsteady_lift": aircraft.memory - 1,
-        "gust.tail_penetration": aircraft.tail_arm / TAIL_ARM - 1,
+        "gust.tail_penetration": aircraft.tail_arm * (1 + x("gust.tail_penetration", 0.0)) / TAIL_ARM - 1,
         **{f"aero.{n}": aircraft.derivatives[n] / v - 1 for n, v in LONGITUDINAL.items()},
-        "q.bias": zeros.get("q", 0.0),
+        "q.bias": zeros.get("q", 0.0) + x("q.bias", 0.0),
         "alpha_vane.bias": zeros.get("alpha_vane", 0.0),
-        "theta.bias": zeros.get("theta", 0.0),
-        "accelerometer.bias": zeros.get("az", 0.0),
+        "theta.bias": zeros.get("theta", 0.0) + x("theta.bias", 0.0),
+        "accelerometer.bias": zeros.get("az", 0.0) + x("accelerometer.bias", 0.0),
     }

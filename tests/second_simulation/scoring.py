@@ -62,7 +62,8 @@ def score(
     unjudged: Iterable[str],
     result: Mapping[str, Any],
 ) -> Score:
-    """`hidden` and `deviations` in SI by the catalogue's ids; `unjudged`: whose size has no known unit."""
+    """`hidden`, and all `deviations` from the profile, what is hidden among them, in SI by the catalogue's ids;
+    `unjudged`: whose size has no known unit."""
     effects = result.get("effects", [])
     wanted = {answer: h for h in hidden for answer in answers_of(h)}
     alone, grouped, held, judged, sound, false = [], [], [], [], [], []
@@ -73,7 +74,7 @@ def score(
             (grouped if rivals else alone).append(h)
             if not rivals and h == e["id"] and h not in unjudged:
                 judged.append(h)
-                if low <= hidden[h] <= high:
+                if low <= deviations.get(h, hidden[h]) <= high:
                     held.append(h)
         elif rivals & wanted.keys():
             grouped += [wanted[r] for r in rivals & wanted.keys()]
