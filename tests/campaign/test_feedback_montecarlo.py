@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from station.campaign.case import fly_case, prepare, reference
+from station.campaign import case as flying
+from station.campaign.case import fly_case, known_aircraft, prepare, reference
 from station.campaign.spec import METHODS, Case, Plan, load_plan
 from station.conventions import from_si
+from station.profile import load_aircraft
+from tests.estimation.test_physical_montecarlo import drawn
 
 SEEDS = int(os.environ.get("STATION_SEEDS", "100"))
 FIRST = 3100
@@ -60,6 +63,26 @@ def counted(plan: Plan, case: Case, count: int) -> dict[str, Counted]:
     return out
 
 
+def counted_on_drawn(plan: Plan, case: Case, count: int) -> Counted:
+    """`physical` on aircraft all of whose constants are drawn anew every two flights, known as the profile has them."""
+    known = load_aircraft(case.scenario.aircraft)
+    truth = np.array([known.value(n) for n in plan.campaign.parameters])
+    value, sd = [], []
+    for i, first in enumerate(range(FIRST, FIRST + count, 2)):
+        real = drawn(known, np.random.default_rng([FIRST, i]))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(flying, "flown_aircraft", lambda *_, real=real: real)
+            patch.setattr(flying, "known_aircraft", lambda scenario, _: known_aircraft(scenario, known))
+            setup = prepare(plan, case)
+        for _, r in fly_case(setup, range(first, first + 2)):
+            at = METHODS.index("physical")
+            value.append(r.estimate[:, at].reshape(-1, 6))
+            sd.append(np.hypot(r.error, r.model)[:, at].reshape(-1, 6))
+    off, sds = np.concatenate(value) - truth, np.concatenate(sd)
+    shares = (100 * x(off / np.abs(truth), axis=0) for x in (np.mean, np.std))
+    return Counted(*shares, (np.abs(off) < 1.96 * sds).mean(axis=0))
+
+
 def case_of(plan: Plan, turbulence: float, pilot: str, form: str) -> Case:
     return next(
         c
@@ -100,3 +123,16 @@ def test_derivatives_stay_right_under_feedback(turbulence: int, form: str) -> No
         assert np.all(np.abs(physical.bias[FOUR]) < free + 1.0), pilot
         assert covers(physical, SEEDS), pilot
         assert covers(of["split+gust"], SEEDS), pilot
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["doublet", "multisine"])
+@pytest.mark.parametrize("turbulence", [0, 5, 10])
+def test_intervals_hold_under_feedback_where_every_constant_is_drawn(turbulence: int, form: str) -> None:
+    plan = load_plan("feedback")
+    found = {p: counted_on_drawn(plan, case_of(plan, turbulence, p, form), SEEDS) for p in plan.campaign.pilots}
+    print(f"\n| {turbulence} ft/s, {form}, drawn | method | " + " | ".join(plan.campaign.parameters) + " |")
+    for pilot, of in found.items():
+        print(f"| {pilot} | physical | {of.cells} |")
+    for pilot, of in found.items():
+        assert covers(of, SEEDS // 2), pilot  # two flights share their constants
