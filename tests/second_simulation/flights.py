@@ -246,6 +246,7 @@ def diagnose_cases(seed: int, i: int, names: tuple[str, ...] | None = None, sigm
         "hidden": planted,
         "zeros": zeros_of(rng),
         "thrust_recorded": bool(rng.random() < 0.6),
+        "seconds": 45.0,
     }
     kinds = [str(k) for k in rng.permutation(INPUTS)[:3]]
     return [
