@@ -16,14 +16,17 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from station.conventions import LATERAL
 from tests.records import record
 
 DERIVATIVES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 METHODS = ("recommended", "physical", "split+gust", "split")
+OF_LATERAL = ("split", "II", "sidpac")
 LIGHT_FPS = 5.0
 
 
@@ -44,13 +47,14 @@ def identified(name: str, flights: Path, folder: Path, answers: dict) -> Flight:
     subprocess.run([*station, "import", table, "-o", log, "--aircraft", "twin_otter"], check=True, capture_output=True)
     begin = str(answers["manoeuvre_from_s"])
     subprocess.run([*station, "identify", log, "--from", begin, "--json", out], check=False, capture_output=True)
-    return Flight(name, answers, json.loads(out.read_text()))
+    refused = {"recommended": None, "methods": {}}
+    return Flight(name, answers, json.loads(out.read_text()) if out.exists() else refused)
 
 
-def row(flights: list[Flight], method: str, definition: str) -> str:
+def row(flights: list[Flight], method: str, definition: str, derivatives: Sequence[str] = DERIVATIVES) -> str:
     """Mean error, intervals that hold, estimates called so, of each derivative."""
     cells = []
-    for name in DERIVATIVES:
+    for name in derivatives:
         errors, holds, estimated = [], 0, 0
         for flight in flights:
             chosen = flight.result["recommended"] if method == "recommended" else method
@@ -78,9 +82,11 @@ def main() -> None:
     answers = json.loads((flights / "answers.json").read_text())
     folder = given.folder or Path(tempfile.mkdtemp(prefix="foreign-flights-"))
     folder.mkdir(parents=True, exist_ok=True)
-    names = sorted(n for n in answers if n.startswith("identify_"))
+    names = sorted(n for n in answers if n.startswith(("identify_", "lateral_")))
     with ThreadPoolExecutor(given.workers) as pool:
         done = list(pool.map(lambda n: identified(n, flights, folder, answers[n]), names))
+    sideways = [f for f in done if f.name.startswith("lateral_")]
+    done = [f for f in done if f.name.startswith("identify_")]
     light = [f for f in done if f.answers["sigma_fps"] <= LIGHT_FPS]
     rough = [f for f in done if f.answers["sigma_fps"] > LIGHT_FPS]
     print("of each: mean error of estimates %, 95 % intervals that hold the truth %, called estimated %")
@@ -90,6 +96,14 @@ def main() -> None:
             print(" | ".join((" " * 12, *(f"{n:15s}" for n in DERIVATIVES))))
             for method in METHODS:
                 print(row(chosen, method, definition))
+    for words, air in (("calm", [0.0]), ("gusts", None)):
+        chosen = [f for f in sideways if (f.answers["sigma_fps"] in air if air else f.answers["sigma_fps"] > 0)]
+        for axis in ("CY", "Cl", "Cn") if chosen else ():
+            derivatives = [n for n in LATERAL if n.startswith(axis)]
+            print(f"\nlateral, {words}, {len(chosen)} flights")
+            print(" | ".join((" " * 12, *(f"{n:15s}" for n in derivatives))))
+            for method in OF_LATERAL:
+                print(row(chosen, method, "derivatives", derivatives))
 
 
 if __name__ == "__main__":

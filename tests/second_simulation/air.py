@@ -96,9 +96,9 @@ def air(rng: np.random.Generator, aircraft: Drawn, kind: str, sigma: float, leng
     if sigma:
         up, side = (noise(rng, kind, "across", sigma, length, count) for _ in range(2))
         head = noise(rng, kind, "along", sigma, length, count)
-        # MIL-F-8785C, 3.7.5: roll gusts' spectrum, as a first-order lag of white noise of that variance.
+        # MIL-F-8785C, 3.7.5: the roll gusts' spectrum is that of a first-order lag of white noise; this its variance.
         lag = 4 * SPAN / np.pi
-        sd = sigma * np.sqrt(0.8 / (length * SPAN)) * (np.pi * length / (4 * SPAN)) ** (1 / 6) * np.sqrt(np.pi / 2)
+        sd = sigma * np.sqrt(0.8 / (length * SPAN)) * (np.pi * length / (4 * SPAN)) ** (1 / 6) * np.pi / np.sqrt(8)
         e, roll = np.exp(-STEP / lag), np.zeros(count)
         shocks = sd * np.sqrt(1 - e * e) * rng.standard_normal(count)
         for i in range(1, count):

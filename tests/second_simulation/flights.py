@@ -224,9 +224,12 @@ def identify_case(seed: int, i: int, lateral: bool = False) -> Case:
     )
 
 
-def diagnose_cases(seed: int, i: int, names: tuple[str, ...] | None = None, sigma: float | None = None) -> list[Case]:
+def diagnose_cases(
+    seed: int, i: int, names: tuple[str, ...] | None = None, sigma: float | None = None, lateral: bool = False
+) -> list[Case]:
     """Three flights of one aircraft. `names` of what is hidden, else every fifth case has nothing, every tenth two or
-    three things. Derivatives are as the profile says, within its standard deviations."""
+    three things. Derivatives are as the profile says, within its standard deviations. `lateral`: ailerons and rudder
+    move too."""
     rng = np.random.default_rng((seed, i, 3))
     aircraft = drawn(rng, 0.10, mass_known=True)
     if names is None:
@@ -240,13 +243,14 @@ def diagnose_cases(seed: int, i: int, names: tuple[str, ...] | None = None, sigm
         "sigma": float(rng.choice([0.0, 3.0, 5.0, 8.0, 12.0])) * FT if sigma is None else sigma,
         "scale": float(rng.choice([500.0, 1000.0, 1750.0, 2500.0])) * FT,
         "spectrum": str(rng.choice(KINDS)),
-        "rate": float(rng.choice((25.0, 50.0, 50.0, 100.0))),
+        "rate": float(rng.choice((10.0, 25.0, 50.0, 50.0, 100.0))),
         "noise": float(np.exp(rng.uniform(np.log(0.5), np.log(2.0)))),
-        "feedback": autopilot(rng, False),
+        "feedback": autopilot(rng, lateral),
         "hidden": planted,
         "zeros": zeros_of(rng),
         "thrust_recorded": bool(rng.random() < 0.6),
         "seconds": 45.0,
+        "lateral": lateral,
     }
     kinds = [str(k) for k in rng.permutation(INPUTS)[:3]]
     return [

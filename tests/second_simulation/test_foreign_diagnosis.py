@@ -55,8 +55,9 @@ def test_nothing_is_named_where_nothing_is_hidden(index: int, sigma: float, stat
 @pytest.mark.slow
 @pytest.mark.xfail(strict=False, reason="names where nothing is hidden: the profile's constants are taken for right")
 def test_no_name_is_confidently_wrong(station: Station, tmp_path: Path) -> None:
-    """Twelve cases without anything hidden and forty of whatever is drawn."""
+    """Twelve cases without anything hidden, four with ailerons and rudder too, and forty of whatever is drawn."""
     drawn = [diagnose_cases(SEED, i, names=()) for i in range(12)]
+    drawn += [diagnose_cases(SEED, 50 + i, names=(), lateral=True) for i in range(4)]
     drawn += [diagnose_cases(SEED, 100 + i) for i in range(40)]
     scores = [s for i, cases in enumerate(drawn) if (s := scored(station, cases, tmp_path / str(i))) is not None]
     print(f"seed {SEED}\n{totals(scores)}\n\n{table(scores)}")
