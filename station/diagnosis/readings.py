@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from station.diagnosis.derivative_posterior import diagnosed_qualities
 from station.diagnosis.procedure import Diagnosis
+from station.diagnosis.qualification import Flown, qualification_json, qualification_lines, qualified
 from station.identification.handling_qualities import derived_json, derived_lines
 from station.model.flying_qualities import Qualities
 
@@ -15,31 +17,45 @@ _SUSPECT = "suspect, for what is unexplained: "
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """Derived quantities after the extension, or why there are none, and before."""
+    """Derived quantities after the extension, or why there are none, and before; every manoeuvre
+    simulated from its measured inputs."""
 
     derived: Qualities | str
     derived_before: Qualities | None
+    qualification: Sequence[Flown]
     suspect: bool
     """Whether something remains unexplained, which all of this may suffer from."""
 
     def as_json(self) -> dict[str, Any]:
         """Keys of station.diagnose/1."""
-        return {"derived": {**derived_json(self.derived), "suspect": self.suspect}}
+        return {
+            "derived": {**derived_json(self.derived), "suspect": self.suspect},
+            "qualification": qualification_json(self.qualification),
+        }
 
     def lines(self) -> list[str]:
         """For the terminal."""
         first, *more = derived_lines(self.derived)
-        return [f"{_SUSPECT}{first}" if self.suspect else first, *more]
+        own = [f"{_SUSPECT}{first}" if self.suspect else first, *more]
+        return [*own, *qualification_lines(self.qualification)]
 
     def page(self) -> list[str]:
         """Pieces of HTML."""
-        from station.identification.handling_pages import derived_page  # and with it matplotlib
+        from station.diagnosis.qualification_pages import qualification_page  # and with it matplotlib
+        from station.identification.handling_pages import derived_page
 
         head, *rest = derived_page(self.derived, self.derived_before)
-        return [head, *(["<p>Suspect: something remains unexplained.</p>"] if self.suspect else []), *rest]
+        return [
+            head,
+            *(["<p>Suspect: something remains unexplained.</p>"] if self.suspect else []),
+            *rest,
+            *qualification_page(self.qualification),
+        ]
 
 
 def readings_of(found: Diagnosis) -> Readings:
     """From a diagnosis against the simulation."""
     after, before = diagnosed_qualities(found)
-    return Readings(after, before, found.verdict == "unexplained")
+    records = [r.record for r in (*found.problem.references, *found.held_out)]
+    flown = qualified(records, found.aircraft, found.after)
+    return Readings(after, before, flown, found.verdict == "unexplained")

@@ -53,6 +53,9 @@ def test_names_measures_extends_and_reports(late, tmp_path):
     assert first["unit"] == "s"
     assert result["gain"]["before"] > result["gain"]["after"]
     assert result["held_out"] == [late[2].name]
+    flown = result["qualification"]["manoeuvres"]
+    assert {m["record"] for m in flown} == {log.name for log in late}
+    assert all(e["inside"] for m in flown for e in m["entries"])
     # The aircraft flown is the profile's: what its own derivatives make of the short period lies in the interval.
     own = load_aircraft("twin_otter")
     condition = result["derived"]["condition"]
@@ -67,6 +70,7 @@ def test_names_measures_extends_and_reports(late, tmp_path):
     page = (report / "diagnosis.html").read_text()
     assert "data:image/png;base64," in page
     assert "MIL-F-8785C" in page
+    assert "14 CFR part 60" in page
     assert "http" not in re.sub(r"base64,[^\"]*", "", page)
     assert (report / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
 
