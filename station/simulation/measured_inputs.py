@@ -20,7 +20,8 @@ from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import ALONG, STEP, UP, Field
 from station.simulation.installed import Installed
 from station.simulation.motion import COLUMNS, DISTANCE, DT, INCIDENCE, Flown, Memory, advance, memory_of
-from station.simulation.three_degrees import elevator_backlash, reach, site
+from station.simulation.pilot import hands
+from station.simulation.three_degrees import HANDS_OFF, elevator_backlash, reach, site
 
 Array = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ class MeasuredFlight:
             indicial_tables(aircraft),
             vane_constants(aircraft.boom or NO_BOOM, DT),
             site(Flight().model_copy(update={"speed": speed}), aircraft.imu_at(imu)),
+            hands(HANDS_OFF, 0.0, 0.0),
         )
         self._t = inputs.dt * np.arange(len(inputs.elevator))
         fine = np.arange(0.0, self._t[-1] + 2 * DT, DT)
@@ -113,7 +115,7 @@ class MeasuredFlight:
         x[eq.LAGS : eq.LAGS + motions] = start.alpha - c.trim_alpha
         x[eq.LAGS + motions :] = met
         ring = 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * DT))
-        memory = memory_of(x, ring, tables, float(self._elevator[0]))
+        memory = memory_of(x, ring, tables, float(self._elevator[0]), self._flown.hands)
         memory.wake[DISTANCE, 0] = -reach(self._aircraft)[0]
         memory.wake[INCIDENCE, 0] = start.alpha - c.trim_alpha + met
         return memory
