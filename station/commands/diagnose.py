@@ -16,6 +16,7 @@ import typer
 
 from station.commands.common import there
 from station.console import DEGRADED, DONE, check_json, say, write_json
+from station.convert.jsbsim_aircraft import SUFFIX, write_jsbsim
 from station.diagnosis.checks import Checked, checked
 from station.diagnosis.diagnosis_result import Result, partly_judged, summary
 from station.diagnosis.extension import write_profile as write_aircraft
@@ -47,7 +48,10 @@ def diagnose(
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
     write_profile: Annotated[
-        Path | None, typer.Option("--write-profile", metavar="PATH", help="write the extended aircraft, a new file")
+        Path | None,
+        typer.Option(
+            "--write-profile", metavar="PATH", help="write the extended aircraft, a new file; .xml: for JSBSim"
+        ),
     ] = None,
 ) -> int:
     """Compare recordings with the simulation: what is wrong, its cause, the extended model and what it gains."""
@@ -180,8 +184,9 @@ def _rrd_beside(
 
 
 def _write(found: Result, path: Path, logs: Sequence[Path]) -> None:
-    """The extended aircraft as a profile."""
+    """The extended aircraft as a profile, or as an aircraft of JSBSim."""
     words = "\n".join(e.sentence for e in found.named) or "No effect was found: the same aircraft."
     heading = f"Extended by station diagnose ({found.verdict}) from {', '.join(p.name for p in logs)}.\n{words}"
-    write_aircraft(found.extended.model_copy(update={"name": path.stem}), path, heading)
+    write = write_jsbsim if path.suffix == SUFFIX else write_aircraft
+    write(found.extended.model_copy(update={"name": path.stem}), path, heading)
     say(str(path))
