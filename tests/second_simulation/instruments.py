@@ -79,7 +79,8 @@ def sticking(y: Array, breakaway: float) -> Array:
 def damaged(true: dict[str, Array], hidden: Mapping[str, float]) -> dict[str, Array]:
     """Signals at every DT with what is wrong with instruments in them, by the ids of HIDDEN; SI."""
     y = dict(true)
-    if x := hidden.get("accelerometer.position"):
+    # Where the accelerometer is from the CG, which may itself have moved aft.
+    if x := hidden.get("accelerometer.position", 0.0) + hidden.get("cg.shift", 0.0):
         y["ax"] = y["ax"] - x * (y["q"] ** 2 + y["r"] ** 2)
         y["ay"] = y["ay"] + x * (y["rdot"] + y["p"] * y["q"])
         y["az"] = y["az"] - x * (y["qdot"] - y["p"] * y["r"])
