@@ -92,6 +92,8 @@ def main() -> None:
     print("of each: mean error of estimates %, 95 % intervals that hold the truth %, called estimated %")
     for definition in ("derivatives", "quasi_steady"):
         for words, chosen in ((f"to {LIGHT_FPS:g} ft/s", light), (f"above {LIGHT_FPS:g} ft/s", rough)):
+            if not chosen:
+                continue
             print(f"\n{definition}, {words}, {len(chosen)} flights")
             print(" | ".join((" " * 12, *(f"{n:15s}" for n in DERIVATIVES))))
             for method in METHODS:
