@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
 
 from station.commands.common import there
 from station.console import DEGRADED, DONE, check_json, say, write_json
@@ -20,6 +21,9 @@ from station.convert.jsbsim_aircraft import SUFFIX, write_jsbsim
 from station.diagnosis.checks import Checked, checked
 from station.diagnosis.diagnosis_result import Result, partly_judged, summary
 from station.diagnosis.extension import write_profile as write_aircraft
+from station.identification.instrument_table import InstrumentTable, of_recording, print_table
+from station.identification.instrument_table import as_json as lags_json
+from station.identification.listing import WIDTH
 from station.log import Table, metadata, points, table, verdict
 from station.profile import Aircraft, load_aircraft
 from station.rows import LogError, UsageError
@@ -71,14 +75,19 @@ def diagnose(
     reader.shutdown(wait=False)
     fitted = [_checked(path, flown[path], subject) for path in logs]
     kept = [_checked(path, flown[path], subject) for path in hold_out or []]
+    tables = {x.name: of_recording(x.table, subject, x.imu_position, x.noise) for x, _ in fitted}
+    if as_json != "-":
+        for name, made in tables.items():
+            print_table(made, Console(width=WIDTH), name)
     lacking = why_not_flown(subject)
     found: Result
     more: list[str] = []
     if lacking or not all("elevator" in x.columns for x in flown.values()):
         say(f"{lacking or 'a record has no elevator'}: the kinematic part only")
-        found, written = _kinematics(fitted, kept, subject, report)
+        found, written = _kinematics(fitted, kept, subject, tables, report)
     else:
-        found, written, more = _whole(fitted, kept, subject, report)
+        found, written, more = _whole(fitted, kept, subject, tables, report)
+    written |= {"lags": [{"log": name, **row} for name, made in tables.items() for row in lags_json(made)["lags"]]}
     if write_profile is not None:
         _write(found, write_profile, logs)
     if as_json is not None:
@@ -99,7 +108,11 @@ def _checked(path: Path, flown: Table, subject: Aircraft) -> Marked:
 
 
 def _whole(
-    fitted: Sequence[Marked], kept: Sequence[Marked], subject: Aircraft, report: Path | None
+    fitted: Sequence[Marked],
+    kept: Sequence[Marked],
+    subject: Aircraft,
+    tables: Mapping[str, InstrumentTable | str],
+    report: Path | None,
 ) -> tuple[Diagnosis, dict[str, Any], list[str]]:
     """Against the simulation, the same as JSON, and what else is printed; without records to hold out, the last of the
     manoeuvres are."""
@@ -121,12 +134,16 @@ def _whole(
         from station.diagnosis.pictures import series_in_time
 
         with _rrd_beside(found, series_in_time(found, found.before, found.after, _PLOTS)[1], report):
-            say(str(write_report(found, sizes, report, readings.page())))
+            say(str(write_report(found, sizes, report, readings.page(), _pages(tables))))
     return found, as_json(found, sizes) | readings.as_json(), readings.lines()
 
 
 def _kinematics(
-    fitted: Sequence[Marked], kept: Sequence[Marked], subject: Aircraft, report: Path | None
+    fitted: Sequence[Marked],
+    kept: Sequence[Marked],
+    subject: Aircraft,
+    tables: Mapping[str, InstrumentTable | str],
+    report: Path | None,
 ) -> tuple[KinematicDiagnosis, dict[str, Any]]:
     """What instruments say of each other, and the same as JSON."""
     from station.diagnosis.diagnosis_json import kinematic_json
@@ -145,8 +162,15 @@ def _kinematics(
         from station.diagnosis.diagnosis_report import write_kinematic_report
 
         with _rrd_beside(found, series_in_time(found.fitted), report):
-            say(str(write_kinematic_report(found, report)))
+            say(str(write_kinematic_report(found, report, _pages(tables))))
     return found, kinematic_json(found)
+
+
+def _pages(tables: Mapping[str, InstrumentTable | str]) -> list[str]:
+    """The report's section on the instruments of each recording."""
+    from station.identification.instrument_lag_page import lag_page  # and with it matplotlib
+
+    return [part for name, made in tables.items() for part in lag_page(made, name if len(tables) > 1 else "")]
 
 
 _PLOTS = 4

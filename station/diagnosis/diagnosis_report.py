@@ -47,14 +47,21 @@ _KINEMATIC_VERDICT: Final[Mapping[Verdict, str]] = {
 }
 
 
-def write_report(found: Diagnosis, sizes: Sequence[Detectable], folder: Path, more: Sequence[str] = ()) -> Path:
-    """Write the page into `folder` as diagnosis.html, with the sizes that its records would show, and `more` pieces of
-    HTML; returns its path. Raises LogError if it cannot be written."""
+def write_report(
+    found: Diagnosis,
+    sizes: Sequence[Detectable],
+    folder: Path,
+    more: Sequence[str] = (),
+    instruments: Sequence[str] = (),
+) -> Path:
+    """Write the page into `folder` as diagnosis.html, with the sizes that its records would show, `more` pieces of
+    HTML, and those of the `instruments` first; returns its path. Raises LogError if it cannot be written."""
     before, after = found.before, found.after
     verdict = (_VERDICT if found.with_error is None else _VERDICT_WITH_ERROR)[found.verdict]
     body = [
         f"<h1>{text(found.aircraft.name)}: measured against simulated</h1>",
         f'<p class="verdict">{verdict}</p>',
+        *instruments,
         effects_table(found.named),
         _unexplained(found),
         _model_error(found),
@@ -79,7 +86,7 @@ def write_report(found: Diagnosis, sizes: Sequence[Detectable], folder: Path, mo
     return write_page(f"Diagnosis: {found.aircraft.name}", body, folder / FILE_NAME)
 
 
-def write_kinematic_report(found: KinematicDiagnosis, folder: Path) -> Path:
+def write_kinematic_report(found: KinematicDiagnosis, folder: Path, instruments: Sequence[str] = ()) -> Path:
     """The page of the kinematic part: verdict, effects, each record's calibration with its pictures, and what was not
     judged."""
     lines = "".join(f"<li>{text(w)}: {text(y)}</li>" for w, y in found.not_judged.items())
@@ -87,6 +94,7 @@ def write_kinematic_report(found: KinematicDiagnosis, folder: Path) -> Path:
         f"<h1>{text(found.aircraft.name)}: what the instruments say of each other</h1>",
         f'<p class="verdict">{_KINEMATIC_VERDICT[found.verdict]}</p>',
         "<p>Kinematic part only: without aerodynamic data nothing is simulated.</p>",
+        *instruments,
         effects_table(found.named),
         f"<h2>Not judged</h2><ul>{lines}</ul>",
     ]

@@ -19,6 +19,7 @@ from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_
 from station.identification.angle_consistency import consistency
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
+from station.identification.instrument_table import instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.model_structure import Comparison, structures
 from station.identification.plausibility import hint
@@ -47,7 +48,8 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     wanted = request.names()
     ready = prepare(table, aircraft, request)
     # The instruments are examined where everything is asked for, or nothing else can be had.
-    made = kinematics(ready.record) if request.wants_all or ready.refusal else None
+    examined = request.wants_all or bool(ready.refusal)
+    made = kinematics(ready.record) if examined else None
     if ready.refusal and (made is None or not made.any_found):
         raise UsageError(f"{request.subject}: {ready.refusal}")
     spectra = _spectra(wanted, ready)
@@ -75,6 +77,7 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
         methods=results,
         recommended=best,
         consistency=consistency(results, request.axes),
+        instruments=(ready.mistaken or instrument_table(ready.record)) if examined else None,
         kinematics=made,
         structures=_structures(ready, flown),
         sifted=lines,

@@ -12,6 +12,7 @@ from station.identification.advice import NextInput, SiftedMethod
 from station.identification.angle_consistency import Consistency, Transformation
 from station.identification.handling_qualities import derived_json, identified_qualities
 from station.identification.identified import Identification
+from station.identification.instrument_table import as_json as instruments_json
 from station.identification.kinematic_results import (
     NOT_SEPARATED,
     VANE_UNITS,
@@ -51,6 +52,7 @@ def as_json(found: Identification) -> Json:
         "turbulence": {"level": found.turbulence if is_known else None, "w_std_2_7hz_mps": _finite(found.gust_sd)},
         "remarks": list(found.remarks),
         "hint": found.hint,
+        **(instruments_json(found.instruments) if found.instruments is not None else {}),
         "methods": {name: _method(result) for name, result in found.methods.items()},
         "recommended": found.recommended,
         "derived": derived_json(identified_qualities(found)),

@@ -20,6 +20,7 @@ from station.identification.handling_pages import derived_page
 from station.identification.handling_qualities import identified_qualities
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, write_page
 from station.identification.identified import Identification
+from station.identification.instrument_lag_page import lag_page
 from station.identification.instrument_pages import input_pages, kinematic_pages
 from station.numerics.regression import autocorrelation
 from station.rows import ParamEstimate, Status
@@ -52,6 +53,7 @@ def write_report(found: Identification, folder: Path) -> Path:
     body = [
         f"<h1>{text(found.aircraft.name)}: stability and control derivatives</h1>",
         _summary(found),
+        *(lag_page(found.instruments) if found.instruments is not None else []),
         "<h2>Estimates</h2>",
         *(part for names in _groups(found) for part in (_estimates(found, names), _table(found, names))),
         _refusals(found),

@@ -10,6 +10,7 @@ from station.estimation.results import Axes, MethodResult
 from station.identification.advice import NextInput, SiftedMethod
 from station.identification.angle_consistency import Consistency
 from station.identification.flown import Flown
+from station.identification.instrument_table import InstrumentTable
 from station.identification.kinematics import Kinematics
 from station.identification.model_structure import Comparison
 from station.profile import Aircraft
@@ -33,6 +34,7 @@ class Identification:
     methods: Mapping[str, MethodResult]
     recommended: str | None
     consistency: Consistency | None
+    instruments: InstrumentTable | str | None
     kinematics: Kinematics | None
     structures: Mapping[str, Comparison] | str | None
     """By equation."""

@@ -6,20 +6,25 @@ up to SEGMENTS minutes of the record, those in which it pitched most. SI, rad.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from rich import box
+from rich.console import Console
 from rich.table import Table as Grid
 
 from station.estimation.flight_record import FlightRecord
+from station.identification.preparation import corrected, flight_record
+from station.log import Table
 from station.model.instrument_lags import Value, solve
 from station.model.kinematic_equations import AGAINST, ANGLES, FLOW, GROUND, IMU
 from station.model.kinematic_likelihood import LAGS_S, LEVEL, REFERENCE, SEGMENT_S, ZEROS
 from station.numerics.regression import NotIdentifiable
 from station.numerics.second_order import vane_lag
+from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
@@ -29,7 +34,9 @@ MOSTLY: Final = 0.5
 MARGIN_S: Final = 2 * LAGS_S + 0.1
 CI95: Final = 1.96
 KINDS: Final = ("lag", "scale", "zero")
-ORDER: Final = ("theta", "q", "az", "ax", "alpha_vane", "airspeed", *GROUND, "altitude", "phi", "p", "psi", "r", "ay", "beta_vane")
+JSON_NAMES: Final = (("lag", "lag_s", "ci95"), ("scale", "scale", "scale_ci95"), ("zero", "zero", "zero_ci95"))
+LONGITUDINAL: Final = ("theta", "q", "az", "ax", "alpha_vane", "airspeed", *GROUND, "altitude")
+ORDER: Final = (*LONGITUDINAL, "phi", "p", "psi", "r", "ay", "beta_vane")
 UNITS: Final = {
     **dict.fromkeys(("p", "q", "r"), ("deg/s", 180 / np.pi)),
     **dict.fromkeys(FLOW, ("deg", 180 / np.pi)),
@@ -102,6 +109,17 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
     return InstrumentTable(tuple(rows), found.gust_sd, found.seconds, found.high_hz)
 
 
+def of_recording(
+    table: Table, aircraft: Aircraft, place: tuple[float, float, float], noise: Mapping[str, float] | None
+) -> InstrumentTable | str:
+    """Of a whole recording that is cleaned already; `place` (m, body) and `noise` (SI) are the rig's."""
+    try:
+        record, _ = flight_record(corrected(table, aircraft, noise, place), aircraft, place, noise)
+    except NotIdentifiable as why:
+        return str(why)
+    return instrument_table(record)
+
+
 def _why(signal: str, kind: str) -> str:
     if kind == "lag" and signal in REFERENCE:
         return REFERENCE_WHY
@@ -136,7 +154,7 @@ def as_json(table: InstrumentTable | str) -> dict[str, Any]:
 
 def _row_json(row: Instrument) -> dict[str, Any]:
     made: dict[str, Any] = {"signal": row.signal, "against": ", ".join(row.against)}
-    for kind, name, interval in (("lag", "lag_s", "ci95"), ("scale", "scale", "scale_ci95"), ("zero", "zero", "zero_ci95")):
+    for kind, name, interval in JSON_NAMES:
         v = row.of(kind)
         told = not v.why
         made[name] = v.value if told else None
@@ -165,12 +183,18 @@ def cell(row: Instrument, kind: str) -> str:
     return f"{value:.{decimals}f} ± {twice:.{decimals}f} {unit}".rstrip()
 
 
-def as_grid(table: InstrumentTable) -> Grid:
-    """For the terminal."""
+def print_table(table: InstrumentTable | str | None, console: Console, of: str = "") -> None:
+    """In the terminal, where it was asked for; `of` names the recording where there are several."""
+    if table is None:
+        return
+    if isinstance(table, str):
+        console.print(f"Instruments against each other: {table}", highlight=False, markup=False)
+        return
+    console.print(heading(table) + (f": {of}" if of else ""), highlight=False, markup=False)
     grid = Grid("instrument", "against", "lag", "scale", "zero", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for row in table.rows:
         grid.add_row(row.signal, ", ".join(row.against) or "reference", *(cell(row, kind) for kind in KINDS))
-    return grid
+    console.print(grid)
 
 
 def heading(table: InstrumentTable) -> str:

@@ -14,6 +14,7 @@ from station.estimation.results import MethodResult
 from station.identification.advice import NextInput
 from station.identification.handling_qualities import derived_lines, identified_qualities
 from station.identification.identified import Identification
+from station.identification.instrument_table import print_table
 from station.rows import Status
 
 WIDTH: Final = 100
@@ -28,6 +29,7 @@ def print_estimates(found: Identification) -> None:
     console = Console()
     console = console if console.is_terminal else Console(width=WIDTH)
     start, end = found.interval_s
+    print_table(found.instruments, console)
     console.print(
         f"{found.aircraft.name}, {start:.2f} to {end:.2f} s, turbulence {found.turbulence}; "
         f"recommended: {found.recommended or 'none'}. Estimate ± 2 standard errors; - is not estimated."

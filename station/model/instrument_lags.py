@@ -38,7 +38,7 @@ LAG_SD: Final = 1.0
 SCALE_SD: Final = 0.3
 """Prior standard deviations: of a lag, s, and of the logarithm of a scale."""
 ATTITUDE_DRIFT: Final = 0.0035
-"""rad: by which an attitude's error changes from a record's beginning to its end: 0.2 deg of a vertical gyro or AHRS."""
+"""rad: by which an attitude's error changes over a record: 0.2 deg of a vertical gyro or AHRS."""
 DOWN_MPS: Final = 0.2
 """Mean vertical wind of a minute or more, which a vane's zero holds."""
 BLOCK_S: Final = 10.0
@@ -144,11 +144,11 @@ class _Fit(Likelihood):
             self.renew_noise(e, values)
             paths = self.paths(values)
             sigma = self.covariance(paths)
-            weighted = np.linalg.solve(sigma[None], np.moveaxis(e, 1, 2)[..., None])[..., 0]
+            weighted = np.asarray(np.linalg.solve(sigma[None], np.moveaxis(e, 1, 2)[..., None])[..., 0], complex)
             slope = self.denoised(slope, weighted, paths, keys, values)
             root = np.linalg.cholesky(sigma)
             white = np.linalg.solve(root[None], np.moveaxis(e, 1, 2)[..., None])[..., 0]
-            slopes = np.linalg.solve(root[None], np.moveaxis(slope, 1, 2))
+            slopes = np.asarray(np.linalg.solve(root[None], np.moveaxis(slope, 1, 2)), dtype=np.complex128)
             now = np.array([values[key] for key in keys])
             information = np.diag(1 / prior**2) + 2 * np.einsum("skrp,skrq->pq", slopes.conj(), slopes).real
             score = -now / prior**2 - 2 * np.einsum("skrp,skr->p", slopes.conj(), white).real
@@ -171,8 +171,9 @@ class _Fit(Likelihood):
         """With a first-order filter instead of a head's delay, or before it, where that explains its row better."""
         lag = values[head, "lag"]
         without = {key: x for key, x in values.items() if key != (head, "lag")}
-        for start, price in (({**without, (head, "filter"): abs(lag)}, 0.0),
-                             ({**values, (head, "lag"): 0.5 * lag, (head, "filter"): 0.5 * abs(lag)}, BETTER)):  # fmt: skip
+        instead = {**without, (head, "filter"): abs(lag)}
+        before = {**values, (head, "lag"): 0.5 * lag, (head, "filter"): 0.5 * abs(lag)}
+        for start, price in ((instead, 0.0), (before, BETTER)):
             trial, better = self._fitted(start)
             if better < deviance - price and 0 < trial[head, "filter"] < LONGEST_FILTER_S:
                 values, deviance = trial, better
@@ -204,7 +205,7 @@ class _Fit(Likelihood):
         return Solution(found, self._gust(values, not vane.why), self._length, self.high_hz)
 
     def _level(self, motion: Mapping[str, Array], found: Mapping[Key, Value]) -> Value:
-        """Zero of the vane by the mean of attitude less path, as if there were no mean vertical wind and no sideslip."""
+        """Zero of the vane by the mean of attitude less path, without mean vertical wind and sideslip."""
         rows = np.concatenate([np.arange(s.start, s.start + s.count) for s in self.stretches])
         roll = motion["phi"][rows] if "phi" in motion else np.zeros(len(rows))
         pitch, speed = motion["theta"][rows], motion["airspeed"][rows]
@@ -250,7 +251,9 @@ class _Fit(Likelihood):
         vertical (or side) acceleration over the speed across (1/s); no more gust than the acceleration answers to."""
         made = np.zeros(len(keys))
         for head, force in (("alpha_vane", "az"), ("beta_vane", "ay")):
-            mine = ((n, t) for n, t in enumerate(self.model.terms) if t.row == head and t.order == (t.instrument == head))
+            mine = (
+                (n, t) for n, t in enumerate(self.model.terms) if t.row == head and t.order == (t.instrument == head)
+            )
             places = {t.instrument: n for n, t in mine}
             if head not in places or force not in places:
                 continue

@@ -3,7 +3,7 @@
     theta'      = q cos(phi) - r sin(phi)
     phi'        = p + tan(theta) (q sin(phi) + r cos(phi))
     psi'        = (q sin(phi) + r cos(phi)) / cos(theta)
-    (V alpha)'  = q u - p v + g cos(theta) cos(phi) + az        V alpha: at the CG, of the vane's angle and its rate term
+    (V alpha)'  = q u - p v + g cos(theta) cos(phi) + az     V alpha: at the CG, of the vane's angle and rate term
     (V beta)'   = p w - r u + g cos(theta) sin(phi) + ay
     u'          = r v - q w - g sin(theta) + ax
     v_north', v_east', v_down' = R(phi, theta, psi) (ax, ay, az) + (0, 0, g),   altitude'' = -v_down'

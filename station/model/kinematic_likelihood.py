@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -30,7 +31,7 @@ from station.numerics.regression import NotIdentifiable
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Key = tuple[str, str]
-"""An instrument, and "lag" (s), "filter" (s, a time constant before a head's lag), "scale" (its logarithm) or "zero"."""
+"""An instrument, and "lag" (s), "filter" (s, time constant before a head's lag), "scale" (logarithm) or "zero"."""
 
 REFERENCE: Final = ("theta", "phi")
 """In time by definition."""
@@ -163,7 +164,7 @@ class Likelihood:
         while edges[-1] + least < last:
             edges.append(max(edges[-1] + least, round(edges[-1] * BAND_GROWS)))
         edges[-1] = last
-        return list(zip(edges[:-1], edges[1:], strict=True)) or [(0, last)]
+        return list(pairwise(edges)) or [(0, last)]
 
     def smooth(self, power: Array) -> Array:
         """Means of bands (rows, lines), straight between their middles on logarithmic axes."""
@@ -203,7 +204,9 @@ class Likelihood:
         for n, (i, kind) in enumerate(keys):
             if kind == "zero":
                 continue
-            noise = np.einsum("rk,sk->srk", paths[i], self.white[i] * np.einsum("rk,skr->sk", paths[i].conj(), weighted))
+            noise = np.einsum(
+                "rk,sk->srk", paths[i], self.white[i] * np.einsum("rk,skr->sk", paths[i].conj(), weighted)
+            )
             if i in self.rows:
                 noise[:, self.rows[i]] += self.own[self.rows[i]] * weighted[:, :, self.rows[i]]
             late = 1j * self.omega

@@ -29,10 +29,7 @@ EDGE: Final = 0.2
 KEPT: Final = 50
 """Windows of other lags that are kept."""
 _RISE: Final = np.array(
-    [
-        np.pad(np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20]).deriv(m).coef, (0, m))
-        for m in range(4)
-    ]
+    [np.pad(np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20]).deriv(m).coef, (0, m)) for m in range(4)]
 )
 """Coefficients of a rise from 0 to 1 with three continuous derivatives, and of its derivatives, lowest power first."""
 MOST: Final = len(_RISE) - 1
@@ -67,18 +64,22 @@ class Stretch:
         return self.count * self.dt
 
     @cached_property
+    def _times(self) -> Array:
+        return np.asarray(np.arange(self.count) * self.dt)
+
+    @cached_property
     def frequencies_hz(self) -> Array:
         return np.asarray(np.arange(self.lines) / self.length)
 
     @cached_property
     def _norm(self) -> float:
-        w = _window(np.arange(self.count) * self.dt, self.length)[0]
+        w = _window(self._times, self.length)[0]
         return 1.0 / math.sqrt(float(w @ w) * self.dt)
 
     @cached_property
     def correlation(self) -> Complex:
         """Of the transforms of white noise at lines 0, 1, 2 ... apart, (lines,)."""
-        w = _window(np.arange(self.count) * self.dt, self.length)[0] * self._norm
+        w = _window(self._times, self.length)[0] * self._norm
         return np.asarray(np.fft.fft(w * w)[: self.lines] * self.dt)
 
     @cached_property
@@ -94,7 +95,7 @@ class Stretch:
         if after not in self._windows:
             if len(self._windows) > KEPT:
                 self._windows.clear()
-            self._windows[after] = _window(np.arange(self.count) * self.dt + after, self.length)
+            self._windows[after] = _window(self._times + after, self.length)
         back = -2j * np.pi * self.frequencies_hz
         parts = np.fft.rfft(self._windows[after][: orders + 1] * rows)[:, : self.lines]
         parts = parts * (np.exp(back * after) * self.dt * self._norm)
