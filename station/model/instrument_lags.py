@@ -50,6 +50,9 @@ STEPS: Final[Mapping[str, float]] = {"lag": 0.15, "filter": 0.15, "scale": 0.2, 
 SCAN_S: Final = 0.1
 BETTER: Final = 9.0
 """Deviance by which a lag elsewhere, or a filter, must be better: three standard deviations."""
+HEARD: Final = 25.0
+"""Deviance by which an instrument must explain another, or they it, before its lag and scale say anything: five
+standard deviations, for lags are sought at thirty places."""
 CORRELATED: Final = 8
 """Lines apart that the window leaves correlated."""
 FILTERS_S: Final = 0.05
@@ -184,18 +187,19 @@ class _Fit(Likelihood):
         keys = list(values)
         covariance = self._errors_of(keys)
         found: dict[Key, Value] = {}
+        unheard = {i for i in self.instruments if self.heard(i, values) < HEARD}
         for n, (i, kind) in enumerate(keys):
             if kind in ("lag", "filter"):
                 parts = [m for m, key in enumerate(keys) if key in ((i, "lag"), (i, "filter"))]
                 sd = math.sqrt(max(float(covariance[np.ix_(parts, parts)].sum()), 0.0))
-                why = CLOCKED_WHY if i in CLOCKED else "" if sd < TOLD["lag"] else HARDLY
+                why = CLOCKED_WHY if i in CLOCKED else HARDLY if i in unheard or sd > TOLD["lag"] else ""
                 found[i, "lag"] = Value(sum(values[keys[m]] for m in parts), sd, why)
                 continue
             sd = math.sqrt(max(covariance[n, n], 0.0))
             if kind == "scale":
                 # What was estimated is its logarithm.
                 scale = math.exp(values[i, kind])
-                found[i, kind] = Value(scale, scale * sd, "" if sd < TOLD[kind] else HARDLY)
+                found[i, kind] = Value(scale, scale * sd, HARDLY if i in unheard or sd > TOLD[kind] else "")
             else:
                 sd = math.hypot(sd, ATTITUDE_DRIFT / self._length if i in RATES else 0.0)
                 found[i, kind] = Value(values[i, kind], sd, "" if sd < TOLD[kind] * ZEROS[i] else HARDLY)

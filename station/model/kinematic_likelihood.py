@@ -114,14 +114,19 @@ class Likelihood:
         return self._kept[key]
 
     def errors(
-        self, values: Mapping[Key, float], keys: Sequence[Key], wanted: Sequence[str] = ()
+        self,
+        values: Mapping[Key, float],
+        keys: Sequence[Key],
+        wanted: Sequence[str] = (),
+        omitted: Sequence[str] = (),
     ) -> tuple[Complex, Complex]:
-        """Rows (segments, rows, lines), and their slopes by `keys` (segments, rows, lines, keys); or `wanted` ones."""
+        """Rows (segments, rows, lines), and their slopes by `keys` (segments, rows, lines, keys); or `wanted` rows, and
+        without the instruments `omitted`."""
         shape = len(self.stretches), len(self.rows), len(self.omega)
         e, slope = np.zeros(shape, complex), np.zeros((*shape, len(keys)), complex)
         place = {key: n for n, key in enumerate(keys)}
         for n, term in enumerate(self.model.terms):
-            if wanted and term.row not in wanted:
+            if (wanted and term.row not in wanted) or term.instrument in omitted:
                 continue
             i, r = term.instrument, self.rows[term.row]
             gain = math.exp(-values.get((i, "scale"), 0.0))
@@ -215,9 +220,21 @@ class Likelihood:
             made[..., n] += noise if kind == "scale" else -late * noise
         return made
 
-    def deviance(self, values: Mapping[Key, float], rows: Sequence[str] | None = None) -> float:
+    def heard(self, i: str, values: Mapping[Key, float]) -> float:
+        """By how much deviance an instrument's readings explain a row that it does not head, or others the one it does:
+        the best of them."""
+        drops = []
+        for head in {t.row for t in self.model.terms if t.instrument == i}:
+            others = [t.instrument for t in self.model.terms if t.row == head and t.instrument != i]
+            omitted = others if head == i else [i]
+            drops.append(self.deviance(values, [head], omitted) - self.deviance(values, [head]))
+        return max(drops)
+
+    def deviance(
+        self, values: Mapping[Key, float], rows: Sequence[str] | None = None, omitted: Sequence[str] = ()
+    ) -> float:
         """-2 log likelihood of the heading readings of some rows, each row's noise at its own best level."""
-        e, _ = self.errors(values, (), rows or ())
+        e, _ = self.errors(values, (), rows or (), omitted)
         power = (np.abs(e) ** 2).mean(axis=0)
         total = 0.0
         for head in rows if rows is not None else self.rows:
