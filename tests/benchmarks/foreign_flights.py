@@ -1,8 +1,9 @@
 """Identification counted on the foreign flights: aircraft that differ from their profile as real ones do.
 
-    uv run python tests/benchmarks/foreign_flights.py [--folder DIR] [--workers 2] [--flights DIR]
+    uv run python tests/benchmarks/foreign_flights.py [--folder DIR] [--workers 2] [--second 60 --seed 1]
 
-The flights and their answers (tests/records.toml) come from a simulation that shares no formula with the station. Each
+The flights and their answers (tests/records.toml) come from a simulation that shares no formula with the station, as do
+those of tests/second_simulation, which has other noise, rates, spans, trims and air, and lateral flights too. Each
 is imported as a user would import it, identified against the shipped profile, and the recommended estimates are held
 against the aircraft's own derivatives. Printed: mean error, share of 95 % intervals that hold the truth, share called
 estimated; for calm to light air (to 5 ft/s) and above apart, and of each method beside.
@@ -23,6 +24,7 @@ from pathlib import Path
 
 from station.conventions import LATERAL
 from tests.records import record
+from tests.second_simulation.flights import identify_case, write
 
 DERIVATIVES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 METHODS = ("recommended", "physical", "split+gust", "split")
@@ -76,11 +78,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, help="where recordings and results are kept")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--flights", type=Path, help="others of that form, as tests/second_simulation writes them")
+    parser.add_argument("--second", type=int, default=0, help="so many flights of tests/second_simulation instead")
+    parser.add_argument("--seed", type=int, default=1, help="of the second simulation")
     given = parser.parse_args()
-    flights = given.flights or record("flights/answers.json").parent
-    answers = json.loads((flights / "answers.json").read_text())
     folder = given.folder or Path(tempfile.mkdtemp(prefix="foreign-flights-"))
+    if given.second:
+        flights = folder / f"flights_{given.seed}"
+        sideways = range(given.second // 4)
+        write([identify_case(given.seed, i) for i in range(given.second)], flights)
+        write([identify_case(given.seed, i, lateral=True) for i in sideways], flights)
+    else:
+        flights = record("flights/answers.json").parent
+    answers = json.loads((flights / "answers.json").read_text())
     folder.mkdir(parents=True, exist_ok=True)
     names = sorted(n for n in answers if n.startswith(("identify_", "lateral_")))
     with ThreadPoolExecutor(given.workers) as pool:
