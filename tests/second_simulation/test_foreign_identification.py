@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from station.conventions import LONGITUDINAL
+from station.conventions import LATERAL, LONGITUDINAL
 from tests.second_simulation.flights import QUIET, Case, identify_case, write
 
 SEED = int(os.environ.get("SECOND_SEED", secrets.randbelow(1 << 24)))
@@ -56,6 +56,17 @@ def recommended(result: dict[str, Any], answers: dict[str, Any], flight: str) ->
     return found
 
 
+def sideways(result: dict[str, Any], answers: dict[str, Any], flight: str) -> list[Estimate]:
+    """Lateral derivatives of `split` that are called estimated."""
+    found = []
+    for name, p in result["methods"]["split"]["parameters"].items():
+        if name in LATERAL and p["status"] == "estimated":
+            (low, high), truth = p["ci95"], answers["derivatives"][name]
+            off = p["estimate"] - truth
+            found.append(Estimate(flight, name, off / abs(truth), off / (0.5 * (high - low))))
+    return found
+
+
 def identified(station: Station, case: Case, folder: Path) -> list[Estimate]:
     """As a user would: written, imported and identified. Nothing where the aircraft departs or identify refuses."""
     write([case], folder)
@@ -67,7 +78,7 @@ def identified(station: Station, case: Case, folder: Path) -> list[Estimate]:
     assert station("import", text, "-o", log, "--aircraft", "twin_otter")[0] == 0
     code, _, said = station("identify", log, "--from", QUIET, "--json", out)
     assert code in (0, 3), said
-    return recommended(json.loads(out.read_text()), answers, case.name)
+    return (sideways if case.lateral else recommended)(json.loads(out.read_text()), answers, case.name)
 
 
 @pytest.mark.parametrize("index", [0, 1, 5])
@@ -89,3 +100,20 @@ def test_intervals_hold(station: Station, tmp_path: Path) -> None:
     assert [e for e in found if abs(e.widths) > FAR] == []
     # 90 % wanted, less three standard deviations of a count of 40.
     assert min(held.values()) > 0.9 - 3 * np.sqrt(0.9 * 0.1 / 40)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=False, reason="roll gusts, which nothing measures, pull Cl_p to half: equation error in gusts"
+)
+def test_no_lateral_estimate_is_far_from_the_truth(station: Station, tmp_path: Path) -> None:
+    """Wings held level in roll gusts of MIL-F-8785C: the aileron and the roll rate answer what no vane shows."""
+    found = [e for i in range(12) for e in identified(station, identify_case(SEED, i, lateral=True), tmp_path)]
+    print(f"seed {SEED}")
+    for name in LATERAL:
+        mine = [e for e in found if e.name == name]
+        held = np.mean([abs(e.widths) < 1 for e in mine]) if mine else np.nan
+        print(
+            f"{name:8s} {len(mine):3d} {100 * np.mean([abs(e.off) for e in mine] or [np.nan]):6.1f} % {100 * held:4.0f} %"
+        )
+    assert [e for e in found if abs(e.widths) > FAR] == []
