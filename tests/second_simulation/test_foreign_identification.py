@@ -112,8 +112,6 @@ def test_no_lateral_estimate_is_far_from_the_truth(station: Station, tmp_path: P
     print(f"seed {SEED}")
     for name in LATERAL:
         mine = [e for e in found if e.name == name]
-        held = np.mean([abs(e.widths) < 1 for e in mine]) if mine else np.nan
-        print(
-            f"{name:8s} {len(mine):3d} {100 * np.mean([abs(e.off) for e in mine] or [np.nan]):6.1f} % {100 * held:4.0f} %"
-        )
+        off, held = ([f(e) for e in mine] or [np.nan] for f in (lambda e: abs(e.off), lambda e: abs(e.widths) < 1))
+        print(f"{name:8s} {len(mine):3d} {100 * np.mean(off):6.1f} % {100 * np.mean(held):4.0f} %")
     assert [e for e in found if abs(e.widths) > FAR] == []
