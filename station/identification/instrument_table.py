@@ -20,7 +20,7 @@ from station.estimation.flight_record import FlightRecord
 from station.identification.preparation import corrected, flight_record
 from station.log import Table
 from station.model.instrument_lags import Value, solve
-from station.model.kinematic_equations import AGAINST, ANGLES, FLOW, GROUND, IMU
+from station.model.kinematic_equations import AGAINST, ANGLES, FLOW, GROUND
 from station.model.kinematic_likelihood import LAGS_S, LEVEL, REFERENCE, SEGMENT_S, ZEROS
 from station.numerics.regression import NotIdentifiable
 from station.numerics.second_order import vane_lag
@@ -94,7 +94,7 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
     arm = (boom.vane_x, boom.vane_y, boom.vane_z) if boom else (0.0, 0.0, 0.0)
     moving = {n: x for n, x in motion.items() if n in REFERENCE or np.ptp(x[good]) > 0}
     try:
-        found = solve(moving, record.dt, arm, spans)
+        found = solve(moving, record.dt, arm, spans, 1 / boom.steady_calibration if boom else 1.0)
     except NotIdentifiable as why:
         return str(why)
     except np.linalg.LinAlgError:
@@ -127,7 +127,7 @@ def _why(signal: str, kind: str) -> str:
         return NO_SCALE[signal]
     if kind == "zero" and signal in ANGLES:
         return REFERENCE_WHY
-    return "not in the record's rows" if signal in IMU and signal in ZEROS else "needs wind and path known"
+    return "not in any row of the record" if signal in ZEROS else "needs wind and path known"
 
 
 def _spans(good: NDArray[np.bool_], q: Array, dt: float) -> list[slice]:

@@ -85,12 +85,19 @@ class Solution:
     high_hz: float
 
 
-def solve(motion: Mapping[str, Array], dt: float, arm: tuple[float, float, float], spans: Sequence[slice]) -> Solution:
-    """Of signals (n,), forces at the CG, without gaps within `spans` of rows; `arm`: place of the vanes from the CG, m.
+def solve(
+    motion: Mapping[str, Array],
+    dt: float,
+    arm: tuple[float, float, float],
+    spans: Sequence[slice],
+    upwash: float = 1.0,
+) -> Solution:
+    """Of signals (n,), forces at the CG, without gaps within `spans` of rows; `arm`: place of the vanes from the CG, m;
+    `upwash`: the vane's scale by the profile, which only the airspeed's and side force's rows take from it.
 
     Raises NotIdentifiable for spans too short, and LinAlgError for a record in which nothing moves.
     """
-    return _Fit(motion, dt, arm, spans).solve(motion)
+    return _Fit(motion, dt, arm, spans, upwash).solve(motion)
 
 
 class _Fit(Likelihood):
@@ -205,7 +212,8 @@ class _Fit(Likelihood):
                 found[i, kind] = Value(values[i, kind], sd, "" if sd < TOLD[kind] * ZEROS[i] else HARDLY)
         vane = found.get(("alpha_vane", "lag"), Value(0.0, math.inf, HARDLY))
         if "v_down" in motion and not vane.why and not found["alpha_vane", "scale"].why:
-            found["alpha_vane", "zero"] = self._level(motion, found)
+            level = self._level(motion, found)
+            found["alpha_vane", "zero"] = min(level, found["alpha_vane", "zero"], key=lambda v: v.sd)
         return Solution(found, self._gust(values, not vane.why), self._length, self.high_hz)
 
     def _level(self, motion: Mapping[str, Array], found: Mapping[Key, Value]) -> Value:

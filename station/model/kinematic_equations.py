@@ -77,11 +77,12 @@ class Equations:
         self.terms.append(Term(row, instrument, readings, factor, order, float(np.mean(factor))))
 
 
-def equations(motion: Mapping[str, Array], arm: tuple[float, float, float]) -> Equations:
-    """Of the signals (n,) that the record has, forces at the CG; `arm` (m): the vanes' place from it."""
+def equations(motion: Mapping[str, Array], arm: tuple[float, float, float], upwash: float = 1.0) -> Equations:
+    """Of the signals (n,) that the record has, forces at the CG; `arm` (m): the vanes' place from it; `upwash`: scale
+    that the profile gives the vane of angle of attack, which the other rows' velocities are free of."""
     made = Equations()
     _attitude(made, motion)
-    _air(made, motion, arm)
+    _air(made, motion, arm, upwash)
     _ground(made, motion)
     return made
 
@@ -104,14 +105,14 @@ def _attitude(made: Equations, m: Mapping[str, Array]) -> None:
                 made.add(head, name, m[name], factor)
 
 
-def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float]) -> None:
+def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float], upwash: float) -> None:
     """Rows of the flow angles and the airspeed: the motion of the CG through the air, vanes at `arm`."""
     one = np.ones(len(m["theta"]))
     zero = 0.0 * one
     phi, theta = m.get("phi", zero), m["theta"]
     if "airspeed" not in m:
         return
-    speed, alpha, beta = m["airspeed"], m.get("alpha_vane", zero), m.get("beta_vane", zero)
+    speed, alpha, beta = m["airspeed"], m.get("alpha_vane", zero) / upwash, m.get("beta_vane", zero)
     x, y, z = arm
     u = speed * np.cos(alpha) * np.cos(beta)
     v = speed * np.sin(beta) - x * m.get("r", zero) + z * m.get("p", zero)

@@ -37,8 +37,13 @@ REFERENCE: Final = ("theta", "phi")
 """In time by definition."""
 LEVEL: Final = ("theta", "phi", "psi", "airspeed", "altitude")
 """Without a scale of their own: angles of an attitude reference; the speed, which gives the scale of the others."""
-ZEROS: Final[Mapping[str, float]] = {**dict.fromkeys("pqr", 0.02), **dict.fromkeys(("ax", "ay", "az"), 0.5)}
-"""Prior standard deviations of zeros, about 0; az's is that of its reading at 1 g."""
+ZEROS: Final[Mapping[str, float]] = {
+    **dict.fromkeys(("p", "q", "r"), 0.02),
+    **dict.fromkeys(("ax", "ay", "az"), 0.5),
+    **dict.fromkeys(("alpha_vane", "beta_vane"), 0.1),
+}
+"""Prior standard deviations of zeros, about 0; az's is that of its reading at 1 g. A vane's shows where the speed
+changes."""
 LAGS_S: Final = 1.5
 """Lags that are sought, either way, in a record ten times as long."""
 HIGH_HZ: Final = 2.5
@@ -63,7 +68,12 @@ class Likelihood:
     """Rows of the kinematic equations over the spans of a record, as functions of every instrument's errors."""
 
     def __init__(
-        self, motion: Mapping[str, Array], dt: float, arm: tuple[float, float, float], spans: Sequence[slice]
+        self,
+        motion: Mapping[str, Array],
+        dt: float,
+        arm: tuple[float, float, float],
+        spans: Sequence[slice],
+        upwash: float = 1.0,
     ) -> None:
         longest = max((s.stop - s.start for s in spans), default=0)
         if longest * dt < LEAST_S:
@@ -81,7 +91,7 @@ class Likelihood:
             for start in range(s.start + self.margin, s.stop - self.margin - count, count)
         ]
         self.arm = arm
-        self.model = equations(motion, arm)
+        self.model = equations(motion, arm, upwash)
         self.rows = {head: r for r, head in enumerate(self.model.heads)}
         self.speed = float(np.mean(motion["airspeed"])) if "airspeed" in motion else math.nan
         instruments = list(dict.fromkeys(t.instrument for t in self.model.terms if t.instrument))
