@@ -28,7 +28,7 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
-SEGMENTS: Final = 6
+SEGMENTS: Final = 8
 MOSTLY: Final = 0.5
 """A signal present in a smaller share of the rows is left out."""
 MARGIN_S: Final = 2 * LAGS_S + 0.1

@@ -53,6 +53,8 @@ BETTER: Final = 9.0
 HEARD: Final = 25.0
 """Deviance by which an instrument must explain another, or they it, before its lag and scale say anything: five
 standard deviations, for lags are sought at thirty places."""
+LEAST_SEGMENTS: Final = 4
+"""To say how much they scatter: to 35 %."""
 CORRELATED: Final = 8
 """Lines apart that the window leaves correlated."""
 FILTERS_S: Final = 0.05
@@ -105,6 +107,7 @@ class _Fit(Likelihood):
 
     slopes: NDArray[np.complex128]
     information: Array
+    scores: Array
 
     def solve(self, motion: Mapping[str, Array]) -> Solution:
         values = self._scanned(dict.fromkeys(self.keys, 0.0))
@@ -173,6 +176,7 @@ class _Fit(Likelihood):
                 low, high = {"lag": (-furthest, furthest), "filter": (0.0, LAGS_S)}.get(key[1], (-np.inf, np.inf))
                 values[key] = float(np.clip(x + dx, low, high))
             self.information, self.slopes = information, slopes
+            self.scores = 2 * np.einsum("skrp,skr->sp", slopes.conj(), white).real
             if np.max(np.abs(step) / sd) < SETTLED:
                 break
         return values, self.deviance(values)
@@ -237,7 +241,7 @@ class _Fit(Likelihood):
         return sum(s.length for s in self.stretches)
 
     def _errors_of(self, keys: Sequence[Key]) -> Array:
-        """Covariance: of noise through the window, and what gusts, clocks and a vane's place may do."""
+        """Covariance: of noise through the window, the segments' scatter, gusts, clocks and a vane's place."""
         lines = len(self.omega)
         window = self.stretches[0].correlation
         spread = np.diag(1 / self._prior(keys) ** 2)
@@ -251,12 +255,23 @@ class _Fit(Likelihood):
         inverse[np.ix_(free, free)] = np.linalg.inv(self.information[np.ix_(free, free)])
         moved = inverse @ self._gust_score(keys)
         clocks = CLOCK_S * inverse @ self.information[:, held]
-        made = inverse @ spread @ inverse + np.outer(moved, moved) + clocks @ clocks.T
+        made = inverse @ spread @ inverse
+        made = made * np.outer(scatter := self._scatter(inverse, made), scatter)
+        made = made + np.outer(moved, moved) + clocks @ clocks.T
         made[held, held] = CLOCK_S**2
         for n, (i, kind) in enumerate(keys):
             if i in FLOW and kind == ("lag" if (i, "lag") in keys else "filter"):
                 made[n, n] += (PLACE_M / self.speed) ** 2
         return np.asarray(made)
+
+    def _scatter(self, inverse: Array, covariance: Array) -> Array:
+        """By how much the segments' own estimates scatter beyond `covariance`, in standard deviations, at least 1."""
+        count = len(self.scores)
+        if count < LEAST_SEGMENTS:
+            return np.ones(len(covariance))
+        apart = self.scores @ inverse
+        found = (apart**2).sum(axis=0) * count / (count - 1)
+        return np.asarray(np.sqrt(np.maximum(found / np.maximum(np.diag(covariance), TINY), 1.0)))
 
     def _gust_score(self, keys: Sequence[Key]) -> Array:
         """Mean of the score that gusts add where the aircraft heaves with them: w = -gust / (1 + j omega/L), L the
