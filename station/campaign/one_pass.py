@@ -378,10 +378,8 @@ def fly_and_measure(
         fill(air.field, wind, state.copy(), air.first, field.values)
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
     flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)
-    command = air.command
-    if air.tremor:
-        ticks = math.ceil(command.shape[0] / (2 * EVERY))
-        command = command + Tremor(air.tremor, seed).half_steps(ticks)[: command.shape[0]]
+    steps = air.command.shape[0]
+    command = air.command + Tremor(air.tremor, seed).half_steps(math.ceil(steps / (2 * EVERY)))[:steps]
     advance(flown, memory, command, field, EVERY, truth)
     measure(sensors, truth, white, shown)
     true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]

@@ -67,6 +67,8 @@ class Summary:
     bytes: int
     aircraft: str
     card: str | None
+    pilot: str
+    """The feedback that flew it, in words; empty where none is known."""
     source: str
     imported: bool
     software: str
@@ -178,8 +180,10 @@ def _empty(path: Path, info: LogInfo) -> Summary:
     return Summary(
         path=str(path), verdict="complete", seconds_lost=0.0, problems=[], files=0, bytes=0,
         aircraft=about.aircraft.name,
-        card=about.card.name if about.card else None, source=about.source, imported=about.imported,
-        software=info.software, utc_start_ns=info.utc_ns, duration_s=0.0, rows=0, ticks=0, ticks_missed=0, frames=0,
+        card=about.card.name if about.card else None,
+        pilot=about.card.pilot.words if about.card and about.card.pilot.flies else "",
+        source=about.source, imported=about.imported, software=info.software, utc_start_ns=info.utc_ns,
+        duration_s=0.0, rows=0, ticks=0, ticks_missed=0, frames=0,
         methods=[], streams=[], event_counts={}, events=[],
     )  # fmt: skip
 
@@ -212,7 +216,8 @@ def describe(summary: Summary) -> str:
         verdict += ", and up to 0.1 s that was not yet written" if s.verdict == "truncated" else ""
     lines = [
         f"{s.path}: {verdict}",
-        f"  {s.source} of {s.aircraft}, {s.duration_s:.2f} s, {s.rows} rows, {s.bytes} bytes in {s.files} file(s)",
+        f"  {s.source} of {s.aircraft}, {s.duration_s:.2f} s, {s.rows} rows, {s.bytes} bytes in {s.files} file(s)"
+        f"{f', flown with {s.pilot}' if s.pilot else ''}",
         f"  {s.ticks} ticks ({s.ticks_missed} missed), {s.frames} frames, methods: {', '.join(s.methods) or 'none'}",
     ]
     lines += [f"  ! {problem}" for problem in s.problems]

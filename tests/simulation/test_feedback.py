@@ -94,6 +94,7 @@ def test_a_simulated_flight_is_recorded_and_says_who_flies(station, tmp_path) ->
     card = metadata(log).about.card
     assert card is not None
     assert card.pilot == load_card("feedback").card.pilot
+    assert "altitude hold 0.00174533 rad/m" in station("info", log)[1]
 
 
 def test_a_card_flies_by_its_pilot() -> None:
