@@ -292,7 +292,8 @@ EFFECTS: Final[tuple[Term, ...]] = (
          free_sd=0.3),
     Term("velocity.delay", "v_north v_east v_down", "s", "ms", -0.5, 1.5, 5e-3, "The velocity is delayed by {value}.",
          "vertical speed against the integral of the normal acceleration", delay(*VELOCITY), _ALL[1:],
-         needs=("v_down",), where_held=False),  # shifting a staircase always finds a few milliseconds
+         needs=("v_down",), kinematic=Kinematic("velocity delay", 0.03),
+         where_held=False),  # shifting a staircase always finds a few milliseconds
     Term("gust.vertical", "alpha_vane CL Cm", "m/s", "m/s", 0, 20, 0.1,
          "The air moves: a vertical gust of {size} (standard deviation), process noise that the profile's model lacks.",
          "the same manoeuvre in calm air", unchanged, searched=False, aerodynamic=True),

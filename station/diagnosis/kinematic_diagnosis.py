@@ -1,7 +1,8 @@
 """Diagnosis without aerodynamics: what the instruments of a record say of each other, and what cannot be judged.
 
 For aircraft that nobody has described, and records without an elevator. The vane's bias, scale and delay come from
-vane_calibration, biases from the reconstruction of compatibility; an effect is named where its estimate is ACCEPTED
+vane_calibration, biases from the reconstruction of compatibility, lags where gusts hide the calibration, and of the
+velocity, from the table of instruments; an effect is named where its estimate is ACCEPTED
 standard deviations from its null. Where gusts hide the vane's errors it is not judged, and the result says so.
 """
 
@@ -20,6 +21,7 @@ from station.diagnosis.diagnosis_result import Effect, Gain, Verdict, by_reducti
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.measured_record import held_samples, why_not_flown
 from station.estimation.flight_record import FlightRecord
+from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import Kinematics, kinematics
 from station.identification.preparation import corrected, flight_record
 from station.model.compatibility import Compatibility
@@ -35,6 +37,7 @@ ACCEPTED: Final = 4.0
 """Standard deviations of an estimate from its null: the evidence that diagnosis asks of a first effect."""
 BLOCK_S: Final = 5.0
 RESAMPLES: Final = 400
+NO_LAG: Final = "no lag against accelerations and attitude"
 HELD: Final = ("alpha_vane", "theta", "v_down")
 """Signals that are asked whether they repeat their values."""
 AERODYNAMIC: Final = "derivatives, mass, inertia, CG, elevator and the gust's way to wing and tail"
@@ -47,6 +50,7 @@ class Judged:
     name: str
     record: FlightRecord
     made: Kinematics
+    instruments: InstrumentTable | str
     seen: tuple[Effect, ...]
     remarks: tuple[str, ...]
 
@@ -62,7 +66,7 @@ def judge(name: str, flown: Checked, aircraft: Aircraft, span: tuple[float, floa
     made = kinematics(record)
     if isinstance(made.vane, str) and isinstance(made.compatibility, str):
         raise UsageError(f"{name}: nothing can be judged: {made.vane}; {made.compatibility}")
-    return Judged(name, record, made, flown.seen, flown.remarks)
+    return Judged(name, record, made, instrument_table(record), flown.seen, flown.remarks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +180,24 @@ def _parameters(j: Judged, aircraft: Aircraft) -> Iterator[ParamEstimate]:
         why = "" if vane.is_calm else f"gusts: the motion explains {max(vane.r2, 0.0):.0%} of the reading"
         yield ParamEstimate("vane bias", vane.bias.value - bias, vane.bias.sd, status, why)
         yield ParamEstimate("vane scale", vane.scale.value / scale - 1, vane.scale.sd / scale, status, why)
-        yield ParamEstimate("vane delay", vane.delay.value - lag, vane.delay.sd, status, why)
+        delay = ParamEstimate("vane delay", vane.delay.value - lag, vane.delay.sd, status, why)
+        found = _late(j.instruments, "alpha_vane", delay, lag)
+        # Gusts leave much to the aircraft's answer to them: only a lag that is sure.
+        yield found if not vane.is_calm and abs(found.value) >= ACCEPTED * found.sd else delay
+    yield _late(j.instruments, "v_down", ParamEstimate("velocity delay", 0.0, math.inf, Status.UNESTIMATED, NO_LAG))
     if isinstance(reconstruction, Compatibility):
         for p in reconstruction.parameters:
             if p.name == "airspeed_scale":  # of the dynamic pressure, which goes with its square
                 p = ParamEstimate(p.name, p.value**2 - 1, 2 * p.value * p.sd, p.status, p.why)
             yield p
+
+
+def _late(table: InstrumentTable | str, signal: str, otherwise: ParamEstimate, stated: float = 0.0) -> ParamEstimate:
+    """The lag of an instrument against the others beyond the `stated` one, where it is told; else `otherwise`."""
+    for row in () if isinstance(table, str) else table.rows:
+        if row.signal == signal and not row.lag.why:
+            return ParamEstimate(otherwise.name, row.lag.value - stated, row.lag.sd, Status.ESTIMATED, "")
+    return otherwise
 
 
 def _stated(aircraft: Aircraft) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from real_records import phlab, write_csv
 from records import record
 
 from station.__main__ import app
@@ -112,3 +113,17 @@ def test_records_of_real_booms(name: str, tmp_path: Path):
         assert "gusts" in result["not_judged"]["alpha_vane.scale"]
     assert (tmp_path / "r" / "diagnosis.rrd").read_bytes()[:4] == b"RRF2"
     assert "Vane against the inertial angle of attack" in (tmp_path / "r" / "diagnosis.html").read_text()
+
+
+def test_late_air_data_of_a_real_flight_are_named(tmp_path: Path):
+    """PH-LAB, 10 Hz, light turbulence: vane 0.29 +- 0.03 s, altitude rate 0.84 +- 0.06 s late by fits made apart."""
+    log, out = tmp_path / "a.mcap", tmp_path / "d.json"
+    import_file(write_csv(phlab(480.0, 4600.0), tmp_path / "a.csv"), log, load_aircraft("unknown"))
+    app([str(w) for w in ("diagnose", log, "--json", out)], prog_name="station", standalone_mode=False)
+    result = json.loads(out.read_text())
+    found = {e["id"]: e for e in result["effects"]}
+    for name, low, high in (("alpha_vane.delay", 0.26, 0.32), ("velocity.delay", 0.78, 0.90)):
+        below, above = found[name]["ci95"]
+        assert below < high, found[name]
+        assert above > low, found[name]
+    assert {row["signal"] for row in result["lags"]} >= {"q", "alpha_vane", "v_down"}
