@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from station.diagnosis.derivative_posterior import diagnosed_qualities
+from station.diagnosis.misfit import misfits
+from station.diagnosis.model_validity import Validity, validity, validity_json, validity_lines
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.qualification import Flown, qualification_json, qualification_lines, qualified
 from station.identification.handling_qualities import derived_json, derived_lines
@@ -23,6 +25,8 @@ class Readings:
     derived: Qualities | str
     derived_before: Qualities | None
     qualification: Sequence[Flown]
+    validity: Validity | None
+    """Where the model holds; None where lift and moment cannot be judged."""
     suspect: bool
     """Whether something remains unexplained, which all of this may suffer from."""
 
@@ -31,26 +35,26 @@ class Readings:
         return {
             "derived": {**derived_json(self.derived), "suspect": self.suspect},
             "qualification": qualification_json(self.qualification),
+            "where_it_holds": None if self.validity is None else validity_json(self.validity),
         }
 
     def lines(self) -> list[str]:
         """For the terminal."""
         first, *more = derived_lines(self.derived)
         own = [f"{_SUSPECT}{first}" if self.suspect else first, *more]
-        return [*own, *qualification_lines(self.qualification)]
+        holds = [] if self.validity is None else validity_lines(self.validity)
+        return [*own, *qualification_lines(self.qualification), *holds]
 
     def page(self) -> list[str]:
         """Pieces of HTML."""
         from station.diagnosis.qualification_pages import qualification_page  # and with it matplotlib
+        from station.diagnosis.validity_pages import validity_page
         from station.identification.handling_pages import derived_page
 
         head, *rest = derived_page(self.derived, self.derived_before)
-        return [
-            head,
-            *(["<p>Suspect: something remains unexplained.</p>"] if self.suspect else []),
-            *rest,
-            *qualification_page(self.qualification),
-        ]
+        doubt = ["<p>Suspect: something remains unexplained.</p>"] if self.suspect else []
+        holds = [] if self.validity is None else validity_page(self.validity)
+        return [head, *doubt, *rest, *qualification_page(self.qualification), *holds]
 
 
 def readings_of(found: Diagnosis) -> Readings:
@@ -58,4 +62,5 @@ def readings_of(found: Diagnosis) -> Readings:
     after, before = diagnosed_qualities(found)
     records = [r.record for r in (*found.problem.references, *found.held_out)]
     flown = qualified(records, found.aircraft, found.after)
-    return Readings(after, before, flown, found.verdict == "unexplained")
+    over_time = misfits(found)
+    return Readings(after, before, flown, validity(over_time) if over_time else None, found.verdict == "unexplained")
