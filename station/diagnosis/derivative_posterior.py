@@ -14,6 +14,7 @@ from station.diagnosis.judge import SD_FACTOR
 from station.diagnosis.measured_record import Record
 from station.diagnosis.nuisances import DERIVATIVES
 from station.diagnosis.procedure import Diagnosis
+from station.model.airframe_error import relative_errors
 from station.model.flying_qualities import Condition, Qualities, qualities
 from station.profile import Aircraft
 
@@ -67,7 +68,9 @@ def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | 
     records = [r.record for r in found.problem.references]
     at, alpha = _condition(aircraft, records)
     covariance = posterior(found.problem, found.found.accepted, alpha)
-    after = qualities(aircraft, at, local(aircraft, alpha), covariance)
+    recorded = all(r.mass is not None for r in records)
+    mass, inertia = relative_errors(aircraft, ("CL_alpha", "Cm_alpha"))[int(recorded)]
+    after = qualities(aircraft, at, local(aircraft, alpha), covariance, loading=(float(mass), float(inertia)))
     at, alpha = _condition(found.aircraft, records)
     before = qualities(found.aircraft, at, local(found.aircraft, alpha), 0.0 * covariance)
     return after, before

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import from_si
-from station.estimation.results import DOF
+from station.estimation.results import DOF, without_airframe_errors
 from station.identification.identified import Identification
+from station.model.airframe_error import relative_errors
 from station.model.flying_qualities import Condition, Derived, Qualities, qualities
 from station.model.flying_quality_levels import LEVELS, levels_of
 from station.rows import Status
@@ -39,6 +40,7 @@ def identified_qualities(found: Identification) -> Qualities | str:
     if best is None:
         return "no method applies"
     record, body = found.record, found.aircraft
+    best = without_airframe_errors(best, record)
     if body.inertia.iyy is None:
         return "the profile gives no iyy"
     good = {p.name: p for p in best.parameters if p.status is Status.ESTIMATED and math.isfinite(p.sd)}
@@ -58,7 +60,9 @@ def identified_qualities(found: Identification) -> Qualities | str:
     )
     late = found.recommended == "physical"
     values = {names[k]: good[names[k]].value for k in known}
-    return qualities(body, at, values, whole[np.ix_(known, known)] * np.outer(sds, sds), late)
+    mass, inertia = relative_errors(body, ("CL_alpha", "Cm_alpha"))[1 if record.has("mass") else 0]
+    covariance = whole[np.ix_(known, known)] * np.outer(sds, sds)
+    return qualities(body, at, values, covariance, late, (float(mass), float(inertia)))
 
 
 def _correlation(x: Array) -> Array:

@@ -269,6 +269,7 @@ def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], dr
     )
 
 
+_LOADING: Final = "iyy over mass"
 _ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
     "short_period_frequency": ("rad/s", ("alpha", "q"), ()),
     "short_period_damping": ("1", ("alpha", "q"), ()),
@@ -276,9 +277,9 @@ _ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
     "phugoid_damping": ("1", ("alpha", "q"), ("drag", "thrust", "speed derivatives")),
     "n_per_alpha": ("1/rad", ("alpha", "q", "de"), ()),
     "control_anticipation": ("1/s2", ("alpha", "q", "de"), ()),
-    "static_margin": ("1", ("alpha",), ("iyy over mass",)),
-    "neutral_point": ("m", ("alpha",), ("iyy over mass",)),
-    "manoeuvre_margin": ("1", ("alpha", "q"), ("iyy over mass",)),
+    "static_margin": ("1", ("alpha",), (_LOADING,)),
+    "neutral_point": ("m", ("alpha",), (_LOADING,)),
+    "manoeuvre_margin": ("1", ("alpha", "q"), (_LOADING,)),
     "elevator_per_g": ("rad", ("alpha", "q", "de"), ()),
 }
 """Unit of each quantity, the derivatives it is made of, and what of the profile it rests on. Mass and inertia cancel
@@ -313,10 +314,12 @@ def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late:
 
 
 def qualities(
-    aircraft: Aircraft, at: Condition, found: Mapping[str, float], covariance: NDArray[Any], late: bool = True
-) -> Qualities:
+    aircraft: Aircraft, at: Condition, found: Mapping[str, float], covariance: NDArray[Any], late: bool = True,
+    loading: tuple[float, float] = (0.0, 0.0),
+) -> Qualities:  # fmt: skip
     """All quantities of `found` derivatives, CL or CZ and Cm, in whose order `covariance` (n, n) is; `late`: whether
-    they are those of an unsteady aircraft, with the profile's lags apart. What is missing among them is not known."""
+    they are those of an unsteady aircraft, with the profile's lags apart; `loading`: relative standard errors of mass
+    and inertia, which are not in the covariance. What is missing among the derivatives is not known."""
     rng = np.random.default_rng(_SEED)
     names, size = tuple(found), (aircraft.geometry.wing_area, aircraft.geometry.chord)
     own = late_of(aircraft) if late else None
@@ -325,6 +328,10 @@ def qualities(
     drag = np.concatenate([[1.0], np.maximum(1.0 + DRAG_SHARE * rng.standard_normal(DRAWS), 0.0)])
     # Engines lie between constant thrust (jets) and constant power (propellers).
     thrust = np.concatenate([[-0.5], rng.uniform(-1.0, 0.0, DRAWS)])
+    # Forces were found as mass times acceleration, moments as inertia times angular acceleration: the motion is the
+    # same whatever both are, the ratio of moment to lift is not.
+    share = np.exp(np.asarray(loading)[:, None] * rng.standard_normal((2, DRAWS)))
+    ratio = np.concatenate([[1.0], share[1] / share[0]])
     force = "CZ" if "CZ_alpha" in found else "CL"
     made: dict[str, Array] = {}
     if {f"{force}_alpha", "Cm_alpha"} <= found.keys():
@@ -341,8 +348,9 @@ def qualities(
         elif no_drag and "drag" in rests:
             out[name] = Derived(name, unit, why="the profile gives no drag")
         else:
-            draws[name] = np.asarray(made[name][1:])
-            out[name] = _judged(name, unit, np.asarray(made[name]), rests)
+            values = np.asarray(made[name] * ratio if _LOADING in rests else made[name])
+            draws[name] = values[1:]
+            out[name] = _judged(name, unit, values, rests)
     return Qualities(at, out, draws)
 
 
