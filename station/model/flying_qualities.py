@@ -324,7 +324,10 @@ def qualities(
     names, size = tuple(found), (aircraft.geometry.wing_area, aircraft.geometry.chord)
     own = late_of(aircraft) if late else None
     mean = np.array([found[n] for n in names])
-    cloud = np.vstack([mean, rng.multivariate_normal(mean, covariance, DRAWS, method="eigh")]) if names else mean
+    # A covariance from a fit is positive but for its rounding.
+    even = 0.5 * (covariance + covariance.T)
+    moved = rng.multivariate_normal(0.0 * mean, even, DRAWS, check_valid="ignore", method="eigh") if names else mean
+    cloud = np.vstack([mean, mean + moved])
     drag = np.concatenate([[1.0], np.maximum(1.0 + DRAG_SHARE * rng.standard_normal(DRAWS), 0.0)])
     # Engines lie between constant thrust (jets) and constant power (propellers).
     thrust = np.concatenate([[-0.5], rng.uniform(-1.0, 0.0, DRAWS)])
