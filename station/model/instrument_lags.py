@@ -39,6 +39,8 @@ SCALE_SD: Final = 0.3
 """Prior standard deviations: of a lag, s, and of the logarithm of a scale."""
 ATTITUDE_DRIFT: Final = 0.0035
 """rad: by which an attitude's error changes over a record: 0.2 deg of a vertical gyro or AHRS."""
+GRAVITY: Final = 0.02
+"""m/s2: standard gravity is 9.780 to 9.832 by latitude, and 0.003 less a kilometre up; it is all in az's zero."""
 DOWN_MPS: Final = 0.2
 """Mean vertical wind of a minute or more, which a vane's zero holds."""
 BLOCK_S: Final = 10.0
@@ -212,7 +214,7 @@ class _Fit(Likelihood):
                 scale = math.exp(values[i, kind])
                 found[i, kind] = Value(scale, scale * sd, HARDLY if i in unheard or sd > TOLD[kind] else "")
             else:
-                sd = math.hypot(sd, ATTITUDE_DRIFT / self._length if i in RATES else 0.0)
+                sd = math.hypot(sd, ATTITUDE_DRIFT / self._length if i in RATES else GRAVITY if i == "az" else 0.0)
                 found[i, kind] = Value(values[i, kind], sd, "" if sd < TOLD[kind] * ZEROS[i] else HARDLY)
         vane = found.get(("alpha_vane", "lag"), Value(0.0, math.inf, HARDLY))
         if "v_down" in motion and not vane.why and not found["alpha_vane", "scale"].why:
