@@ -23,7 +23,7 @@ from station.estimation import method_fits, tick
 from station.estimation.derivatives import SLACK_S, moved, weights
 from station.estimation.method_fits import KINDS, SPLIT_CHANNELS, STEADY_CHANNELS, Extent, Factors
 from station.estimation.methods import SETTLE_TICKS
-from station.model import physical_fit, regressor_error, unsteady_lift
+from station.model import physical_posterior, regressor_error, unsteady_lift
 from station.numerics import spectra
 from station.numerics.named_state import Element
 from station.simulation import airframe as ac
@@ -339,7 +339,7 @@ def estimate(
 
 
 @njit(cache=True, error_model="numpy")
-def _hand_over_physical(found: physical_fit.Found, results: Results, run: int) -> None:
+def _hand_over_physical(found: physical_posterior.Found, results: Results, run: int) -> None:
     for i in range(6):
         equation, j = i // 3, i % 3
         results.estimate[run, PHYSICAL, equation, j] = found.theta[i]

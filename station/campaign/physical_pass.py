@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from station.conventions import TICK_HZ
 from station.estimation import tick
 from station.estimation.physical_method import SLACK_S, UPDATE_TICKS
-from station.model import physical_fit
+from station.model import physical_fit, physical_posterior
 from station.model import physical_signals as ps
 from station.model.physical_columns import CHANNELS, Segment
 from station.model.physical_constants import Constants as Profile
@@ -47,9 +47,9 @@ class Memory(NamedTuple):
     transform: spectra.State
     flown: Array
     """By places BEGAN to SOLVED."""
-    past: physical_fit.Sums
+    past: physical_posterior.Sums
     row: Array
-    found: physical_fit.Found
+    found: physical_posterior.Found
 
 
 BEGAN, SPEEDS, WIND_SD, SOLVED = range(4)
@@ -63,9 +63,9 @@ def begin(c: Constants) -> Memory:
     return Memory(
         spectra.begin(c.transform, CHANNELS),
         np.zeros(4),
-        physical_fit.no_sums(),
+        physical_posterior.no_sums(),
         np.zeros(CHANNELS),
-        physical_fit.nothing_found(c.omega.shape[0]),
+        physical_posterior.nothing_found(c.omega.shape[0]),
     )
 
 

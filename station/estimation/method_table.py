@@ -26,6 +26,9 @@ class Method:
     """Runs as the live ones do, but needs the vane's spectra from minutes of flight first."""
     lateral: bool = False
     """Also gives lateral derivatives."""
+    definition: Literal["derivatives", "quasi_steady"] = "quasi_steady"
+    """Of what it estimates: the aircraft's own derivatives, as a table or a wind tunnel has them, unsteady lift and late
+    tail apart; or what equation error with a perfect angle of attack gives in calm air, these in it."""
     runner: str = ""
     """Of a post-flight method, "module:function", imported when it runs: (FlightRecord, Axes) -> MethodResult."""
     as_published: bool = False
@@ -64,7 +67,7 @@ METHODS: Final = {
                colour=0x2BD9A5FF),
         Method("split+gust", "split, with the tail meeting the gust later", "split", live=True, colour=0xE58AC0FF),
         Method("physical", "wing, tail and gust as the regressors, with uncertain constants", "none", live=True,
-               colour=0xF5F5F5FF),
+               definition="derivatives", colour=0xF5F5F5FF),
         Method("oe", "output error", "steady", runner="station.estimation.published.motion_methods:method_oe"),
         Method("fe", "filter error", "steady", runner="station.estimation.published.motion_methods:method_fe"),
         Method("sidpac", "II with SIDPAC's settings", "steady", lateral=True, as_published=True,

@@ -25,7 +25,7 @@ from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
 from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
-from station.rows import AlphaEstimate, Frame, MethodEstimate, Quality, UsageError
+from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Quality, UsageError
 
 GAP_TICKS: Final = round(BRIDGED_S * TICK_HZ)
 """Frames missing between two are bridged by interpolation up to here; after more, filters start anew."""
@@ -171,6 +171,10 @@ class Estimator:
         if self._physical and self._physical.solution:
             made["physical"] = self._physical.solution.stat[:6].tolist()
         return {method: dict(zip(self._names, errors, strict=True)) for method, errors in made.items()}
+
+    def quasi_steady(self) -> dict[str, tuple[ParamEstimate, ...]]:
+        """Quasi-steady derivatives as of the last tick, of the methods whose own are not."""
+        return {"physical": self._physical.quasi_steady()} if self._physical else {}
 
     def preference(self) -> float | None:
         """How much better the model of `physical` fits than split+gust's quasi-steady one: their deviances' difference,

@@ -28,11 +28,12 @@ from station.estimation.acceptance import (
     of_estimate,
     worded,
 )
-from station.model import physical_fit
+from station.model import physical_fit, physical_posterior
 from station.model.airframe_error import relative_errors
 from station.model.physical_columns import CHANNELS, DE, Segment
 from station.model.physical_constants import CM_ALPHA, FIRST_NUISANCE, constants, why_not
 from station.model.physical_signals import SIGNALS
+from station.model.quasi_steady import QuasiSteady, quasi_steady
 from station.numerics.spectra import HIGH_PASS_HZ, HIGH_PASS_ORDER, Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
@@ -65,6 +66,10 @@ class Solution:
     """Of CL and Cm over the lines of all segments."""
     gust: float
     """0 calm, 1 turbulent: how far the gust's spectrum stands out of the vane's noise."""
+    covariance: Array
+    """(PARAMETERS, PARAMETERS), of the whole errors."""
+    segment: Segment
+    """The newest: its speed, density and lines."""
     preference: float
     """Deviance of the quasi-steady model of split+gust less that of this one; positive: the data prefer this one."""
 
@@ -79,7 +84,7 @@ class Equations:
         self._constants = constants(aircraft, noise)
         body = aircraft.boom.upwash_body if aircraft.boom else 0.0
         self._noise = (noise["alpha_vane"] / (1.0 + body)) ** 2
-        self._past = physical_fit.no_sums()
+        self._past = physical_posterior.no_sums()
         self._energies = np.zeros((2, 2))
         """Of the closed segments: of residuals and coefficients, CL and Cm."""
         self._preference = 0.0
@@ -121,7 +126,7 @@ class Equations:
             density=density,
             wind_sd=wind_sd / speed,
         )
-        found = physical_fit.nothing_found(len(self._omega))
+        found = physical_posterior.nothing_found(len(self._omega))
         if not physical_fit.fit(segment, self._constants, self._past, close, found):
             return None
         energies = self._energies + np.array((found.residual, found.signal))
@@ -133,7 +138,12 @@ class Equations:
         if close:
             self._preference = preference
             self._energies = energies
-        return Solution(found.theta, found.statistical, found.total, (r2[0], r2[1]), gust, preference)
+        r2_both, covariance = (r2[0], r2[1]), found.covariance
+        return Solution(found.theta, found.statistical, found.total, r2_both, gust, covariance, segment, preference)
+
+    def quasi_steady(self, solution: Solution, energy: Array) -> QuasiSteady:
+        """Quasi-steady derivatives of a solution on an elevator of that `energy` (frequencies,)."""
+        return quasi_steady(solution.segment, self._constants, solution.theta, solution.covariance, energy)
 
 
 def transform(x: Array, frequencies_hz: Array, dt: float, first: int) -> Complex:
@@ -186,7 +196,8 @@ class Physical:
         self._speed_sum = 0.0
         self._wind_sd = 0.0
         self._closed = 0
-        self._input = 0.0
+        self._input = np.zeros(len(self._frequencies))
+        """Energy of the elevator in closed segments, on every line."""
         self.solution: Solution | None = None
         """The newest."""
         self._judged: tuple[tuple[ParamEstimate, ...], bool, str] | None = None
@@ -197,7 +208,8 @@ class Physical:
         self._transform.clear()
         if self._equations:
             self._equations.clear()
-        self._speed_sum = self._input = 0.0
+        self._speed_sum = 0.0
+        self._input[:] = 0.0
         self._closed = 0
         self.solution = self._judged = None
 
@@ -243,9 +255,28 @@ class Physical:
             self._transform.clear()
             self._speed_sum = 0.0
 
-    def _elevator_energy(self) -> float:
+    def _elevator_energy(self) -> Array:
+        """On every line, of the segment under way."""
         elevator = self._transform.spectrum[DE]
-        return float(np.vdot(elevator, elevator).real)
+        return np.asarray(elevator.real**2 + elevator.imag**2)
+
+    def quasi_steady(self) -> tuple[ParamEstimate, ...]:
+        """The newest solution's quasi-steady derivatives, with their acceptance; () where there is none."""
+        if self.solution is None or self._equations is None or self._judged is None:
+            return ()
+        found = self._equations.quasi_steady(self.solution, self._input + self._elevator_energy())
+        judged = self._judged[0]
+        errors = np.hypot(found.error, self._airframe[int(self.mass_recorded)] * found.value).tolist()
+        made = []
+        for i, (name, value, error) in enumerate(zip(self._names, found.value.tolist(), errors, strict=True)):
+            status, why = self._status()
+            if status is Status.ESTIMATED:
+                code = of_equation(self.solution.r2[i >= CM_ALPHA])
+                status, why = worded(code or of_estimate(value, error, self._known[i], 0.0))
+            if judged[i].status is Status.INVALID:
+                status, why = judged[i].status, judged[i].why
+            made.append(ParamEstimate(name, value, error, status, why))
+        return tuple(made)
 
     def estimate(self, t_ns: int) -> MethodEstimate:
         """The newest solution as rows, with its acceptance."""
@@ -287,7 +318,7 @@ class Physical:
             return (Status.UNESTIMATED, self.lacking) if self.lacking else worded(WARMING)
         if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        energy = self._input + self._elevator_energy()
+        energy = float((self._input + self._elevator_energy()).sum())
         if energy < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2:
             return worded(STILL)
         if self.solution is None:

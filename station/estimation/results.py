@@ -54,6 +54,9 @@ class MethodResult:
     statistical: Mapping[str, float] = field(default_factory=dict)
     """Standard errors from noise alone, without model error, where they differ from the reported ones."""
 
+    quasi_steady: tuple[ParamEstimate, ...] = ()
+    """Where `parameters` are the aircraft's own derivatives, those that equation error gives in calm air."""
+
     def parameter(self, name: str) -> ParamEstimate | None:
         return next((p for p in self.parameters if p.name == name), None)
 

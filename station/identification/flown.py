@@ -70,6 +70,8 @@ class Flown:
     """Of each method, its derivatives' standard errors from noise alone, without model error."""
     preference: float | None = None
     """Deviance reduction of `physical` against the quasi-steady model."""
+    quasi_steady: Mapping[str, tuple[ParamEstimate, ...]] = field(default_factory=dict)
+    """Of methods whose parameters are no quasi-steady derivatives, these."""
 
     def warnings(self) -> list[str]:
         """On filters that started in motion."""
@@ -101,7 +103,15 @@ class Flown:
             found = tuple(ParamEstimate(p.name, p.value, p.sd, Status.INVALID, p.why or why) for p in found)
         settings = {**self.settings, **self._correction(name, record)}
         statistical = self.statistical.get(name, {})
-        return MethodResult(status, why, found, self._fit(estimate, record), settings, statistical=statistical)
+        return MethodResult(
+            status,
+            why,
+            found,
+            self._fit(estimate, record),
+            settings,
+            statistical=statistical,
+            quasi_steady=self.quasi_steady.get(name, ()),
+        )
 
     def _correction(self, name: str, record: FlightRecord) -> dict[str, Any]:
         """What a method does to all of alpha: its delay, or delay and upwash by frequency."""
@@ -239,6 +249,7 @@ def fly(
         spectra=spectra,
         statistical=estimator.statistical(),
         preference=estimator.preference(),
+        quasi_steady=estimator.quasi_steady(),
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from station.estimation.flight_record import FlightRecord
+from station.estimation.method_table import METHODS
 from station.estimation.results import Axes, MethodResult
 from station.identification.advice import NextInput, SiftedMethod
 from station.identification.angle_consistency import Consistency, Transformation
@@ -53,7 +54,7 @@ def as_json(found: Identification) -> Json:
         "remarks": list(found.remarks),
         "hint": found.hint,
         **(instruments_json(found.instruments) if found.instruments is not None else {}),
-        "methods": {name: _method(result) for name, result in found.methods.items()},
+        "methods": {name: _method(name, result) for name, result in found.methods.items()},
         "recommended": found.recommended,
         "derived": derived_json(identified_qualities(found)),
         "consistency": _consistency(found.consistency, found.axes),
@@ -90,30 +91,37 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _method(result: MethodResult) -> Json:
-    parameters = {}
-    for p in result.parameters:
-        value, sd = _finite(p.value), _finite(p.sd)
-        is_known = value is not None and sd is not None
-        parameters[p.name] = {
-            "estimate": value,
-            "std_error": sd,
-            "ci95": [p.value - CI95 * p.sd, p.value + CI95 * p.sd] if is_known else None,
-            "status": p.status.value,
-            "why": p.why,
-        }
-        if is_known and p.name in result.statistical:
-            parameters[p.name]["std_error_statistical"] = _finite(result.statistical[p.name])
+def _method(name: str, result: MethodResult) -> Json:
+    definition = METHODS[name].definition
     made: Json = {
         "status": result.status,
         "why": result.why,
-        "parameters": parameters,
+        "definition": definition,
+        "parameters": {p.name: _parameter(p, definition) for p in result.parameters},
         "fit": {n: {"r2": _finite(f.r2), "residual_rms": _finite(f.residual_rms)} for n, f in result.fit.items()},
         "settings": dict(result.settings),
     }
+    for one, error in result.statistical.items():
+        if made["parameters"][one]["ci95"] is not None:
+            made["parameters"][one]["std_error_statistical"] = _finite(error)
+    if result.quasi_steady:
+        made["quasi_steady"] = {p.name: _parameter(p, "quasi_steady") for p in result.quasi_steady}
     if result.history:
         made["history"] = dict(result.history)
     return made
+
+
+def _parameter(p: ParamEstimate, definition: str) -> Json:
+    value, sd = _finite(p.value), _finite(p.sd)
+    is_known = value is not None and sd is not None
+    return {
+        "estimate": value,
+        "std_error": sd,
+        "ci95": [p.value - CI95 * p.sd, p.value + CI95 * p.sd] if is_known else None,
+        "status": p.status.value,
+        "why": p.why,
+        "definition": definition,
+    }
 
 
 def _consistency(found: Consistency | None, axes: Axes) -> Json:

@@ -37,6 +37,7 @@ from station.model.physical_constants import (
     Constants,
     N,
 )
+from station.model.physical_posterior import Found, Solved, Sums, errors
 from station.model.residual_spectrum import (
     EQUATIONS,
     ORDER,
@@ -53,47 +54,11 @@ Complex = NDArray[np.complex128]
 
 GUST, DEVIANCE, QUASI_STEADY = range(3)
 """Places in Found.summary."""
-SMALL_RECORD: Final = 1.2
-"""On standard errors: weights come from the residuals of the record itself, of some 40 independent lines. From Monte
-Carlo with known constants, so that 95 % intervals cover 95 %."""
 SUBTRACTED: Final = (1.0, 0.5, 0.0)
 """Share of the sensors' noise that is subtracted from the normal equations: the first that leaves them positive, and
 every constant known no worse than before (Fuller subtracts less for the same reason)."""
 SMALLEST: Final = 1e-18
 """Of a prior's variance: a constant without any is known exactly."""
-
-
-class Sums(NamedTuple):
-    """Over closed segments."""
-
-    normal: Array
-    """Normal matrix, (PARAMETERS, PARAMETERS)."""
-    scores: Array
-    """Score products of neighbouring lines, (PARAMETERS, PARAMETERS)."""
-    right: Array
-    """(PARAMETERS,)"""
-    cross: Array
-    """Normal matrix of parameters and nuisances without what noise adds to it, (PARAMETERS, N)."""
-
-
-class Found(NamedTuple):
-    """What `fit` makes of a segment and those before."""
-
-    theta: Array
-    """Derivatives and nuisances, (PARAMETERS,)."""
-    statistical: Array
-    """Standard errors by the residuals alone, (PARAMETERS,)."""
-    total: Array
-    """With what the priors leave, (PARAMETERS,)."""
-    residual: Array
-    """Energy of both equations' residuals, (2,), of this segment, as the next two."""
-    signal: Array
-    """And of CL and Cm themselves, (2,)."""
-    summary: Array
-    """How far the gust's spectrum stands out of the vane's noise, 0 calm to 1 turbulent; deviance of both equations
-    for this model; and for the quasi-steady one on the same angle of attack, (3,)."""
-    rho: Array
-    """Share of the gust's spectrum that is not noise, (frequencies,)."""
 
 
 class Normal(NamedTuple):
@@ -107,29 +72,6 @@ class Normal(NamedTuple):
     """(PARAMETERS, PARAMETERS)"""
     gradient: Array
     """(PARAMETERS,)"""
-
-
-class Solved(NamedTuple):
-    """The segment's own normal equations, less the sensors' noise, and the solution with segments before and prior."""
-
-    matrix: Array
-    right: Array
-    inverse: Array
-    """Of the whole normal matrix."""
-
-
-@register_jitable
-def no_sums() -> Sums:
-    """Before the first segment is closed."""
-    n = PARAMETERS
-    return Sums(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((n, N)))
-
-
-@register_jitable
-def nothing_found(lines: int) -> Found:
-    """Zeros, to be filled."""
-    n = PARAMETERS
-    return Found(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(2), np.zeros(2), np.zeros(3), np.zeros(lines))
 
 
 @register_jitable
@@ -274,34 +216,6 @@ def _score_products(own: Normal, independent: float, equations: int, cloud: Arra
 
 
 @njit(cache=True, error_model="numpy")
-def _errors(
-    solved: Solved, past: Sums, cloud: Array, cross: Array, prior: Array, considered: Array, found: Found
-) -> None:
-    """Standard errors -> `found`. `cross` (PARAMETERS, N): see Sums."""
-    n, inverse = PARAMETERS, solved.inverse
-    scores, crossed = np.empty((n, n)), np.empty((n, N))
-    for a in range(n):
-        for b in range(n):
-            scores[a, b] = cloud[a, b] + past.scores[a, b]
-        for j in range(N):
-            crossed[a, j] = cross[a, j] + past.cross[a, j]
-    spread = inverse @ scores @ inverse
-    effect = inverse @ crossed
-    for a in range(n):
-        smallest = 0.0
-        for b in range(n):
-            for c in range(n):
-                smallest += inverse[a, b] * (solved.matrix[b, c] + past.normal[b, c]) * inverse[c, a]
-        square = SMALL_RECORD**2 * max(smallest, spread[a, a])
-        found.statistical[a] = math.sqrt(square)
-        for b in range(n):
-            square += inverse[a, b] ** 2 * prior[b] * SMALL_RECORD**2
-        for j in range(N):
-            square += effect[a, j] ** 2 * considered[j]
-        found.total[a] = math.sqrt(square)
-
-
-@njit(cache=True, error_model="numpy")
 def _judge(segment: Segment, residual: Complex, weighting: Weighting, equations: int, found: Found) -> None:
     """Energies and deviances -> `found`; overwrites the weighting's spectra."""
     lines = segment.omega.shape[0]
@@ -378,7 +292,7 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
     cloud = np.zeros((n, n))
     _score_products(own, independent, equations, cloud)
     cross = own.matrix[:, FIRST_NUISANCE:]
-    _errors(solved, past, cloud, cross, prior, considered, found)
+    errors(solved, past, cloud, cross, prior, considered, found)
     _judge(segment, residual, weighting, equations, found)
     # A model that fits only with constants far from the profile's, and just there, is the less likely one (Laplace).
     for a in range(FIRST_NUISANCE, n):
