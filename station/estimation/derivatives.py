@@ -319,6 +319,13 @@ class Derivatives:
         errors = self._made.fitted.error[self._rows, :, :PARAMETERS].reshape(len(self._methods), 6)
         return dict(zip(self._methods, errors.tolist(), strict=True))
 
+    @property
+    def quasi_steady(self) -> Array | None:
+        """What split+gust has for the six derivatives, whether asked for or not; None where nothing."""
+        if not self._made.solved[method_fits.SPLIT_GUST].all():
+            return None
+        return np.asarray(self._made.fitted.value[method_fits.SPLIT_GUST, :, :PARAMETERS].ravel())
+
     def _in_words(self, verdict: int) -> tuple[Status, str]:
         if verdict == WARMING and self.lacking:
             return Status.UNESTIMATED, self.lacking

@@ -27,8 +27,8 @@ class Method:
     lateral: bool = False
     """Also gives lateral derivatives."""
     definition: Literal["derivatives", "quasi_steady"] = "quasi_steady"
-    """Of what it estimates: the aircraft's own derivatives, as a table or a wind tunnel has them, unsteady lift and late
-    tail apart; or what equation error with a perfect angle of attack gives in calm air, these in it."""
+    """Of what it estimates: the aircraft's own derivatives, as in a table, unsteady lift and late tail apart; or what
+    equation error with a perfect angle of attack gives of the manoeuvre in calm air, these in it."""
     runner: str = ""
     """Of a post-flight method, "module:function", imported when it runs: (FlightRecord, Axes) -> MethodResult."""
     as_published: bool = False
@@ -83,8 +83,8 @@ def recommended(given: Mapping[str, int], level: str) -> str | None:
     """The method to believe first, or None.
 
     `given`: how many longitudinal derivatives each method gives that applies; `level`: of turbulence. The first that
-    gives as much as split does: physical, which does not apply where the data prefer the quasi-steady model; split+gust
-    where there is gust energy; else split.
+    gives as much as split does: physical, whose profile has wing, tail and boom; split+gust where there is gust energy;
+    else split.
     """
     split = given.get("split", 0)
     if 0 < given.get("physical", 0) >= split:

@@ -205,7 +205,7 @@ class Estimator:
         self._derivatives.mass_recorded = mass_recorded = bool(u[cond.MASS] > 0.0)
         estimates = self._derivatives.estimate(frame.t_ns, air, applicable)
         if self._physical:
-            self._physical.mass_recorded = mass_recorded
+            self._physical.mass_recorded, self._physical.rival = mass_recorded, self._derivatives.quasi_steady
             self._physical.lacking = lacking or ("" if self._conditioner.has_attitude else "no attitude")
             estimates += (self._physical.estimate(frame.t_ns),)
         if self._lateral:

@@ -45,11 +45,11 @@ UPDATE_TICKS: Final = 25
 """Samples of the transform from one estimate to the next: 2 Hz."""
 SEGMENT: Final = 1.2
 """Length of a segment, periods of the grid's step."""
+MOST: Final = 700.0
+"""Of an exponent."""
 SLACK_S: Final = 4.0
 """Signals that come this much after the flight's start (inertial blending and unsteady lift settle) still open in
 time."""
-WORSE: Final = 6.0
-"""Deviance by which the quasi-steady model must fit better before it is preferred."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +191,8 @@ class Physical:
         self._known = [abs(aircraft.value(n)) for n in names]
         self._airframe = relative_errors(aircraft, names)
         self.mass_recorded = False
+        self.rival: Array | None = None
+        """The derivatives (6,) of the quasi-steady model, split+gust's, where there are any."""
         self._row = np.zeros(CHANNELS)
         self._from_s = 0.0
         self._speed_sum = 0.0
@@ -266,7 +268,7 @@ class Physical:
             return ()
         found = self._equations.quasi_steady(self.solution, self._input + self._elevator_energy())
         judged = self._judged[0]
-        errors = np.hypot(found.error, self._airframe[int(self.mass_recorded)] * found.value).tolist()
+        errors = self._whole(self.solution, found.value, found.error).tolist()
         made = []
         for i, (name, value, error) in enumerate(zip(self._names, found.value.tolist(), errors, strict=True)):
             status, why = self._status()
@@ -284,6 +286,15 @@ class Physical:
             self._judged = self._judge()
         return MethodEstimate(t_ns, "physical", *self._judged)
 
+    def _whole(self, solution: Solution, values: Array, errors: Array) -> Array:
+        """Standard errors (6,) of either definition with those of mass and inertia, and with the distance to the
+        quasi-steady model, by the probability that the data give it: an aircraft without unsteady lift would have its
+        derivatives, of both definitions."""
+        square = errors**2 + (self._airframe[int(self.mass_recorded)] * values) ** 2
+        if self.rival is not None:
+            square += (self.rival - values) ** 2 / (1.0 + math.exp(min(0.5 * solution.preference, MOST)))
+        return np.asarray(np.sqrt(square))
+
     def _judge(self) -> tuple[tuple[ParamEstimate, ...], bool, str]:
         status, why = self._status()
         solution = self.solution
@@ -291,8 +302,7 @@ class Physical:
             found = tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in self._names)
             return found, not self.why_not, self.why_not
         values = solution.theta[:FIRST_NUISANCE].tolist()
-        scale = self._airframe[int(self.mass_recorded)] * solution.theta[:FIRST_NUISANCE]
-        errors = np.hypot(solution.total[:FIRST_NUISANCE], scale).tolist()
+        errors = self._whole(solution, solution.theta[:FIRST_NUISANCE], solution.total[:FIRST_NUISANCE]).tolist()
         parameters = []
         for i, name in enumerate(self._names):
             if i >= CM_ALPHA and not self._has_inertia:
@@ -304,10 +314,7 @@ class Physical:
                 code = of_equation(solution.r2[i >= CM_ALPHA])
                 this, reason = worded(code or of_estimate(values[i], errors[i], self._known[i], 0.0))
             parameters.append(ParamEstimate(name, values[i], errors[i], this, reason))
-        reason = ""
-        if status is Status.ESTIMATED and solution.preference < -WORSE:
-            reason = f"the data prefer split+gust's quasi-steady model (deviance {-solution.preference:.0f} lower)"
-        return tuple(parameters), not reason, reason
+        return tuple(parameters), True, ""
 
     def _status(self) -> tuple[Status, str]:
         """Why there are no estimates yet; ESTIMATED if there are."""

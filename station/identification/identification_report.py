@@ -22,6 +22,7 @@ from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, te
 from station.identification.identified import Identification
 from station.identification.instrument_lag_page import lag_page
 from station.identification.instrument_pages import input_pages, kinematic_pages
+from station.identification.listing import definitions
 from station.numerics.regression import autocorrelation
 from station.rows import ParamEstimate, Status
 
@@ -266,15 +267,22 @@ def _table(found: Identification, names: Sequence[str]) -> str:
             cells.append(f"<td{style}>{_rounded(p.value, p.sd)}</td>")
         chosen = ' class="chosen"' if method == found.recommended else ""
         rows.append(f"<tr{chosen}><td>{text(method)}</td>{''.join(cells)}</tr>")
+        beside = {p.name: p for p in result.quasi_steady if _is_usable(result, p)}
+        if beside.keys() & set(names):
+            cells = [f"<td>{_rounded(beside[n].value, beside[n].sd) if n in beside else '–'}</td>" for n in names]
+            rows.append(f"<tr><td>{text(method)}, quasi-steady</td>{''.join(cells)}</tr>")
     return f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
 
 
 def _refusals(found: Identification) -> str:
     refused = [f"<li>{text(m)}: {text(r.why)}</li>" for m, r in found.methods.items() if r.why]
+    own = [m for m, r in found.methods.items() if r.quasi_steady]
+    meaning = f" {text(definitions(own))}" if own else ""
     why = f"<p>Not applicable:</p><ul>{''.join(refused)}</ul>" if refused else ""
     return (
         '<p class="note">Estimate ± standard error, per radian, rates normalised with q c/2V, p b/2V, r b/2V; the '
-        f"pictures show ± 2 standard errors. Bold: recommended. Grey: not usable; point at it for the reason.</p>{why}"
+        f"pictures show ± 2 standard errors. Bold: recommended. Grey: not usable; point at it for the reason."
+        f"{meaning}</p>{why}"
     )
 
 

@@ -10,15 +10,17 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from station.conventions import LATERAL
-from station.estimation.results import MethodResult
+from station.estimation.method_table import METHODS
 from station.identification.advice import NextInput
 from station.identification.handling_qualities import derived_lines, identified_qualities
 from station.identification.identified import Identification
 from station.identification.instrument_table import print_table
-from station.rows import Status
+from station.rows import ParamEstimate, Status
 
 WIDTH: Final = 100
 """Columns, where the output is no terminal."""
+QUASI_STEADY: Final = " q.s."
+"""Marks the row of a method's quasi-steady derivatives, beside its own."""
 LATERAL_GROUPS: Final = ("CY", "Cl", "Cn")
 DECIMALS: Final = 4
 """Of an estimate without an error."""
@@ -36,6 +38,7 @@ def print_estimates(found: Identification) -> None:
     )
     for grid in _estimates(found):
         console.print(grid)
+    console.print(_meaning(found), highlight=False, markup=False, end="")
     reasons: dict[str, list[str]] = {}
     for name, made in found.methods.items():
         if made.why:
@@ -61,6 +64,20 @@ def print_estimates(found: Identification) -> None:
         console.print(remark, highlight=False, markup=False)
 
 
+def _meaning(found: Identification) -> str:
+    own = [m for m, made in found.methods.items() if made.status == "ok" and made.quasi_steady]
+    return f"{definitions(own)} Row{QUASI_STEADY}: by {own[0]}.\n" if own else ""
+
+
+def definitions(own: list[str]) -> str:
+    """What the rows of methods that estimate the aircraft's `own` derivatives mean, and those of all others."""
+    assert all(METHODS[m].definition == "derivatives" for m in own)
+    return (
+        f"{', '.join(own)}: the aircraft's own derivatives, unsteady lift apart. All others are quasi-steady: what the "
+        "manoeuvre gives in calm air, unsteady lift in it."
+    )
+
+
 def _estimates(found: Identification) -> list[Grid]:
     known = list(dict.fromkeys(p.name for m in found.methods.values() for p in m.parameters))
     lateral = [n for n in known if n in LATERAL]
@@ -70,12 +87,17 @@ def _estimates(found: Identification) -> list[Grid]:
     ]
     grids = []
     for names in groups:
-        rows = {m: [_cell(made, n) for n in names] for m, made in found.methods.items() if made.status == "ok"}
+        rows = {}
+        for m, made in found.methods.items():
+            if made.status == "ok":
+                rows[f"{m} *" if m == found.recommended else m] = [_cell(made.parameter(n)) for n in names]
+                quasi_steady = {p.name: p for p in made.quasi_steady}
+                rows[f"{m}{QUASI_STEADY}"] = [_cell(quasi_steady.get(n)) for n in names]
         rows = {m: cells for m, cells in rows.items() if any(c != "-" for c in cells)}
         if rows:
             grid = Grid("", *names, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
             for m, cells in rows.items():
-                grid.add_row(f"{m} *" if m == found.recommended else m, *cells)
+                grid.add_row(m, *cells)
             grids.append(grid)
     return grids
 
@@ -91,8 +113,7 @@ def _consistency(found: Identification) -> Grid | None:
     return grid
 
 
-def _cell(method: MethodResult, name: str) -> str:
-    p = method.parameter(name)
+def _cell(p: ParamEstimate | None) -> str:
     if p is None or p.status is not Status.ESTIMATED:
         return "-"
     twice = 2 * p.sd

@@ -40,6 +40,8 @@ from station.model.physical_constants import (
     SPAN_FAST,
     SPAN_MIDDLE,
     TAIL,
+    TAIL_SPAN,
+    TAIL_SPAN_SHARE,
     THETA,
     UPWASH_RATE_GUST,
     UPWASH_RATE_MOTION,
@@ -52,18 +54,14 @@ from station.model.physical_constants import (
     N,
 )
 from station.model.physical_signals import (
+    CORNERS,
     DK,
-    DKL,
-    DKM,
-    DKN,
     DW,
     DX,
     GC,
     GT,
     KG,
-    KL,
-    KM,
-    KN,
+    LAGGED,
     SIGNALS,
     WIND_TAIL,
     WIND_WASH,
@@ -71,9 +69,6 @@ from station.model.physical_signals import (
     WX,
     X,
 )
-from station.model.physical_signals import SPAN_FAST as FAST_CORNER
-from station.model.physical_signals import SPAN_MIDDLE as MIDDLE_CORNER
-from station.model.physical_signals import SPAN_SLOW as SLOW_CORNER
 from station.numerics.indicial import Response, frequency_response
 
 Array = NDArray[np.float64]
@@ -86,9 +81,7 @@ CHANNELS: Final = SIGNALS + 4
 A, P, Q = range(3)
 """Of Columns: the wing's incidence, and what of the tail's downwash leaves and what it multiplies, D = P - e Q."""
 SPANS: Final = (SPAN, SPAN_MIDDLE, SPAN_FAST)
-"""Nuisances of the span's lags, slow to fast, with their"""
-CORNERS: Final = (SLOW_CORNER, MIDDLE_CORNER, FAST_CORNER)
-"""V/b."""
+"""Nuisances of the span's lags, slow to fast, as CORNERS (V/b) and LAGGED."""
 MET: Final = (BOOM, SKEW, UPWASH_SHARE, UPWASH_RATE_GUST, GAIN, UPWASH_RATE_MOTION, GUST_RATE)
 """Nuisances that feign a gust, or change the wing's response to gusts: their gusts go through the span's lags."""
 GUST_HZ: Final = (0.2, 1.2)
@@ -133,6 +126,8 @@ class Columns(NamedTuple):
     """A, P and Q, (3, frequencies)."""
     spans: Complex
     """What a unit of each of SPANS adds to a gust's lift, relative to it, (SPANS, frequencies)."""
+    tails: Complex
+    """And what it adds to the gust at the tail, as far as the tail follows the wing, (SPANS, frequencies)."""
     nuisances: Complex
     """What a unit of each nuisance adds to A, P and Q, (N, 3, frequencies); of the tail's share, which multiplies D,
     nothing."""
@@ -141,11 +136,12 @@ class Columns(NamedTuple):
 
 
 @register_jitable
-def no_columns(parts: int, lines: int) -> tuple[Complex, Complex, Complex, Complex]:
+def no_columns(parts: int, lines: int) -> tuple[Complex, Complex, Complex, Complex, Complex]:
     """Arrays of so many Columns, to be filled."""
     return (
         np.zeros((parts, CHANNELS, lines), dtype=np.complex128),
         np.zeros((parts, 3, lines), dtype=np.complex128),
+        np.zeros((parts, len(SPANS), lines), dtype=np.complex128),
         np.zeros((parts, len(SPANS), lines), dtype=np.complex128),
         np.zeros((parts, N, 3, lines), dtype=np.complex128),
     )
@@ -231,6 +227,14 @@ def _feigned(of: Columns, i: int, s: complex, speed: float, con: Constants, r: f
         base[j, Q, i] = (washed - 1.0) * da
 
 
+@register_jitable
+def _other_incidence(column: Complex, i: int, now: complex, late: complex) -> None:
+    """Column of a nuisance at line i that adds `now` to the wing's incidence, and to that of l_t/V ago `late`."""
+    column[A, i] = now
+    column[P, i] = -now
+    column[Q, i] = late - now
+
+
 @njit(cache=True, error_model="numpy")
 def columns(segment: Segment, con: Constants, rho: Array, of: Columns) -> None:
     """Fill `of` from its spectrum at every so-many-th line. `rho`: see `wiener`."""
@@ -249,17 +253,11 @@ def columns(segment: Segment, con: Constants, rho: Array, of: Columns) -> None:
         _feigned(of, i, s, speed, con, r)
         for k, corner in enumerate(CORNERS):
             of.spans[k, i] = 1.0 / (1.0 + s * con.span / (corner * speed)) - 1.0
-        # The wing's incidence with another lag, and the same of l_t/V ago.
-        others = (
-            (SPAN, r * f[KL, i] - kg, r * f[DKL, i] - dk),
-            (SPAN_MIDDLE, r * f[KM, i] - kg, r * f[DKM, i] - dk),
-            (SPAN_FAST, r * f[KN, i] - kg, r * f[DKN, i] - dk),
-            (LIFT_AMPLITUDE, wx - x, dw - dx),
-        )
-        for j, da, late_da in others:
-            base[j, A, i] = da
-            base[j, P, i] = -da
-            base[j, Q, i] = late_da - da
+            # The wing's incidence with another lag, the same of l_t/V ago, and the gust at the tail.
+            wing_lag, wash_lag, tail_lag = LAGGED[k]
+            of.tails[k, i] = r * f[tail_lag, i] - gt
+            _other_incidence(base[SPANS[k]], i, r * f[wing_lag, i] - kg, r * f[wash_lag, i] - dk)
+        _other_incidence(base[LIFT_AMPLITUDE], i, wx - x, dw - dx)
         base[WASH_DELAY, Q, i] = -s * (dw + dk)
         base[ARM_LENGTH, P, i] = -s * late * gt
         base[ARM_LENGTH, Q, i] = -s * late * (dw + dk) + 2.0 * lc * qh
@@ -316,11 +314,11 @@ def _signals(x: complex, q: complex, s: complex, speed: float, con: Constants, f
     washed = np.exp(-s * (late + con.downwash_delay))
     f[X], f[WX], f[QH] = x, w_m * x, con.half_chord / speed * q
     f[GC], f[KG], f[GT] = gust, met * gust, gust * np.exp(-s * late)
-    f[KL] = f[KG] / (1.0 + s * con.span / (SLOW_CORNER * speed))
-    f[KM] = f[KG] / (1.0 + s * con.span / (MIDDLE_CORNER * speed))
-    f[KN] = f[KG] / (1.0 + s * con.span / (FAST_CORNER * speed))
     f[DW], f[DK], f[DX] = washed * f[WX], washed * f[KG], washed * x
-    f[DKL], f[DKM], f[DKN] = washed * f[KL], washed * f[KM], washed * f[KN]
+    for k, corner in enumerate(CORNERS):
+        lag = 1.0 + s * con.span / (corner * speed)
+        wing_lag, wash_lag, tail_lag = LAGGED[k]
+        f[wing_lag], f[wash_lag], f[tail_lag] = f[KG] / lag, f[DK] / lag, f[GT] / lag
 
 
 @njit(cache=True, error_model="numpy")
@@ -331,7 +329,7 @@ def design(of: Columns, i: int, derivative: float, con: Constants, theta: Array,
     Products with the tail's share, arm and downwash are exact, and those of the span's lags and the gusts that other
     constants feign, which the wing meets as it meets gusts.
     """
-    f, wing, spans, base = of.spectrum, of.wing, of.spans, of.nuisances
+    f, wing, spans, tails, base = of.spectrum, of.wing, of.spans, of.tails, of.nuisances
     nuisance, by = theta[FIRST_NUISANCE:], g[:, FIRST_NUISANCE:]
     a, p, q = wing[A, i], wing[P, i], wing[Q, i]
     for j in range(1, N):
@@ -341,14 +339,16 @@ def design(of: Columns, i: int, derivative: float, con: Constants, theta: Array,
             p += c * base[j, P, i]
             q += c * base[j, Q, i]
     # What the span's lags make of the gusts that other constants feign.
-    lagged, met, washed = 0.0j, 0.0j, 0.0j
+    lagged, met, washed, late = 0.0j, 0.0j, 0.0j, 0.0j
     for k, j in enumerate(SPANS):
         lagged += nuisance[j] * spans[k, i]
+        late += nuisance[j] * tails[k, i]
     for j in MET:
         met += nuisance[j] * base[j, A, i]
         washed += nuisance[j] * base[j, Q, i]
     a += lagged * met
-    p -= lagged * met
+    follows = TAIL_SPAN_SHARE + nuisance[TAIL_SPAN]
+    p += follows * late - lagged * met
     q += lagged * washed
     a_h, e = con.tail_share + nuisance[TAIL], con.downwash + nuisance[WASH]
     lc = con.arm * (1.0 + nuisance[ARM_LENGTH])
@@ -371,19 +371,20 @@ def design(of: Columns, i: int, derivative: float, con: Constants, theta: Array,
         by[1, j] += theta[CM_ALPHA] * own - a_h * lc * tail
     for k, j in enumerate(SPANS):
         own = spans[k, i] * met
-        tail = -own - e * spans[k, i] * washed
+        tail = follows * tails[k, i] - own - e * spans[k, i] * washed
         by[0, j] += theta[CL_ALPHA] * own + a_h * tail
         by[1, j] += theta[CM_ALPHA] * own - a_h * lc * tail
+    by[0, TAIL_SPAN], by[1, TAIL_SPAN] = a_h * late, -a_h * lc * late
     by[1, ARM_LENGTH] -= a_h * con.arm * d
     r[0] = f[CL, i] - theta[CL_ALPHA] * a - theta[CL_Q] * qh - theta[CL_DE] * de - a_h * d
     r[1] = f[CM, i] * derivative - theta[CM_ALPHA] * a - theta[CM_Q] * qh - theta[CM_DE] * de + a_h * lc * d
 
 
 @njit(cache=True, error_model="numpy")
-def all_columns(segment: Segment, con: Constants, rho: Array) -> tuple[Complex, Complex, Complex, Complex]:
+def all_columns(segment: Segment, con: Constants, rho: Array) -> tuple[Complex, Complex, Complex, Complex, Complex]:
     """Columns of the segment's own spectra, and then of the noise of each of SOURCES."""
     lines = segment.omega.shape[0]
-    spectra, wing, spans, base = no_columns(1 + len(SOURCES), lines)
+    spectra, wing, spans, tails, base = no_columns(1 + len(SOURCES), lines)
     for i in range(lines):
         for channel in range(CHANNELS):
             spectra[0, channel, i] = segment.spectrum[channel, i]
@@ -391,5 +392,5 @@ def all_columns(segment: Segment, con: Constants, rho: Array) -> tuple[Complex, 
         every = EVERY if k > 0 else 1
         if k > 0:
             noise_spectrum(k - 1, segment, con, every, spectra[k])
-        columns(segment, con, rho, Columns(spectra[k], wing[k], spans[k], base[k], every))
-    return spectra, wing, spans, base
+        columns(segment, con, rho, Columns(spectra[k], wing[k], spans[k], tails[k], base[k], every))
+    return spectra, wing, spans, tails, base

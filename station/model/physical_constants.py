@@ -43,6 +43,8 @@ NUISANCE_TABLE: Final = (
     Nuisance("indicial rate, gust", lambda a: a.uncertainty.lift_rate, 0.0),
     Nuisance("indicial rate, motion", lambda a: a.uncertainty.lift_rate, 0.0),
     Nuisance("span, middle", lambda a: a.uncertainty.span_lag),
+    # How much of the span's lag the tail has, beyond TAIL_SPAN_SHARE.
+    Nuisance("tail span", lambda a: a.uncertainty.tail_span_lag),
     # Of the segment, not of the profile: physical_fit.
     Nuisance("mean wind", lambda _: 0.0),
 )
@@ -55,9 +57,12 @@ FIRST_NUISANCE: Final = len(DERIVATIVES)
 PARAMETERS: Final = FIRST_NUISANCE + N
 OF_CM: Final = slice(CM_ALPHA, FIRST_NUISANCE)
 
-TAIL, BOOM, SKEW, SPAN, SPAN_FAST, SPAN_MIDDLE = map(
-    NUISANCES.index, ("tail share", "boom length", "vane skew", "span", "span, fast", "span, middle")
+TAIL, BOOM, SKEW, SPAN, SPAN_FAST, SPAN_MIDDLE, TAIL_SPAN = map(
+    NUISANCES.index, ("tail share", "boom length", "vane skew", "span", "span, fast", "span, middle", "tail span")
 )
+TAIL_SPAN_SHARE: Final = 0.5
+"""Of the wing's lag behind gusts that vary along the span, the tail's: none if the wing alone averages them, all of
+it if the air that the tail meets is averaged too."""
 LIFT_AMPLITUDE, LIFT_RATE, GUST_RATE = map(
     NUISANCES.index, ("indicial amplitude", "indicial rate, motion", "indicial rate, gust")
 )  # fmt: skip

@@ -261,7 +261,7 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
     theta, independent = found.theta, _share(segment)
     turbulent = wiener(segment.spectrum, omega, segment.vane_noise, found.rho)
     found.summary[GUST] = turbulent
-    spectra, wing, spans, base = all_columns(segment, con, found.rho)
+    spectra, wing, spans, tails, base = all_columns(segment, con, found.rho)
     prior, considered = np.zeros(n), np.zeros(N)
     _priors(segment, con, turbulent, prior, considered)
     weighting = Weighting(np.ones((EQUATIONS, lines)), np.zeros(1, dtype=np.complex128))
@@ -281,7 +281,7 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
         for part in range(1 + len(SOURCES)):
             every, into = (EVERY, noisy) if part > 0 else (1, own)
             energy = independent * segment.vane_noise * con.noise[part - 1] if part > 0 else independent
-            of = Columns(spectra[part], wing[part], spans[part], base[part], every)
+            of = Columns(spectra[part], wing[part], spans[part], tails[part], base[part], every)
             _accumulate(of, segment.derivative, con, theta, weighting, energy, into)
         _fill_upper(own.matrix)
         _fill_upper(noisy.matrix)

@@ -32,11 +32,14 @@ from station.profile.aircraft import MOST_TERMS
 
 Array = NDArray[np.float64]
 
-X, WX, KG, GC, GT, DW, DK, DX, KL, KM, KN, DKL, DKM, DKN, WIND_WING, WIND_TAIL, WIND_WASH = range(17)
+X, WX, KG, GC, GT, DW, DK, DX, KL, KM, KN, DKL, DKM, DKN, GTL, GTM, GTN, WIND_WING, WIND_TAIL, WIND_WASH = range(20)
 """Inertial angle of attack; wing incidence from motion and gust; gust at CG and tail; Wx, Kg and x of l_t/V ago; Kg
-after the span's slow, middle and fast lag, and all three of l_t/V ago. What a mean wind that is wrong by 1 m/s of
-tailwind adds to Wx + Kg, to x + the gust at the tail, and to the downwash there, s/m."""
-SIGNALS: Final = 17
+after the span's slow, middle and fast lag, and all three of l_t/V ago; the gust at the tail after the same lags. What a
+mean wind that is wrong by 1 m/s of tailwind adds to Wx + Kg, to x + the gust at the tail, and to the downwash there,
+s/m."""
+SIGNALS: Final = 20
+LAGGED: Final = ((KL, DKL, GTL), (KM, DKM, GTM), (KN, DKN, GTN))
+"""After each of the span's lags: Kg, Kg of l_t/V ago, and the gust at the tail."""
 
 TAPS: Final = 16
 _MIDDLE: Final = 7
@@ -50,9 +53,8 @@ WIND_S: Final = 60.0
 """Over which the mean wind is averaged."""
 LEAST_FREE: Final = 0.2
 """Share of the gusts' mean square that their mean leaves, at least."""
-SPAN_SLOW: Final = 2.0
-SPAN_MIDDLE: Final = 4.0
-SPAN_FAST: Final = 9.0
+CORNERS: Final = (2.0, 4.0, 9.0)
+SPAN_SLOW, SPAN_MIDDLE, SPAN_FAST = CORNERS
 """Corner of the lift's lag behind a gust that varies along the span, V/b. A sum of the three follows a lag of any
 corner from the slow one on to 0.3 % of the gust's lift at 2 Hz; of two, it missed those between by 1.6 %."""
 
@@ -97,6 +99,10 @@ class State:
     span_middle: float
     span_fast: float
     """The wing's incidence from gusts after the span's lags, rad."""
+    tail_slow: float
+    tail_middle: float
+    tail_fast: float
+    """The gust at the tail after them, rad."""
     sinking: float
     edge_wind: float
     """What a mean wind wrong by 1 m/s adds to the inertial angle of attack and takes from the gust, last tick, s/m."""
@@ -224,6 +230,11 @@ def step(
     now[GC] = _met(c, s, at, cg, headwind)
     at_edge = _met(c, s, at, edge, headwind)
     now[GT] = _met(c, s, at, cg + tail, delayed(s.headwind_ring, at, tail))
+    spans = v * c.dt / c.span
+    s.tail_slow = lagged(s.tail_slow, before[GT], now[GT], SPAN_SLOW * spans)
+    s.tail_middle = lagged(s.tail_middle, before[GT], now[GT], SPAN_MIDDLE * spans)
+    s.tail_fast = lagged(s.tail_fast, before[GT], now[GT], SPAN_FAST * spans)
+    now[GTL], now[GTM], now[GTN] = s.tail_slow, s.tail_middle, s.tail_fast
     chords = v * c.dt / c.chord
     _lift(c, s, at, at_edge, alpha_i, chords)
     now[DW] = delayed(s.wing_ring, at, wash)
@@ -264,6 +275,7 @@ def _begin(s: State, alpha_i: float, sinking: float, inertial_speed: float, thet
     s.sinking, s.edge_wind = sinking, -sinking
     s.wing_change = s.tail_change = s.wash_change = 0.0
     s.edge_gust = s.span_slow = s.span_middle = s.span_fast = 0.0
+    s.tail_slow = s.tail_middle = s.tail_fast = s.signals[1, GT] = 0.0
     for j in range(MOST_TERMS):
         s.motion_lags[j] = alpha_i
         s.sinking_lags[j] = sinking

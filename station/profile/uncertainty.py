@@ -33,6 +33,8 @@ class Uncertainty(Frozen):
     """Of the rates of the wing's indicial responses."""
     span_lag: float = Field(default=1.0, ge=0)
     """Share of the lag with which a wing of that span would follow a gust, were its lift spread evenly."""
+    tail_span_lag: float = Field(default=0.5, ge=0)
+    """Of the share of that lag, one half, with which the tail follows."""
     upwash_wing: float = Field(default=0.3, ge=0)
     """Of the wing's upwash at the vane."""
     upwash_rate: float = Field(default=0.27, ge=0)
@@ -41,5 +43,5 @@ class Uncertainty(Frozen):
     """Of the vane's lead over the CG, position over speed."""
     vane_delay: Seconds = 0.004
     """Of the vane against the inertial data."""
-    vane_scale: float = Field(default=0.0115, ge=0)
-    """Of the vane's scale."""
+    vane_scale: float = Field(default=0.03, ge=0)
+    """Of the vane's scale, by the steady upwash of wing and body: two digits of a calibration, or a panel method's."""

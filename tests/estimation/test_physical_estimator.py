@@ -247,8 +247,8 @@ def test_an_error_of_the_mean_wind_does_what_its_column_says() -> None:
 def columns_of(f: np.ndarray, omega: np.ndarray, speed: float, aircraft: Aircraft, rho: np.ndarray) -> pc.Columns:
     """Every line of the equations' columns."""
     segment = pc.Segment(f, omega, np.ones(len(omega)), 1.0, 0.0, speed, 1.2, 0.0)
-    _, wing, spans, base = (part[0] for part in pc.no_columns(1, len(omega)))
-    made = pc.Columns(f, wing, spans, base, 1)
+    _, wing, spans, tails, base = (part[0] for part in pc.no_columns(1, len(omega)))
+    made = pc.Columns(f, wing, spans, tails, base, 1)
     pc.columns(segment, constants(aircraft), rho, made)
     return made
 

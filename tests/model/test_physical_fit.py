@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 
 from station.model import physical_columns as pc
 from station.model import physical_fit as pf
+from station.model import physical_posterior as pp
 from station.model import physical_signals as ps
 from station.model.physical_constants import (
     ARM_LENGTH,
@@ -72,17 +73,17 @@ def segment(f: np.ndarray, vane_noise: float = 1e-12, wind_sd: float = 0.0) -> p
     return pc.Segment(f, OMEGA, np.ones(LINES), 1.0, vane_noise, SPEED, DENSITY, wind_sd)
 
 
-def fitted(of: pc.Segment, con: Constants, past: pf.Sums | None = None, close: bool = False) -> pf.Found:
-    found = pf.nothing_found(LINES)
-    assert pf.fit(of, con, past or pf.no_sums(), close, found)
+def fitted(of: pc.Segment, con: Constants, past: pp.Sums | None = None, close: bool = False) -> pp.Found:
+    found = pp.nothing_found(LINES)
+    assert pf.fit(of, con, past or pp.no_sums(), close, found)
     return found
 
 
 def test_columns_are_wing_and_tail_written_out() -> None:
     con = exact()
     f, a, d = flown(np.random.default_rng(1), con)
-    _, wing, spans, nuisances = (part[0] for part in pc.no_columns(1, LINES))
-    made = pc.Columns(f, wing, spans, nuisances, 1)
+    _, wing, spans, tails, nuisances = (part[0] for part in pc.no_columns(1, LINES))
+    made = pc.Columns(f, wing, spans, tails, nuisances, 1)
     pc.columns(segment(f), con, np.ones(LINES), made)
     np.testing.assert_allclose(made.wing[pc.A], a, rtol=1e-12)
     np.testing.assert_allclose(made.wing[pc.P] - con.downwash * made.wing[pc.Q], d, atol=1e-12)
@@ -140,7 +141,7 @@ def test_equals_generalised_least_squares_of_both_equations() -> None:
 def test_two_segments_know_more_than_one() -> None:
     """Of equal records the second halves the variances, but for what the residuals of either are by chance."""
     con, rng = exact(), np.random.default_rng(4)
-    past = pf.no_sums()
+    past = pp.no_sums()
     one = fitted(segment(flown(rng, con, noise=0.3)[0]), con, past, close=True)
     both = fitted(segment(flown(rng, con, noise=0.3)[0]), con, past)
     assert past.normal.any()
@@ -165,7 +166,7 @@ def test_a_constant_that_the_data_do_not_tell_keeps_its_prior() -> None:
     found = fitted(segment(flown(np.random.default_rng(6), con, noise=0.5)[0], wind_sd=0.03), con)
     at = FIRST_NUISANCE + WIND
     assert abs(found.theta[at]) < 1e-12
-    assert found.total[at] == pytest.approx(pf.SMALL_RECORD * 0.03, rel=1e-6)
+    assert found.total[at] == pytest.approx(pp.SMALL_RECORD * 0.03, rel=1e-6)
 
 
 def test_what_turbulence_may_not_move_is_considered() -> None:
@@ -185,8 +186,8 @@ def test_what_turbulence_may_not_move_is_considered() -> None:
 
 
 def test_silence_has_no_solution() -> None:
-    found = pf.nothing_found(LINES)
-    assert not pf.fit(segment(np.zeros((pc.CHANNELS, LINES), dtype=complex)), exact(), pf.no_sums(), False, found)
+    found = pp.nothing_found(LINES)
+    assert not pf.fit(segment(np.zeros((pc.CHANNELS, LINES), dtype=complex)), exact(), pp.no_sums(), False, found)
 
 
 def test_parameters_are_in_one_order() -> None:
