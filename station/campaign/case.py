@@ -168,7 +168,7 @@ def _estimation(campaign: Campaign, known: Aircraft, has_physical: bool) -> Esti
         frequencies=frequencies,
         derivative=spectra.central_difference_factor(frequencies, _TICK_S),
         lengths=lengths(known),
-        unsteady=unsteady_lift.known(known),
+        unsteady=unsteady_lift.known(known, campaign.axes == "body"),
         sears_k=SEARS_K,
         sears=SEARS,
         paths=regressor_error.lengths(known),

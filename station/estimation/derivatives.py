@@ -251,7 +251,7 @@ class Derivatives:
         self.mass_recorded = False
         self._has_tail = aircraft.unsteady.tail_arm > 0.0
         self._lengths = lengths(aircraft)
-        self._unsteady = unsteady_lift.known(aircraft)
+        self._unsteady = unsteady_lift.known(aircraft, names[0].startswith("CZ"))
         self._paths = regressor_error.lengths(aircraft)
         self._noisy = regressor_error.deviations(aircraft, noise)
         self._speed = self._density = math.nan

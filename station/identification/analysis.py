@@ -17,6 +17,7 @@ from station.estimation.published.cross_spectra import VaneSpectra
 from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
+from station.identification.cross_axis import drowned, without_longitudinal
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
 from station.identification.instrument_table import instrument_table
@@ -24,7 +25,13 @@ from station.identification.kinematics import kinematics
 from station.identification.model_structure import Comparison, structures
 from station.identification.plausibility import hint
 from station.identification.preparation import Prepared, prepare
-from station.identification.remarks import about_columns, about_gusts, about_instruments, about_the_band
+from station.identification.remarks import (
+    about_columns,
+    about_disagreement,
+    about_gusts,
+    about_instruments,
+    about_the_band,
+)
 from station.identification.request import Request
 from station.log import Table
 from station.numerics.regression import NotIdentifiable
@@ -62,6 +69,9 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     if request.sift and lines is not None:
         only = sifted_results(lines, ready.record, request.axes)
         results |= {n: r for n, r in only.items() if n in results}
+    lateral = drowned(ready.record)
+    if lateral:
+        results = {name: without_longitudinal(result, lateral) for name, result in results.items()}
     if ready.mistaken:
         results = {name: _invalid(result, ready.mistaken) for name, result in results.items()}
     best = _recommended(results, level)
@@ -161,6 +171,7 @@ def _remarks(ready: Prepared, results: Mapping[str, MethodResult], level: str, f
         *about_columns(ready.cut),
         *ready.record.remarks,
         *(about_gusts(results, level) if can_judge else ()),
+        *(about_disagreement(results) if can_judge else ()),
         *(flown.warnings() if flown else ()),
         *about_instruments(ready.record.aircraft),
         *about_the_band(ready.record, ready.request.band_hz),

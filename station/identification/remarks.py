@@ -18,7 +18,10 @@ from station.identification.input_ranking import short_period
 from station.log import Table
 from station.numerics.regression import NotIdentifiable
 from station.profile import Aircraft
+from station.rows import Status
 
+APART: Final = 3.0
+"""Standard errors by which two methods may differ."""
 LEAST_VALUES: Final = 2
 PAST_THE_PEAK: Final = 1.3
 """How far beyond the short period the band should reach, for damping and stiffness to be separated."""
@@ -53,6 +56,27 @@ def about_gusts(results: Mapping[str, MethodResult], level: str) -> list[str]:
     if level in ("calm", "unknown") or not apart or any(results[n].status == "ok" for n in apart):
         return []
     return [f"{level} turbulence, and {results[apart[0]].why}: the standard errors do not include the gusts' effect"]
+
+
+def about_disagreement(results: Mapping[str, MethodResult]) -> list[str]:
+    """Output error against filter error where they differ by more than their own errors: both integrate the same
+    equations, but output error takes what gusts do for the model's."""
+    pair = [results[name] for name in ("oe", "fe") if name in results and results[name].status == "ok"]
+    if len(pair) < len(("oe", "fe")):
+        return []
+    words = []
+    for p in pair[0].parameters:
+        other = pair[1].parameter(p.name)
+        if other is None or Status.INVALID in (p.status, other.status):
+            continue
+        sds = [of.statistical.get(p.name, one.sd) for of, one in zip(pair, (p, other), strict=True)]
+        if abs(p.value - other.value) > APART * math.hypot(*sds):
+            words.append(f"{p.name} {p.value:.3g} ± {2 * sds[0]:.2g} and {other.value:.3g} ± {2 * sds[1]:.2g}")
+    if not words:
+        return []
+    return [
+        f"oe and fe disagree by more than their errors: {', '.join(words)}; of the two go by fe, which allows for gusts"
+    ]
 
 
 def about_instruments(aircraft: Aircraft) -> list[str]:

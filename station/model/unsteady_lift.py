@@ -31,10 +31,11 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-WX, WD, TX, TD, TQ, ARM, MASS, INERTIA, RELATIVE = range(9)
-ROWS: Final = 9
+WX, WD, TX, TD, TQ, ARM, MASS, INERTIA, RELATIVE, SIGN = range(10)
+ROWS: Final = 10
 """Of `weights`: what the wing's part of v has of alpha and d for a unit of CL_alpha, and the tail's of alpha, d and
-q c/2V in CL; l_t/c; inertia in heave and pitch, s 2m/(rho S V) and s 4 Iyy/(rho S c^2 V), and 4m/(rho S c)."""
+q c/2V in CL; l_t/c; inertia in heave and pitch, s 2m/(rho S V) and s 4 Iyy/(rho S c^2 V), 4m/(rho S c), and the
+force's sign."""
 
 
 class Known(NamedTuple):
@@ -53,6 +54,8 @@ class Known(NamedTuple):
     """4m/(S c), kg/m3; 0: there is nothing to reckon with."""
     pitching: float
     """4 Iyy/(S c^2), kg/m2."""
+    sign: float
+    """Of the force over the lift: 1 for CL, -1 for CZ."""
     motion: Response
     gust: Response
 
@@ -74,12 +77,12 @@ def no_sums() -> Sums:
     return Sums(np.zeros((2, 4)), np.zeros((2, 3)), np.zeros((3, 3)))
 
 
-def known(aircraft: Aircraft) -> Known:
-    """As the profile has it; nothing of an aircraft without tail, inertia or unsteady lift."""
+def known(aircraft: Aircraft, body: bool = False) -> Known:
+    """As the profile has it; nothing of an aircraft without tail, inertia or unsteady lift. `body`: the force is CZ."""
     u, g = aircraft.unsteady, aircraft.geometry
     motion, gust = response(u.lift_motion), response(u.lift_gust)
     if not (u.memory and u.tail_arm > 0.0 and aircraft.inertia.iyy):
-        return Known(*(0.0,) * 9, motion, gust)
+        return Known(*(0.0,) * 10, motion, gust)
     swept = g.wing_area * g.chord
     return Known(
         chord=g.chord,
@@ -91,6 +94,7 @@ def known(aircraft: Aircraft) -> Known:
         downwash_delay=u.downwash_delay,
         heave=4 * aircraft.inertia.mass / swept,
         pitching=4 * aircraft.inertia.iyy / (swept * g.chord),
+        sign=-1.0 if body else 1.0,
         motion=motion,
         gust=gust,
     )
@@ -116,17 +120,19 @@ def weights(k: Known, speed: float, density: float, frequencies: Array, rows: Co
         rows[TQ, i], rows[ARM, i] = -2.0 * k.tail_share * k.downwash * arm, arm
         rows[MASS, i] = 0.5 * s * k.heave * k.chord / density
         rows[INERTIA, i] = s * k.pitching / density
-        rows[RELATIVE, i] = k.heave / density
+        rows[RELATIVE, i], rows[SIGN, i] = k.heave / density, k.sign
 
 
 @njit(cache=True, error_model="numpy")
 def _short_period(rows: Complex, f: int, theta: Array, de: complex, alone: Complex) -> None:
     """Alpha, q c/2V and elevator in calm air at line f, made by the elevator `de`, -> `alone` (3,)."""
-    lift, moment = rows[MASS, f] + theta[0, 0], rows[INERTIA, f] - theta[1, 1]
-    rate = theta[0, 1] - rows[RELATIVE, f]
+    sign = rows[SIGN, f]
+    lift, moment = rows[MASS, f] + sign * theta[0, 0], rows[INERTIA, f] - theta[1, 1]
+    rate = sign * theta[0, 1] - rows[RELATIVE, f]
+    by_elevator = sign * theta[0, 2]
     determinant = lift * moment + rate * theta[1, 0]
-    alone[0] = -(theta[0, 2] * moment + rate * theta[1, 2]) / determinant * de
-    alone[1] = (lift * theta[1, 2] - theta[1, 0] * theta[0, 2]) / determinant * de
+    alone[0] = -(by_elevator * moment + rate * theta[1, 2]) / determinant * de
+    alone[1] = (lift * theta[1, 2] - theta[1, 0] * by_elevator) / determinant * de
     alone[2] = de
 
 
@@ -142,7 +148,7 @@ def _products(rows: Complex, x: Complex, theta: Array, sums: Sums) -> None:
         wing = rows[WX, f] * x[0, f] + rows[WD, f] * x[3, f]
         calm_wing = rows[WX, f] * alone[0]
         for e in range(2):
-            share = 1.0 if e == 0 else -rows[ARM, f].real
+            share = rows[SIGN, f].real if e == 0 else -rows[ARM, f].real
             v, calm_v = theta[e, 0] * wing + share * tail, theta[e, 0] * calm_wing + share * calm_tail
             for i in range(4):
                 met[e, i] += x[i, f].real * v.real + x[i, f].imag * v.imag

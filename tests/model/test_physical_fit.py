@@ -17,6 +17,10 @@ from station.model.physical_constants import (
     CM_ALPHA,
     FIRST_NUISANCE,
     PARAMETERS,
+    SPAN,
+    SPAN_MIDDLE,
+    TAIL_SPAN,
+    TAIL_SPAN_SHARE,
     WASH,
     WIND,
     Constants,
@@ -208,3 +212,38 @@ def test_a_log_quadratic_spectrum_is_found_again() -> None:
     power, basis = np.abs(residual) ** 2, np.array([np.ones(LINES), u, u * u])
     best = minimize(lambda b: np.sum(b @ basis + power / np.exp(b @ basis)), np.zeros(3), tol=1e-10)
     np.testing.assert_allclose(smooth, np.exp(best.x @ basis), rtol=0.02)
+
+
+def test_a_tail_that_shares_the_span_s_lag_is_in_the_equations() -> None:
+    """Wing and tail follow gusts with a first-order lag of half a span: the residual is zero where both nuisances say
+    so, and its slopes by them are the difference quotients."""
+    con, rng = exact(), np.random.default_rng(8)
+    s = 1j * OMEGA
+    lag = 1.0 / (1.0 + s * con.span / (ps.SPAN_SLOW * SPEED))
+    x, gust, qhat, de = (complex_normal(rng, LINES) for _ in range(4))
+    w, k = 0.9 * x, 0.8 * gust
+    late = np.exp(-s * con.tail_arm / SPEED)
+    f = np.zeros((pc.CHANNELS, LINES), dtype=complex)
+    f[ps.X], f[ps.WX], f[ps.KG], f[ps.GC], f[ps.GT] = x, w, k, gust, late * gust
+    f[ps.DW], f[ps.DK], f[ps.DX] = late * w, late * k, late * x
+    f[ps.KL], f[ps.DKL], f[ps.GTL] = lag * k, lag * late * k, lag * late * gust
+    f[pc.QH], f[pc.DE] = qhat, de
+    a = w + lag * k
+    d = x + lag * late * gust - con.downwash * late * a - (1 - con.downwash) * a - 2 * con.downwash * con.arm * qhat
+    f[pc.CL] = THETA[:3] @ [a, qhat, de] + con.tail_share * d
+    f[pc.CM] = THETA[3:] @ [a, qhat, de] - con.tail_share * con.arm * d
+    made = pc.Columns(f, *(part[0] for part in pc.no_columns(1, LINES)[1:]), 1)
+    pc.columns(segment(f), con, np.ones(LINES), made)
+    theta = np.zeros(PARAMETERS)
+    theta[:FIRST_NUISANCE] = THETA
+    theta[FIRST_NUISANCE + SPAN], theta[FIRST_NUISANCE + TAIL_SPAN] = 1.0, 1.0 - TAIL_SPAN_SHARE
+    g, rest = np.empty((2, PARAMETERS), dtype=complex), np.empty(2, dtype=complex)
+    for i in range(LINES):
+        pc.design(made, i, 1.0, con, theta, g, rest)
+        assert np.abs(rest).max() < 1e-10
+        slopes = g.copy()
+        for j in (SPAN, SPAN_MIDDLE, TAIL_SPAN):
+            moved = theta.copy()
+            moved[FIRST_NUISANCE + j] += 1e-6
+            pc.design(made, i, 1.0, con, moved, g, rest)
+            np.testing.assert_allclose(-rest / 1e-6, slopes[:, FIRST_NUISANCE + j], rtol=1e-4, atol=1e-6)
