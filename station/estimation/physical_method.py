@@ -132,11 +132,13 @@ class Equations:
         energies = self._energies + np.array((found.residual, found.signal))
         residual, signal = energies.tolist()
         r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(residual, signal, strict=True))
-        gust, deviance, quasi_steady = found.summary.tolist()
+        gust, deviance, quasi_steady, complexity = found.summary.tolist()
         better = quasi_steady - deviance
-        preference = self._preference + (better if math.isfinite(better) else 0.0)
+        fits_better = self._preference + (better if math.isfinite(better) else 0.0)
+        # The constants are the same in all segments: what they cost counts once.
+        preference = fits_better - (complexity if math.isfinite(complexity) else 0.0)
         if close:
-            self._preference = preference
+            self._preference = fits_better
             self._energies = energies
         r2_both, covariance = (r2[0], r2[1]), found.covariance
         return Solution(found.theta, found.statistical, found.total, r2_both, gust, covariance, segment, preference)

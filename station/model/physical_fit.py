@@ -52,7 +52,7 @@ from station.numerics.regression import invert
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-GUST, DEVIANCE, QUASI_STEADY = range(3)
+GUST, DEVIANCE, QUASI_STEADY, COMPLEXITY = range(4)
 """Places in Found.summary."""
 SUBTRACTED: Final = (1.0, 0.5, 0.0)
 """Share of the sensors' noise that is subtracted from the normal equations: the first that leaves them positive, and
@@ -295,8 +295,9 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
     errors(solved, past, cloud, cross, prior, considered, found)
     _judge(segment, residual, weighting, equations, found)
     # A model that fits only with constants far from the profile's, and just there, is the less likely one (Laplace).
+    found.summary[COMPLEXITY] = 0.0
     for a in range(FIRST_NUISANCE, n):
-        found.summary[DEVIANCE] += prior[a] * theta[a] ** 2 - math.log(solved.inverse[a, a] * prior[a])
+        found.summary[COMPLEXITY] += prior[a] * theta[a] ** 2 - math.log(solved.inverse[a, a] * prior[a])
     if close:
         _close(solved, cloud, cross, past)
     return math.isfinite(theta.sum())

@@ -53,7 +53,8 @@ class Found(NamedTuple):
     """And of CL and Cm themselves, (2,)."""
     summary: Array
     """How far the gust's spectrum stands out of the vane's noise, 0 calm to 1 turbulent; deviance of both equations
-    for this model; and for the quasi-steady one on the same angle of attack, (3,)."""
+    for this model; and for the quasi-steady one on the same angle of attack; and what this model's constants, in all
+    segments together, cost it, (4,)."""
     rho: Array
     """Share of the gust's spectrum that is not noise, (frequencies,)."""
 
@@ -78,7 +79,7 @@ def no_sums() -> Sums:
 def nothing_found(lines: int) -> Found:
     """Zeros, to be filled."""
     n = PARAMETERS
-    energies = np.zeros(2), np.zeros(2), np.zeros(3)
+    energies = np.zeros(2), np.zeros(2), np.zeros(4)
     return Found(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, n)), *energies, np.zeros(lines))
 
 
