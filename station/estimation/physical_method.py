@@ -110,11 +110,13 @@ class Equations:
         density: float,
         wind_sd: float,
         close: bool = False,
+        moved: bool = True,
     ) -> Solution | None:
         """Estimate from the spectra (CHANNELS, frequencies) of `samples` ticks; None where there is no solution.
 
         `share`: T df, of independent lines; `speed`: mean, m/s; `density`: of the air, kg/m3; `wind_sd`: standard
-        error of the mean wind, m/s; `close` adds the segment to those before.
+        error of the mean wind, m/s; `close` adds the segment to those before; `moved`: the elevator did, without which
+        a segment does not tell one model from another.
         """
         segment = Segment(
             spectrum,
@@ -134,7 +136,7 @@ class Equations:
         r2 = tuple(1.0 - a / b if b > 0.0 else 0.0 for a, b in zip(residual, signal, strict=True))
         gust, deviance, quasi_steady, complexity = found.summary.tolist()
         better = quasi_steady - deviance
-        fits_better = self._preference + (better if math.isfinite(better) else 0.0)
+        fits_better = self._preference + (better if moved and math.isfinite(better) else 0.0)
         # The constants are the same in all segments: what they cost counts once.
         preference = fits_better - (complexity if math.isfinite(complexity) else 0.0)
         if close:
@@ -250,7 +252,10 @@ class Physical:
         spectrum = self._transform.spectrum
         share = samples * self._dt * self._step_hz
         mean_speed = self._speed_sum / samples
-        self.solution = self._equations.solve(spectrum, samples, share, mean_speed, density, self._wind_sd, close)
+        moved = self._has_moved(self._elevator_energy(), samples)
+        self.solution = self._equations.solve(
+            spectrum, samples, share, mean_speed, density, self._wind_sd, close, moved
+        )
         self._judged = None
         if close:
             self._input = self._keep * (self._input + self._elevator_energy())
@@ -263,6 +268,10 @@ class Physical:
         """On every line, of the segment under way."""
         elevator = self._transform.spectrum[DE]
         return np.asarray(elevator.real**2 + elevator.imag**2)
+
+    def _has_moved(self, energy: Array, samples: float) -> bool:
+        """Whether the elevator's energy on the lines stands out of its noise."""
+        return float(energy.sum()) >= EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2
 
     def quasi_steady(self) -> tuple[ParamEstimate, ...]:
         """The newest solution's quasi-steady derivatives, with their acceptance; () where there is none."""
@@ -327,8 +336,7 @@ class Physical:
             return (Status.UNESTIMATED, self.lacking) if self.lacking else worded(WARMING)
         if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        energy = float((self._input + self._elevator_energy()).sum())
-        if energy < EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2:
+        if not self._has_moved(self._input + self._elevator_energy(), samples):
             return worded(STILL)
         if self.solution is None:
             return worded(UNSOLVED)

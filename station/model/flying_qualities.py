@@ -291,7 +291,8 @@ def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late:
     omega, zeta = frequency_and_damping(roots[..., 0], roots[..., 1])
     slow, slow_zeta = frequency_and_damping(roots[..., 2], roots[..., 3])
     pulled = pull_up(c, at, area, chord, late)
-    n_alpha = pulled.load / pulled.alpha
+    with np.errstate(divide="ignore", invalid="ignore"):
+        n_alpha = pulled.load / pulled.alpha
     margin = -c.cm_alpha / c.cl_alpha
     cm_q, cl_q = c.cm_q, c.cl_q
     if late is not None:
