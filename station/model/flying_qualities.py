@@ -286,13 +286,14 @@ _ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
 where the derivatives were found with the same ones. The neutral point is behind the CG; margins are in chords."""
 
 
+# Drawn derivatives may leave a pull-up without load or angle: what follows is then infinite, and unestimated.
+@np.errstate(divide="ignore", invalid="ignore")
 def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late: Late | None) -> dict[str, Array]:
     roots = modes(c, at, area, chord, late)
     omega, zeta = frequency_and_damping(roots[..., 0], roots[..., 1])
     slow, slow_zeta = frequency_and_damping(roots[..., 2], roots[..., 3])
     pulled = pull_up(c, at, area, chord, late)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        n_alpha = pulled.load / pulled.alpha
+    n_alpha = pulled.load / pulled.alpha
     margin = -c.cm_alpha / c.cl_alpha
     cm_q, cl_q = c.cm_q, c.cl_q
     if late is not None:
