@@ -21,7 +21,7 @@ LIFT: Final = 0.3
 """Lift coefficient by which flight and profile may differ: 3 deg of angle of attack of an uncalibrated vane; the
 HFB-320's own profile differs by 0.16."""
 FACTOR: Final = 2.0
-SURE: Final = 4.0
+SURE: Final = 3.0
 """A derivative contradicts the profile beyond FACTOR, by this many standard errors."""
 TELLING: Final = ("CL_alpha", "Cm_de")
 """Derivatives in which a wrong size or mass shows, and the vane's bias and delay hardly."""

@@ -139,8 +139,8 @@ def test_at_altitude_the_error_knows_how_thin_the_air_is() -> None:
     off, _, model = flights("B", 10.0, "doublet", 8, speed="200 kt", altitude="40000 ft")
     wanted = abs(off[:, 3].mean())
     assert 0.003 * 1.1 < wanted < 0.012 * 1.1
-    # The other errors of the model add to it.
-    assert 0.5 * wanted < np.median(model[:, 3]) < 4 * wanted
+    # The other errors of the model add to it, most of all the vane's scale, 3 % of Cm_alpha (-1.31).
+    assert 0.5 * wanted < np.median(model[:, 3]) < np.hypot(4 * wanted, 0.03 * 1.31)
 
 
 @pytest.mark.slow
