@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from station.estimation.flight_record import FlightRecord
-from station.estimation.results import MethodResult, without_airframe_errors
+from station.estimation.results import MethodResult
 from station.profile import Aircraft
 from station.rows import Status
 
@@ -21,7 +21,7 @@ LIFT: Final = 0.3
 """Lift coefficient by which flight and profile may differ: 3 deg of angle of attack of an uncalibrated vane; the
 HFB-320's own profile differs by 0.16."""
 FACTOR: Final = 2.0
-SURE: Final = 3.0
+SURE: Final = 4.0
 """A derivative contradicts the profile beyond FACTOR, by this many standard errors."""
 TELLING: Final = ("CL_alpha", "Cm_de")
 """Derivatives in which a wrong size or mass shows, and the vane's bias and delay hardly."""
@@ -34,9 +34,9 @@ def hint(aircraft: Aircraft, recorded: Aircraft, record: FlightRecord, result: M
         return ""
     found = [*_another(aircraft, recorded), *_mass(aircraft, record), *_lift(aircraft, record)]
     if result is not None:
-        # What the profile states of its mass and inertia is what is in question.
-        result = without_airframe_errors(result, record)
-        found += _derivatives(aircraft, {p.name: (p.value, p.sd, p.status) for p in result.parameters})
+        # What the profile states, its uncertainties too, is what is in question: by the noise alone.
+        sds = result.statistical
+        found += _derivatives(aircraft, {p.name: (p.value, sds.get(p.name, p.sd), p.status) for p in result.parameters})
     return f"is {aircraft.name} the aircraft recorded? {'; '.join(found)}" if found else ""
 
 
