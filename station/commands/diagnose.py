@@ -120,21 +120,24 @@ def _whole(
     from station.diagnosis.diagnosis_json import as_json
     from station.diagnosis.procedure import diagnose as solve
     from station.diagnosis.readings import readings_of
+    from station.diagnosis.reported import reported
 
     records, held = ([r for ready, spans in some for r in ready.records(subject, spans)] for some in (fitted, kept))
     if not held and len(records) > 1:
         count = max(1, len(records) // HELD_OUT_SHARE)
         records, held = records[:-count], records[-count:]
     found = solve(records, held, subject, progress=lambda words: say(f"  {words}"))
-    sizes = detectable_sizes(found.problem, found.found.accepted.gust)
+    say("  sizes that would have been found")
+    sizes = detectable_sizes(found.problem, reported(found))
     readings = readings_of(found)
     if report is not None:
         say("  drawing the report")
         from station.diagnosis.diagnosis_report import write_report  # and with it matplotlib
-        from station.diagnosis.pictures import series_in_time
+        from station.diagnosis.pictures import compared, series_in_time
 
-        with _rrd_beside(found, series_in_time(found, found.before, found.after, _PLOTS)[1], report):
-            say(str(write_report(found, sizes, report, readings.page(), _pages(tables))))
+        shown = compared(found)
+        with _rrd_beside(found, series_in_time(shown, _PLOTS)[1], report):
+            say(str(write_report(found, shown, sizes, report, readings.page(), _pages(tables))))
     return found, as_json(found, sizes) | readings.as_json(), readings.lines()
 
 

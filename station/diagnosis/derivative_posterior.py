@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import BY_ID
-from station.diagnosis.fit import Fit, Problem
-from station.diagnosis.judge import SD_FACTOR
-from station.diagnosis.measured_record import Record
-from station.diagnosis.nuisances import DERIVATIVES
+from station.diagnosis.free_parameters import DERIVATIVES
+from station.diagnosis.likelihood import Estimate, Problem
+from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
-from station.model.airframe_error import relative_errors
+from station.diagnosis.reported import reported
+from station.diagnosis.vane_gust import undone
 from station.model.flying_qualities import Condition, Qualities, qualities
 from station.profile import Aircraft
 
@@ -24,31 +22,24 @@ _STEP = 0.1
 """Over what share of a standard deviation the derivatives' slopes are taken."""
 
 
-def posterior(problem: Problem, fit: Fit, alpha: float) -> Array:
-    """Covariance of the DERIVATIVES (6, 6) at a fit and an angle of attack: of effects and nuisances together, priors
-    included."""
-    own = [BY_ID[i] for i in fit.values]
-    here = problem.at(fit.values)
-    columns = problem.nuisance_columns(fit.values, here)
-    effects = [problem.effect_columns(t, fit.values, here) for t in own]
-    stacked = [np.stack([c[k] for c in effects]) if own else np.zeros((0, len(y))) for k, y in enumerate(here)]
-    _, inverse, _, _ = problem.solve(here, stacked, columns, fit.gust, 1)
-    sds = np.sqrt(np.diag(inverse))
+def posterior(problem: Problem, e: Estimate, alpha: float) -> Array:
+    """Covariance of the DERIVATIVES (6, 6) at an estimate and an angle of attack: of effects and free parameters
+    together, priors included."""
+    values, a, covariance = e.state.values, e.state.a, e.solved.covariance
 
-    def at(moved: Fit) -> Array:
-        return np.array(list(local(problem.complete(moved), alpha).values()))
+    def at(values: Mapping[str, float], a: Array) -> Array:
+        return np.array(list(local(problem.aircraft_at(values, a), alpha).values()))
 
-    middle = at(fit)
-    slopes = np.zeros((len(DERIVATIVES), len(inverse)))
-    for j, term in enumerate(own):
-        step = _STEP * sds[j]
-        values = {**fit.values, term.id: fit.values[term.id] + step}
-        slopes[:, j] = (at(replace(fit, values=values)) - middle) / step
-    for j in range(len(problem.nuisances)):
-        there = fit.moved.copy()
+    middle = at(values, a)
+    slopes = np.zeros((len(DERIVATIVES), len(covariance)))
+    for j, (name, value) in enumerate(values.items()):
+        step = _STEP * float(np.sqrt(covariance[j, j]))
+        slopes[:, j] = (at({**values, name: value + step}, a) - middle) / step
+    for j in range(len(problem.frees)):
+        there = a.copy()
         there[j] += _STEP
-        slopes[:, len(own) + j] = (at(replace(fit, moved=there)) - middle) / _STEP
-    return np.asarray(slopes @ inverse @ slopes.T * SD_FACTOR**2)
+        slopes[:, len(values) + j] = (at(values, there) - middle) / _STEP
+    return np.asarray(slopes @ covariance @ slopes.T)
 
 
 def local(aircraft: Aircraft, alpha: float) -> dict[str, float]:
@@ -65,29 +56,30 @@ def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | 
     aircraft = found.after
     if aircraft.inertia.iyy is None:
         return "the profile gives no iyy", None
-    records = [r.record for r in found.problem.references]
-    at, alpha = _condition(aircraft, records)
-    covariance = posterior(found.problem, found.found.accepted, alpha)
-    recorded = all(r.mass is not None for r in records)
-    mass, inertia = relative_errors(aircraft, ("CL_alpha", "Cm_alpha"))[int(recorded)]
-    after = qualities(aircraft, at, local(aircraft, alpha), covariance, loading=(float(mass), float(inertia)))
-    at, alpha = _condition(found.aircraft, records)
+    flown = found.problem.manoeuvres
+    at, alpha = _condition(aircraft, flown)
+    covariance = posterior(found.problem, reported(found), alpha)
+    after = qualities(aircraft, at, local(aircraft, alpha), covariance)
+    at, alpha = _condition(found.aircraft, flown)
     before = qualities(found.aircraft, at, local(found.aircraft, alpha), 0.0 * covariance)
     return after, before
 
 
-def _condition(aircraft: Aircraft, records: Sequence[Record]) -> tuple[Condition, float]:
+def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> tuple[Condition, float]:
     """The mean of what was flown, and its angle of attack (rad) by the steady vane."""
 
-    def mean(of: Sequence[float]) -> float:
-        return float(np.mean(of))
+    def mean(of: Callable[[Manoeuvre], float]) -> float:
+        return float(np.mean([of(m) for m in flown]))
 
-    own, boom = aircraft.inertia, aircraft.boom
-    vane = mean([float(r.signals["alpha_vane"].mean()) for r in records])
+    def shown(name: str) -> float:
+        own = aircraft.instruments.get(name)
+        return mean(lambda m: float(undone(m.record.signals[name], own, m.record.dt).mean()))
+
+    boom, vane = aircraft.boom, shown("alpha_vane")
     at = Condition(
-        speed=mean([float(r.signals["airspeed"].mean()) for r in records]),
-        density=mean([r.density for r in records]),
-        mass=mean([own.mass if r.mass is None else r.mass for r in records]),
-        iyy=mean([own.iyy or 1.0 if r.iyy is None else r.iyy for r in records]),
+        speed=shown("airspeed"),
+        density=mean(lambda m: m.record.density),
+        mass=mean(lambda m: m.loaded(aircraft).inertia.mass),
+        iyy=mean(lambda m: m.loaded(aircraft).inertia.iyy or 1.0),
     )
     return at, vane if boom is None else (vane - boom.zero) * boom.steady_calibration

@@ -1,20 +1,17 @@
-"""How large an effect must be to be found: for planning, from the Fisher information of the same likelihood."""
+"""How large an effect must be to be found: for planning, from the information of the same likelihood."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.effects import judged_effects
-from station.diagnosis.fit import Problem
-from station.diagnosis.memo import Memo
-from station.diagnosis.reference import Reference
-from station.diagnosis.search import CONFOUNDED, FIRST, least_judged
+from station.diagnosis.likelihood import LEAST_KNOWN, SUBTRACTED, Estimate, Normal, Problem, Slopes
+from station.diagnosis.search import ASKED, CONFOUNDED, least_judged
 
 Array = NDArray[np.float64]
 
@@ -33,47 +30,53 @@ class Detectable:
     correlation: float
 
 
-def detectable_sizes(problem: Problem, gust: Sequence[float]) -> list[Detectable]:
-    """Sizes found (and named alone) nine times in ten with a problem's manoeuvres in gusts (m/s, by manoeuvre), of the
-    effects that can be so large."""
-    # A correction moves a signal's noise too, which is no information: the flights are those of the simulation.
-    references = [_quiet(r, g) for r, g in zip(problem.references, gust, strict=True)]
-    problem = Problem(references, problem.aircraft, problem.nuisances)
-    present = set.intersection(*(set(r.record.signals) for r in references))
-    gusty, held = any(r.setting.gusty for r in references), any(len(r.record.held) for r in references)
-    terms = judged_effects(problem.aircraft, present, gusty, held)
-    base = problem.at({})
-    nuisances = problem.nuisance_columns({}, base)
-    columns = [problem.effect_columns(t, {}, base) for t in terms]
-    e, a = len(terms), len(nuisances[0])
-    whole = np.zeros((e + a, e + a))
-    for k in range(len(references)):
-        stacked = np.concatenate([np.stack([c[k] for c in columns]), nuisances[k]])
-        whole += (stacked * (problem.counts[k] / (1 + gust[k] ** 2 * problem.shares[k]))) @ stacked.T
-    inner = whole[e:, e:] + np.eye(a)
-    information = whole[:e, :e] - whole[:e, e:] @ np.linalg.solve(inner, whole[e:, :e])
+def detectable_sizes(problem: Problem, about: Estimate) -> list[Detectable]:
+    """Sizes found (and named alone) nine times in ten with a problem's manoeuvres, in the noise and gusts of an
+    estimate, of the effects that can be so large."""
+    s = about.state
+    present = set.intersection(*(set(m.record.signals) for m in problem.manoeuvres))
+    held = any(len(m.record.held) for m in problem.manoeuvres)
+    terms = judged_effects(problem.aircraft, present, True, held)
+    own, e = len(s.values), len(terms)
+    free = [Slopes(x.bins[own:], x.steady[own:], x.response[own:]) for x in about.slopes]
+    slopes = [f.after(x) for f, x in zip(free, problem.effect_slopes(s, terms), strict=True)]
+    information = _information(problem.normal(s, slopes), e)
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    alike = information / scale[:, None] / scale
-    limits = least_judged(problem, terms)
+    alike = _correlation(information)
+    limits = least_judged(problem, s, terms)
     least = np.array([limits.get(t.id, 0.0) for t in terms])
-    asked = np.sqrt([FIRST + t.price for t in terms])
-    found = np.maximum((asked + NINE_IN_TEN) / scale, least + NINE_IN_TEN / scale)
+    found = np.maximum(math.sqrt(ASKED), least * scale) / scale + NINE_IN_TEN / scale
     apart = math.sqrt(CONFOUNDED) + NINE_IN_TEN
+    # What could not be seen at any size that there is, is no rival.
+    shown = [i for i, t in enumerate(terms) if found[i] <= t.high - t.low]
     out = []
-    for i, term in enumerate(terms):
-        if found[i] > term.high - term.low:
-            continue
-        others = np.abs(alike[i]).copy()
-        others[i] = -1.0
-        j = int(np.argmax(others))
-        separate = apart / scale[i] / math.sqrt(max(1 - alike[i, j] ** 2, 1e-9))
+    for i in shown:
+        j = max((j for j in shown if j != i), key=lambda j: abs(alike[i, j]), default=None)
+        alternative, correlation = ("", 0.0) if j is None else (terms[j].id, float(alike[i, j]))
+        separate = apart / scale[i] / math.sqrt(max(1 - correlation**2, 1e-9))
         named = max(float(found[i]), float(separate))
-        out.append(Detectable(term.id, float(found[i]), named, terms[j].id, float(alike[i, j])))
+        out.append(Detectable(terms[i].id, float(found[i]), named, alternative, correlation))
     return out
 
 
-def _quiet(r: Reference, gust: float) -> Reference:
-    """A manoeuvre as it would be without noise, in one of its simulated gust fields of that strength (m/s)."""
-    share = gust / r.flights.sigma
-    signals = {n: x + share * (r.flights.turbulent[n][0] - x) for n, x in r.flights.nominal.items()}
-    return replace(r, record=replace(r.record, signals=signals), memo=Memo())
+def _information(normal: Normal, effects: int) -> Array:
+    """(effects, effects), the free parameters fitted beside; what noise in the slopes feigns is taken out, as far as
+    that leaves every free parameter as well known as Problem.solve asks."""
+    own, rest = slice(effects), slice(effects, None)
+    for share in SUBTRACTED:
+        matrix = normal.seen - share * normal.noise
+        inner = matrix[rest, rest]
+        if np.linalg.eigvalsh(inner)[0] > LEAST_KNOWN - 1.0:
+            break
+    inner = inner + np.eye(len(inner))
+    return np.asarray(matrix[own, own] - matrix[own, rest] @ np.linalg.solve(inner, matrix[rest, own]))
+
+
+def _correlation(information: Array) -> Array:
+    """Of effects; where noise is all that slopes show, what is left of the information may fall below none: nothing in
+    place of that."""
+    size = np.sqrt(np.abs(np.diag(information)))
+    values, vectors = np.linalg.eigh(information / size[:, None] / size)
+    there = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    sd = np.sqrt(np.maximum(np.diag(there), 1e-12))
+    return np.asarray(there / sd[:, None] / sd)

@@ -11,44 +11,49 @@ from station.diagnosis.detectable import Detectable
 from station.diagnosis.diagnosis_result import Effect, Gain, Result
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.kinematic_diagnosis import KinematicDiagnosis
-from station.diagnosis.procedure import Diagnosis
+from station.diagnosis.procedure import Diagnosis, gusts
+from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted, reported
 
 SCHEMA: Final = "station.diagnose/1"
 
 
 def as_json(d: Diagnosis, sizes: Sequence[Detectable]) -> dict[str, Any]:
     """Of a full diagnosis, with the sizes that its records would show (`detectable_sizes`)."""
-    problem, found, remaining = d.problem, d.found, d.remaining
-    there = remaining.present
+    problem, remaining = d.problem, d.remaining
+    there, fitted = remaining.present, reported(d)
+    names = [m.record.name for m in problem.manoeuvres]
+    free = free_parameters_of(d)
     return _finite(
         {
-            **_common(d, [r.record.name for r in problem.references], [r.record.name for r in d.held_out]),
+            **_common(d, names, [m.record.name for m in d.held_out]),
+            "not_named": [_effect_json(e) for e in d.not_named],
             "unexplained": {
                 "present": there,
                 "signals": list(remaining.signals) if there else [],
                 "band_hz": list(remaining.band_hz) if there else [],
                 "series": remaining.series if there else "",
-                "like": remaining.like if remaining.coherent else "",
+                "like": "",
                 "log_p": remaining.log_p,
                 "log_p_limit": remaining.log_p_limit,
-                "score": remaining.score,
-                "score_limit": remaining.score_limit,
+                "score": 0.0,
+                "score_limit": 0.0,
             },
-            "with_model_error": _model_error_json(d),
+            "with_model_error": {"missed": dict(d.missed)} if d.missed else None,
             "residuals": {
                 e.name: {"rms_before": e.before, "rms_after": e.after, "white": e.white}
-                for e in judge.series_errors(problem, remaining, d.before, d.after)
+                for e in judge.series_errors(problem, fitted.state.levels, remaining, d.before, d.after)
             },
             "derivatives": {
-                a.name: {"change_percent": 100 * a.sd * float(m), "in_prior_sd": float(m)}
-                for a, m in zip(problem.nuisances, found.accepted.moved, strict=False)
-                if a.relinear
+                p.name: {"change_percent": 100 * p.change, "in_prior_sd": p.in_prior_sd}
+                for p in free
+                if p.of_derivative
             },
-            "noise": {r.record.name: dict(r.noise) for r in problem.references},
-            "gust_sigma_mps": {r.record.name: g for r, g in zip(problem.references, found.accepted.gust, strict=True)},
-            "excluded": [
-                {"id": name, "value": value, "drop": reduction} for name, value, reduction in found.not_accepted()
+            "parameters": [
+                {"name": p.name, "prior_sd": p.prior_sd, "in_prior_sd": p.in_prior_sd, "sd": p.sd} for p in free
             ],
+            "noise": dict(zip(names, noise_of(d), strict=True)),
+            "gust_sigma_mps": dict(zip(names, gusts(problem, fitted), strict=True)),
+            "excluded": [{"id": x.id, "value": x.value, "drop": x.reduction} for x in not_accepted(d)],
             "detectable": [
                 {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.alternative}
                 for x in sizes
@@ -85,16 +90,6 @@ def _common(d: Result, fitted: list[str], held_out: list[str]) -> dict[str, Any]
         "effects": [_effect_json(e) for e in d.named],
         "gain": _gain_json(d.gain),
         "remarks": list(d.remarks),
-    }
-
-
-def _model_error_json(d: Diagnosis) -> dict[str, Any] | None:
-    if d.with_error is None:
-        return None
-    return {
-        "missed": dict(d.with_error.shares),
-        "instruments_say": {n: v for n, v in d.with_error.kinematic_chi2.items() if v > 0},
-        "with_the_model_taken_for_right": [{**_effect_json(e), "suspect": True} for e in d.strict],
     }
 
 

@@ -10,19 +10,21 @@ from typing import Final
 from station.conventions import SIGNALS, from_si
 from station.diagnosis import judge
 from station.diagnosis.detectable import Detectable
-from station.diagnosis.diagnosis_result import Effect, Gain, Verdict
+from station.diagnosis.diagnosis_result import Effect, Verdict, missed_words
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.kinematic_diagnosis import KinematicDiagnosis
 from station.diagnosis.pictures import (
     MEANING,
+    Compared,
     by_record,
     measured_and_predicted,
     reductions,
     spectra_before_and_after,
     times,
 )
-from station.diagnosis.procedure import Diagnosis
-from station.diagnosis.search import FIRST
+from station.diagnosis.procedure import NOTABLE_GUST, Diagnosis, gusts
+from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted, reported
+from station.diagnosis.search import ASKED
 from station.identification.html_page import image, text, write_page
 from station.identification.instrument_pages import kinematic_pages
 
@@ -31,15 +33,8 @@ _VERDICT: Final[Mapping[Verdict, str]] = {
     "no_effect": "No effect found: the measured flight agrees with the simulation within noise and gusts.",
     "effect_found": "The measured flight differs from the simulation, and one explanation fits.",
     "confounded": "The measured flight differs from the simulation; these manoeuvres do not separate its causes.",
-    "unexplained": "No effect of the catalogue explains all of what differs. Effects named below are suspect.",
+    "unexplained": "No effect of the catalogue explains all of what differs: what is named below is suspect.",
 }
-_VERDICT_WITH_ERROR: Final[Mapping[Verdict, str]] = {
-    "no_effect": "The aircraft's model is in error; no instrument is at fault.",
-    "effect_found": "The aircraft's model is in error; what is named below stands in spite of that.",
-    "confounded": "The aircraft's model is in error, and these manoeuvres do not separate all causes.",
-    "unexplained": _VERDICT["unexplained"],
-}
-"""The same where the model itself is in error."""
 _KINEMATIC_VERDICT: Final[Mapping[Verdict, str]] = {
     "no_effect": "The instruments agree with each other within noise.",
     "effect_found": "The instruments disagree with each other.",
@@ -47,40 +42,38 @@ _KINEMATIC_VERDICT: Final[Mapping[Verdict, str]] = {
 }
 
 
+_TOLD: Final = 1.5
+"""Prior standard deviations from which a free parameter is worth a line."""
+
+
 def write_report(
-    found: Diagnosis,
-    sizes: Sequence[Detectable],
-    folder: Path,
-    more: Sequence[str] = (),
+    found: Diagnosis, shown: Sequence[Compared], sizes: Sequence[Detectable], folder: Path, more: Sequence[str] = (),
     instruments: Sequence[str] = (),
-) -> Path:
-    """Write the page into `folder` as diagnosis.html, with the sizes that its records would show, `more` pieces of
-    HTML, and those of the `instruments` first; returns its path. Raises LogError if it cannot be written."""
-    before, after = found.before, found.after
-    verdict = (_VERDICT if found.with_error is None else _VERDICT_WITH_ERROR)[found.verdict]
+) -> Path:  # fmt: skip
+    """Write the page into `folder` as diagnosis.html, with its manoeuvres (`compared`), the sizes that they would show,
+    `more` pieces of HTML, and those of the `instruments` first; returns its path. Raises LogError if it cannot be
+    written."""
     body = [
         f"<h1>{text(found.aircraft.name)}: measured against simulated</h1>",
-        f'<p class="verdict">{verdict}</p>',
+        f'<p class="verdict">{_VERDICT[found.verdict]}</p>',
         *instruments,
         effects_table(found.named),
         _unexplained(found),
-        _model_error(found),
+        _not_named(found),
         _next(found),
-        _gain(found.gain, bool(found.named)),
-        image(by_record(found, before, after), "error of each manoeuvre before and after") if found.named else "",
+        _gain(found),
+        image(by_record(shown), "error of each manoeuvre, by series"),
         "<h2>What differs, by instrument and model</h2>",
-        image(spectra_before_and_after(found, before, after), "spectra of each series before and after"),
+        image(spectra_before_and_after(shown), "spectra of each series"),
         _residuals(found),
         "<h2>In time</h2>",
-        image(measured_and_predicted(found, before, after), "measured, and predicted before and after")
-        if found.named
-        else "",
-        image(times(found, before, after), "each series over time before and after"),
+        image(measured_and_predicted(shown), "measured and predicted"),
+        image(times(shown), "each series over time"),
         *more,
         "<h2>What was tested</h2>",
         image(reductions(found), "deviance reduction of each effect alone"),
         _tested(found, sizes),
-        _derivatives(found),
+        _free_parameters(found),
         _records(found),
     ]
     return write_page(f"Diagnosis: {found.aircraft.name}", body, folder / FILE_NAME)
@@ -121,7 +114,7 @@ def _note(words: str) -> str:
     return f'<p class="note">{words}</p>'
 
 
-def effects_table(effects: Sequence[Effect]) -> str:
+def effects_table(effects: Sequence[Effect], title: str = "Effects", more: str = "") -> str:
     """Effects with values and intervals; nothing where there are none."""
     if not effects:
         return ""
@@ -139,36 +132,29 @@ def effects_table(effects: Sequence[Effect]) -> str:
             )
         )
     head = ("effect", "in words", "value", "95 %", "deviance reduction", "shows in")
-    note = f"Deviance reduction: by how much -2 log likelihood falls; {FIRST:g} is asked of a first effect."
-    return f"<h2>Effects</h2>{_table(head, rows, 1)}{_note(note)}"
+    note = f"Deviance reduction: by how much -2 log likelihood falls; {ASKED:g} is asked of each effect. {more}"
+    return f"<h2>{title}</h2>{_table(head, rows, 1)}{_note(note)}"
 
 
 def _unexplained(found: Diagnosis) -> str:
+    """What is missed with every parameter free, and where the residual is not noise."""
     remaining = found.remaining
     if not remaining.present:
         return ""
-    low, high = remaining.band_hz
-    like = f", correlated with {remaining.like}" if remaining.coherent else ""
-    where = f"{text(', '.join(remaining.signals))} from {low:.2f} to {high:.2f} Hz{text(like)}"
-    numbers = (
-        f"log p {remaining.log_p:.1f} (limit {remaining.log_p_limit:.1f}), score {remaining.score:.1f} (limit "
-        f"{remaining.score_limit:.1f})."
-    )
-    return f"<h2>Unexplained</h2><p>The remaining residual is not noise: {where}.</p>{_note(numbers)}"
+    said = [f"{words[:1].upper()}{words[1:]}." for words in missed_words(found.missed)]
+    if said:
+        said.append("What is missed counts as noise in all that is said here.")
+    if remaining.log_p < remaining.log_p_limit:
+        low, high = remaining.band_hz
+        where = f"{', '.join(remaining.signals)} from {low:.2f} to {high:.2f} Hz"
+        said.append(f"The remaining residual is not noise: {where}.")
+    numbers = f"Most unlikely band: log p {remaining.log_p:.1f} (limit {remaining.log_p_limit:.1f})."
+    return f"<h2>Unexplained</h2><p>{text(' '.join(said))}</p>{_note(numbers)}"
 
 
-def _model_error(found: Diagnosis) -> str:
-    """What was freed, where the model is in error."""
-    if found.with_error is None:
-        return ""
-    missed = ", ".join(f"{100 * v:.0f} % of {n}" for n, v in found.missed.items())
-    words = " ".join(e.sentence for e in found.strict)
-    return (
-        "<h2>Model error</h2><p>The aircraft's model is in error. Its derivatives and terms were freed, "
-        f"and what it still misses ({text(missed)}) was taken as noise. Instruments "
-        "are named only where they contradict each other, without any aerodynamics.</p>"
-        + (_note(f"With the model taken as exact: {text(words)}") if words else "")
-    )
+def _not_named(found: Diagnosis) -> str:
+    note = "The manoeuvres fitted ask for it, but it does not lower the error of those held out: no finding."
+    return effects_table(found.not_named, "Not confirmed", note)
 
 
 def _next(found: Diagnosis) -> str:
@@ -179,39 +165,46 @@ def _next(found: Diagnosis) -> str:
             f"Unexplained in {found.remaining.series}: repeat the manoeuvre in calm air, at another amplitude and "
             "at another speed: whether it goes with time, distance, amplitude or load shows what it is."
         )
-    gusty = any(r.setting.gusty for r in found.problem.references)
-    if not gusty and not any(e.term.id == "gust.vertical" for e in found.effects):
-        advice.append("The gust path was not judged: all of this was calm. One manoeuvre in turbulence shows it.")
+    if found.not_named:
+        names = ", ".join(e.term.id for e in found.not_named)
+        advice.append(f"{names}: more manoeuvres, to fit and to hold out, would confirm it or not.")
+    if max(gusts(found.problem, reported(found))) < NOTABLE_GUST:
+        advice.append("All of this was calm: one manoeuvre in turbulence shows the gust path.")
     lines = "".join(f"<li>{text(a)}</li>" for a in advice)
     return f"<h2>What to fly or check next</h2><ul>{lines}</ul>" if advice else ""
 
 
-def _gain(gain: Gain | None, named: bool) -> str:
+def _gain(found: Diagnosis) -> str:
+    gain = found.gain
     if gain is None:
-        why = "no manoeuvre was held out" if named else "no effect was accepted"
+        why = "no effect was accepted"
+        if found.effects:
+            why = "no manoeuvre was held out"
+        elif found.not_named:
+            why = "no effect was confirmed"
         return f"<h2>Gain</h2>{_note(f'Not measured: {why}.')}"
     rows = [(text(name), f"{before:.3f}", f"{after:.3f}") for name, before, after in gain.by_record]
     note = "In standard deviations of noise and gust: at 1, or below, nothing remains to gain."
     return (
-        f"<h2>Gain</h2><p>Held-out error {gain.before:.3f} &rarr; {gain.after:.3f}: "
-        f"{100 * gain.reduction:.1f} % less (95 %: {100 * gain.low:.1f} to {100 * gain.high:.1f} %), "
+        f"<h2>Gain</h2><p>Held-out error {gain.before:.3f} &rarr; {gain.after:.3f}: {text(gain.words)}, "
         f"for manoeuvres and air of this kind.</p>{_table(('held out', 'before', 'after'), rows)}{_note(note)}"
     )
 
 
 def _residuals(found: Diagnosis) -> str:
+    levels = reported(found).state.levels
     rows = [
         (text(e.name), MEANING[e.name][0], f"{e.before:.2f}", f"{e.after:.2f}", "yes" if e.white else "no")
-        for e in judge.series_errors(found.problem, found.remaining, found.before, found.after)
+        for e in judge.series_errors(found.problem, levels, found.remaining, found.before, found.after)
     ]
-    note = "Rms over the noise of the sensors in calm air; gusts raise the vane and drag."
+    note = "Rms over what the sensors' noise, the gusts and what the model misses make of each series."
     return _table(("series", "is", "before", "after", "as expected"), rows, 1) + _note(note)
 
 
 def _tested(found: Diagnosis, sizes: Sequence[Detectable]) -> str:
     known = {x.id: x for x in sizes}
     rows = []
-    for name, value, reduction in found.found.not_accepted():
+    for name, value, reduction in not_accepted(found):
         shown, size = Effect(BY_ID[name], value).shown, known.get(name)
         limits = ("–", "–", "") if size is None else (shown(size.found), shown(size.named), text(size.alternative))
         rows.append((text(name), shown(value), f"{reduction:.1f}", *limits))
@@ -223,30 +216,35 @@ def _tested(found: Diagnosis, sizes: Sequence[Detectable]) -> str:
     )
 
 
-def _derivatives(found: Diagnosis) -> str:
-    rows = []
-    for a, m in zip(found.problem.nuisances, found.found.accepted.moved, strict=False):
-        if a.relinear:
-            change = a.sd * float(m)
-            words = f"{100 * change:+.1f} %" if a.relative else f"{change:.3g} (profile: none)"
-            rows.append((text(a.name), words, f"{float(m):+.2f}"))
-    note = "Beyond 2 the profile's value, or its stated uncertainty, is doubtful."
-    return "<h2>Derivatives</h2>" + _table(("derivative", "change", "in prior sd"), rows) + _note(note)
+def _free_parameters(found: Diagnosis) -> str:
+    """The derivatives, and what else the fit moved far."""
+    free = free_parameters_of(found)
+    told = [p for p in free if p.of_derivative or abs(p.in_prior_sd) > _TOLD]
+    rows = [(text(p.name), text(p.words), f"{p.in_prior_sd:+.2f}", f"{p.sd:.2f}") for p in told]
+    note = (
+        f"All free parameters: {len(free)}; those not shown are within {_TOLD:g} standard deviations of the profile. "
+        "Beyond 2 the profile's value, or its stated uncertainty, is doubtful. A standard deviation near 1: these "
+        "manoeuvres do not show it."
+    )
+    head = ("free parameter", "change", "in prior sd", "its sd, in prior sd")
+    return "<h2>Derivatives and other free parameters</h2>" + _table(head, rows) + _note(note)
 
 
 def _records(found: Diagnosis) -> str:
-    references = found.problem.references
     lines = [f"<li>{text(r[:1].upper() + r[1:])}.</li>" for r in found.remarks]
-    held = text(", ".join(r.record.name for r in found.held_out) or "none")
-    names = list(dict.fromkeys(s for r in references for s in r.noise))
+    held = text(", ".join(m.record.name for m in found.held_out) or "none")
+    noise = noise_of(found)
+    names = list(dict.fromkeys(s for own in noise for s in own))
     rows = [
         (
-            text(r.record.name),
+            text(m.record.name),
             f"{gust:.2f}",
-            *(f"{from_si(r.noise[s], _unit(s)):.2g}" if s in r.noise else "–" for s in names),
+            *(f"{from_si(own[s], _unit(s)):.2g}" if s in own else "–" for s in names),
         )
-        for r, gust in zip(references, found.found.accepted.gust, strict=True)
-    ]
+        for m, gust, own in zip(
+            found.problem.manoeuvres, gusts(found.problem, reported(found)), noise, strict=True
+        )
+    ]  # fmt: skip
     head = ("noise found (sd)", "vertical gust<br>m/s", *(f"{text(s)}<br>{text(_unit(s))}" for s in names))
     return f"<h2>Records</h2><ul>{''.join(lines)}</ul>{_table(head, rows)}{_note(f'Held out: {held}.')}"
 

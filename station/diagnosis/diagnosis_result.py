@@ -68,6 +68,18 @@ class Gain:
     by_record: tuple[tuple[str, float, float], ...] = ()
     metric: str = "held-out normalised output error"
 
+    @property
+    def words(self) -> str:
+        """The reduction with its interval: the error is less, or it is more."""
+        low, high = sorted((self.low, self.high), key=abs)
+        if low * self.reduction < 0 or high * self.reduction < 0:
+            return f"{_less(self.reduction)} (95 %: {_less(self.low)} to {_less(self.high)})"
+        return f"{_less(self.reduction)} (95 %: {100 * abs(low):.1f} to {100 * abs(high):.1f})"
+
+
+def _less(share: float) -> str:
+    return f"{100 * abs(share):.1f} % {'less' if share >= 0 else 'more'}"
+
 
 class Result(Protocol):
     """What both kinds of diagnosis have in common."""
@@ -103,13 +115,28 @@ def partly_judged(found: Result) -> bool:
     return len(found.not_judged) > 1
 
 
+_FORCES: Final = ("lift", "moment", "drag")
+
+
+def missed_words(missed: Mapping[str, float]) -> list[str]:
+    """What is missed though every parameter is free: of forces by the aircraft's model, of signals by any effect."""
+
+    def shares(of_forces: bool) -> str:
+        return ", ".join(f"{100 * v:.2g} % of {n}" for n, v in missed.items() if (n in _FORCES) == of_forces)
+
+    out = []
+    if forces := shares(True):
+        out.append(f"the aircraft's model is in error: with its parameters free it still misses {forces}")
+    if signals := shares(False):
+        out.append(f"instruments are in error as no effect explains: what they show is off by {signals}")
+    return out
+
+
 def summary(found: Result) -> list[str]:
     """The diagnosis in a few lines."""
     partly = " in what could be judged" if partly_judged(found) else ""
     lines = [f"{found.aircraft.name}: {_SAID[found.verdict]}{partly}"]
-    if found.missed:
-        missed = ", ".join(f"{100 * v:.0f} % of {n}" for n, v in found.missed.items())
-        lines.append(f"  the aircraft's model is in error: with its parameters free it still misses {missed}")
+    lines += [f"  {words}" for words in missed_words(found.missed)]
     for e in found.named:
         low, high = (from_si(x, e.term.shown) for x in e.ci95)
         span = f"{low:.3g} to {high:.3g}{'' if e.term.shown == '1' else f' {e.term.shown}'}"
@@ -121,9 +148,6 @@ def summary(found: Result) -> list[str]:
         lines.append(f"  unexplained residual: {', '.join(signals)}, {low:.2f} to {high:.2f} Hz")
     gain = found.gain
     if gain is not None:
-        lines.append(
-            f"  held-out error {gain.before:.3f} -> {gain.after:.3f}: {100 * gain.reduction:.1f} % less "
-            f"(95 %: {100 * gain.low:.1f} to {100 * gain.high:.1f})"
-        )
+        lines.append(f"  held-out error {gain.before:.3f} -> {gain.after:.3f}: {gain.words}")
     lines += [f"  {remark}" for remark in found.remarks]
     return lines

@@ -31,6 +31,7 @@ from station.diagnosis.profile_changes import (
     inertia,
     pitot_gain,
     sensor_lag,
+    speed_lift,
     thrust_arm,
     unchanged,
     unsteady,
@@ -91,8 +92,6 @@ class Term:
     aerodynamic: bool = False
     gust_only: bool = False
     """Shows in turbulence only."""
-    relinear: bool = False
-    """It changes what the derivatives multiply: their columns are made anew at each step."""
     price: float = 0.0
     """What -2 log likelihood must fall by more than for others: it is that much rarer."""
 
@@ -111,22 +110,10 @@ class Term:
     """What its value is uncertain by however long the record, in standard deviations of the noise of its target."""
 
     # --- what it is confounded with
-    like_derivatives: bool = False
-    """Acts as wrong derivatives do: no candidate where those are wrong or not known well."""
-    like_lift_slope: bool = False
-    """Acts on a gust as a wrong lift slope does."""
-    hidden_by_gusts: bool = False
-    """A gust at the vane hides it from the other instruments."""
-    without_velocity: tuple[str, ...] = ()
-    """What it may be instead where no vertical velocity is measured and the model is in error."""
     same_value: Callable[[Aircraft], tuple[str, float] | None] = lambda _: None
     """Another effect that acts as this one does, and the value that it then has by the profile."""
 
     # --- with the model in error, or without any model
-    free_sd: float = 0.0
-    """Standard deviation, SI, of a part that the model may lack, where nothing is known of it; 0: no such part."""
-    free_sd_boom: float | None = None
-    """The same where the profile says where the vane is."""
     kinematic: Kinematic | None = None
 
     def words(self, value: float) -> str:
@@ -172,15 +159,14 @@ _GUST_AT_VANE: Final = "turbulence: a gust reaches the vane and the imu but not 
 EFFECTS: Final[tuple[Term, ...]] = (
     Term("alpha_vane.delay", "alpha_vane", "s", "ms", -0.3, 0.5, 2e-3, "The alpha vane is delayed by {value}.",
          f"{_TWO_SPEEDS}: a delay is a time, a position a distance", delay("alpha_vane"), _BY_VANE,
-         hidden_by_gusts=True,
          kinematic=Kinematic("vane delay", 0.01, lambda a: () if a.boom else ("alpha_vane.position",))),
     Term("alpha_vane.scale", "alpha_vane", "1", "%", -0.6, 1.5, 0.01, "The alpha vane has a scale error of {value}.",
          "a multisine in place of doublets, and a load-factor change at constant pitch rate", gain("alpha_vane"),
-         _BY_VANE, like_lift_slope=True, hidden_by_gusts=True, same_value=_double_upwash,
+         _BY_VANE, same_value=_double_upwash,
          kinematic=Kinematic("vane scale", 0.02)),
     Term("alpha_vane.position", "alpha_vane", "m", "ft", -12, 12, 0.15,
          "The alpha vane sits {value} further ahead of the CG than the profile says.", _TWO_SPEEDS, boom("vane_x"),
-         _BY_VANE, hidden_by_gusts=True),
+         _BY_VANE),
     Term("alpha_vane.bias", "alpha_vane", "rad", "deg", -0.3, 0.3, 3e-3, "The alpha vane has a bias of {value}.",
          "trimmed flight at two speeds: mass acts through lift, a bias does not", bias("alpha_vane"), _BY_VANE,
          kinematic=Kinematic("vane bias", math.radians(0.2))),
@@ -192,24 +178,19 @@ EFFECTS: Final[tuple[Term, ...]] = (
          "a multisine in calm air and one in turbulence", indicial_amplitude("upwash_motion", "upwash_gust"),
          _BY_VANE, applies=lambda a: a.unsteady.upwash_motion is not None),
     Term("boom.flexure", "alpha_vane", "rad s2/m", "deg/g", -1 * _DEG / G0, 1 * _DEG / G0, 1e-4,
-         "The boom flexes by {value} of normal acceleration.", _LOAD_FACTOR, boom("flexure"), _BY_VANE,
-         like_lift_slope=True, hidden_by_gusts=True),
+         "The boom flexes by {value} of normal acceleration.", _LOAD_FACTOR, boom("flexure"), _BY_VANE),
     Term("boom.mode", "alpha_vane", "rad s2/m", "deg/g", 0, 1 * _DEG / G0, 1e-4,
          "The boom flexes by {size} with the acceleration of its tip, through its first bending mode.",
          "a sharp doublet: the tip's acceleration leads that of the CG", boom_mode, _BY_VANE),
     Term("gust.lead", "alpha_vane", "1", "%", -1, 2, 0.03,
          "Gusts arrive at the vane earlier than the profile says, by {value} of the vane's distance ahead of the CG.",
          "a calm manoeuvre: it shows in turbulence only", boom("gust_lead"), _BY_VANE, aerodynamic=True,
-         gust_only=True, applies=lambda a: a.boom is not None, least=_LEAST_SHARE, free_sd=0.5,
-         # The gust field hardly changes on the way from the vane to the wing, and lift acts near the CG.
-         free_sd_boom=0.02),
+         gust_only=True, applies=lambda a: a.boom is not None, least=_LEAST_SHARE),
     Term("accelerometer.position", "ax az", "m", "ft", -5, 5, 0.1,
          "The accelerometer sits {value} further ahead than the rig says.",
          "a sharp doublet: position shows with pitch acceleration", imu_forward, _BY_ACCELEROMETER),
     Term("accelerometer.scale", "ax az", "1", "%", -0.3, 0.3, 0.01, "The accelerometer has a scale error of {value}.",
-         "a tumble test on the ground", gain(*ACCELEROMETER), _BY_ACCELEROMETER,
-         # The same lift, and the same vane against the integrated acceleration over the airspeed.
-         without_velocity=("dynamic_pressure.scale", "mass.scale", "aero.CL_alpha")),
+         "a tumble test on the ground", gain(*ACCELEROMETER), _BY_ACCELEROMETER),
     Term("accelerometer.bias", "az", "m/s2", "g", -3, 3, 0.02, "The normal accelerometer has a bias of {value}.",
          "a tumble test on the ground", bias("az"), _BY_ACCELEROMETER,
          kinematic=Kinematic("az_bias", 0.01 * G0, lambda _: ("theta.bias",))),
@@ -229,67 +210,65 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("theta.scale", "theta", "1", "%", -0.3, 0.3, 0.006, "The pitch attitude has a scale error of {value}.",
          "a tilt table on the ground", gain("theta"), _ALL, price=_RARE),
     Term("elevator.lag", "elevator", "s", "ms", -0.3, 0.5, 1e-3, "The elevator is measured with a lag of {value}.",
-         _GUST_AT_VANE, sensor_lag("elevator"), ("lift", "moment"), relinear=True),
+         _GUST_AT_VANE, sensor_lag("elevator"), ("lift", "moment")),
+    Term("elevator.delay", "elevator", "s", "ms", -0.3, 0.5, 1e-3, "The elevator is measured {value} late.",
+         "a sharp doublet: a delay keeps its edges, a lag rounds them", delay("elevator"), ("lift", "moment")),
     Term("elevator.scale", "elevator", "1", "%", -0.6, 1.5, 0.1, "The elevator's sensor has a scale error of {value}.",
          "a rigging check on the ground: in flight only the product with Cm_de shows", gain("elevator"),
-         ("lift", "moment"), relinear=True, like_derivatives=True),
+         ("lift", "moment")),
     Term("elevator.backlash", "elevator", "rad", "deg", 0, 0.05, 1e-3,
          "There is {size} of backlash between the elevator's sensor and the surface.",
          "small and large doublets: backlash does not grow with the input", backlash, ("lift", "moment"),
-         relinear=True, least_in_noise=2.5,
+         least_in_noise=2.5,
          # What goes through the backlash with the motion widens it (0.8 found).
          unsure_in_noise=0.5),
     Term("elevator.nonlinearity", "elevator", "1", "%", -0.6, 1.0, 0.1,
          "The elevator's sensor is nonlinear: at 10 deg its cubic term adds {value} to the reading.",
-         "small and large doublets, and two trims", cubic, ("lift", "moment"), relinear=True),
+         "small and large doublets, and two trims", cubic, ("lift", "moment")),
     Term("dynamic_pressure.scale", "dynamic_pressure airspeed", "1", "%", -0.4, 0.6, 0.02,
          "The dynamic pressure has a scale error of {value}.",
-         "a calm manoeuvre, and ground-speed runs on reverse headings", pitot_gain, _BY_VANE, relinear=True,
-         like_derivatives=True, kinematic=Kinematic("airspeed_scale", 0.02, sound_vane=True)),
-    Term("dynamic_pressure.lag", "dynamic_pressure airspeed", "s", "s", -0.5, 3, 0.05,
+         "a calm manoeuvre, and ground-speed runs on reverse headings", pitot_gain, _BY_VANE,
+         kinematic=Kinematic("airspeed_scale", 0.02, sound_vane=True)),
+    Term("dynamic_pressure.lag", "dynamic_pressure airspeed", "s", "s", -0.05, 3, 0.05,
          "The air data lag by {value}.", "u-gusts: airspeed against horizontal acceleration", sensor_lag(*PITOT),
          _BY_VANE),
     Term("mass.scale", "mass", "1", "%", -0.4, 0.6, 0.04, "The mass differs from the profile's by {value}.",
-         "trimmed flight at another speed, or the fuel log", inertia("mass"), ("lift", "drag"), aerodynamic=True,
-         relinear=True, like_derivatives=True),
+         "trimmed flight at another speed, or the fuel log", inertia("mass"), ("lift", "drag"), aerodynamic=True),
     Term("inertia.scale", "iyy", "1", "%", -0.6, 1.0, 0.05, "The pitch inertia differs from the profile's by {value}.",
          "turbulence, which moves the aircraft without the elevator; or another loading", inertia("iyy"), ("moment",),
-         aerodynamic=True, relinear=True, like_derivatives=True),
+         aerodynamic=True),
     Term("cg.shift", "Cm", "m", "ft", -1, 1, 0.05, "The CG is {value} further aft than the profile says.",
-         "another loading, or trim at several speeds", cg_aft, _ALL[1:], aerodynamic=True, relinear=True,
-         like_derivatives=True),
+         "another loading, or trim at several speeds", cg_aft, _ALL[1:], aerodynamic=True),
     Term("aero.icing", "CL Cm CD", "1", "1", -1.5, 6, 0.3,
          "All derivatives have moved as they do with ice, {value} times the reference condition.",
          "drag at several speeds, and the same manoeuvre without ice", icing, ("lift", "moment", "drag"),
-         aerodynamic=True, relinear=True, like_derivatives=True),
+         aerodynamic=True),
     Term("aero.alpha_squared", "CL", "1", "1", -60, 60, 1.5,
          "Lift is nonlinear in the angle of attack: CL has a term of {value} alpha2.",
-         "doublets of two amplitudes, or at two trims", derivative("CL_alpha2"), ("lift",), aerodynamic=True,
-         free_sd=15.0),
+         "doublets of two amplitudes, or at two trims", derivative("CL_alpha2"), ("lift",), aerodynamic=True),
     Term("aero.speed_terms", "CL", "1", "1", -3, 3, 0.1, "Lift depends on speed itself: CL_V = {value}.",
-         "a slow speed change at constant elevator", derivative("CL_V"), ("lift",), aerodynamic=True, free_sd=0.5),
+         "a slow speed change at constant elevator", speed_lift, ("lift",), aerodynamic=True),
     Term("aero.unsteady_lift", "CL Cm", "1", "%", -1, 4, 0.2,
          "The unsteady part of the lift (its indicial response) differs from the profile's by {value}.",
          "a multisine in calm air: phase of lift against the inertial angle of attack",
          indicial_amplitude("lift_motion", "lift_gust"), ("lift", "moment"), aerodynamic=True,
-         applies=_has_indicial_lift, free_sd=1.0),
+         applies=_has_indicial_lift),
     Term("gust.tail_penetration", "CL Cm", "1", "%", -1, 2, 0.03,
          "Gusts arrive at the tail later than the profile says, by {value} of the tail arm.",
          "a calm manoeuvre: it shows in turbulence only", unsteady("tail_penetration"), ("lift", "moment"),
-         aerodynamic=True, gust_only=True, applies=_has_indicial_lift, least=_LEAST_SHARE, free_sd=0.5),
+         aerodynamic=True, gust_only=True, applies=_has_indicial_lift, least=_LEAST_SHARE),
     Term("aero.downwash_lag", "CL Cm", "s", "ms", -0.1, 0.5, 0.01,
          "The downwash reaches the tail {value} later than the tail arm over the speed.",
          "a calm multisine and one in turbulence", unsteady("downwash_delay"), ("lift", "moment"), aerodynamic=True,
-         applies=_has_indicial_lift, free_sd=0.05),
+         applies=_has_indicial_lift),
     Term("aero.CL_q", "CL", "1", "1", -40, 40, 2, "Lift follows pitch rate: CL_q = {value}.",
-         "a multisine in calm air", derivative("CL_q"), ("lift",), aerodynamic=True, free_sd=15.0,
+         "a multisine in calm air", derivative("CL_q"), ("lift",), aerodynamic=True,
          applies=lambda a: not a.value("CL_q")),
     Term("aero.CL_de", "CL", "1", "1", -3, 3, 0.1, "The elevator itself lifts: CL_de = {value}.",
-         "a multisine in calm air", derivative("CL_de"), ("lift",), aerodynamic=True, free_sd=0.5,
+         "a multisine in calm air", derivative("CL_de"), ("lift",), aerodynamic=True,
          applies=lambda a: not a.value("CL_de")),
     Term("thrust.moment", "Cm", "m", "ft", -3, 3, 0.05, "Thrust pitches the aircraft with an arm {value} longer.",
-         "idle and full power at one speed", thrust_arm, ("moment",), aerodynamic=True, needs=("thrust",),
-         free_sd=0.3),
+         "idle and full power at one speed", thrust_arm, ("moment",), aerodynamic=True, needs=("thrust",)),
     Term("velocity.delay", "v_north v_east v_down", "s", "ms", -0.5, 1.5, 5e-3, "The velocity is delayed by {value}.",
          "vertical speed against the integral of the normal acceleration", delay(*VELOCITY), _ALL[1:],
          needs=("v_down",), kinematic=Kinematic("velocity delay", 0.03),

@@ -14,8 +14,8 @@ from station.rows import LogError, UsageError
 UNIT_OF: Final[Mapping[str, str]] = {
     "wing_area": "m2", "span": "m", "chord": "m", "mass": "kg", "ixx": "kg m2", "iyy": "kg m2", "izz": "kg m2",
     "ixz": "kg m2", "vane_x": "m", "vane_y": "m", "vane_z": "m", "zero": "rad", "vane_frequency": "Hz",
-    "flexure": "deg/g", "mode_frequency": "Hz", "mode_length": "m", "gust_span": "m", "tail_arm": "m",
-    "downwash_delay": "s", "reference_chord": "m", "time_constant": "s",
+    "flexure": "deg/g", "mode_frequency": "Hz", "mode_length": "m", "gust_span": "m", "gust_span_tail": "m",
+    "tail_arm": "m", "downwash_delay": "s", "reference_chord": "m", "time_constant": "s",
     "rate_limit": "rad/s", "position_limit": "rad", "latency": "s", "lag": "s", "reference_speed": "m/s",
     "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
 }  # fmt: skip

@@ -1,119 +1,112 @@
-"""After the search: whether a residual remains that no effect explains, what is confounded, and the gain on held-out
-data."""
+"""After the search: what no effect explains, what is confounded, and the gain on held-out data."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import windows
 from scipy.special import betainc
 
 from station.diagnosis.diagnosis_result import Gain
-from station.diagnosis.effects import BY_ID
-from station.diagnosis.fit import (
-    INDEPENDENT,
-    Fit,
-    Problem,
-    gust_variance,
-    independent_values,
-    turbulent_share,
-    whitened,
-)
-from station.diagnosis.reference import Reference
-from station.diagnosis.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, TAPER, THETA, VANE, Spectra
-from station.diagnosis.search import Found
+from station.diagnosis.free_parameters import free_parameters
+from station.diagnosis.likelihood import Estimate, Problem, State
+from station.diagnosis.manoeuvre import MISSED, Manoeuvre
+from station.diagnosis.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, THETA, VANE
+from station.diagnosis.search import ASKED, Found
+from station.diagnosis.variances import INDEPENDENT, LEAST_MISSED, Levels
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 FALSE_ALARM: Final = 2e-4
-"""Chance of a false alarm of a residual test, over everything that it looks at."""
+"""Chance of a false alarm of the residual test, over everything that it looks at."""
 LEVEL_DOF: Final = 200
 """Independent values that a sensor's noise level is estimated from, which is as uncertain as that."""
-RIDGE: Final = 0.01
-ORDER: Final = (VANE, THETA, DOWN, NORTH, DRAG, LIFT, MOMENT)
-"""Each series is judged given those before it."""
+MUCH: Final = 1.3
+"""Times the least that any model misses, from which what is missed is told."""
 BANDS: Final = 6
-SD_FACTOR: Final = 1.15
-"""Standard deviations of the linear fit to those found in repeated flights."""
 BLOCK: Final = 8
 RESAMPLES: Final = 400
-INTERVAL_FACTOR: Final = 1.5
 SIGNALS_OF: Final = {
     THETA: ("theta", "q"), DOWN: ("v_down", "az"), NORTH: ("v_north", "ax"), VANE: ("alpha_vane",), LIFT: ("az",),
     MOMENT: ("q", "elevator"), DRAG: ("ax",),
 }  # fmt: skip
 """The measured signals that a series is about."""
+_TRIM: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
+"""Free parameters that are of the day, not of the aircraft: fitted to held-out manoeuvres, too."""
 
 
 @dataclass(frozen=True, slots=True)
 class RemainingResidual:
-    """What no effect explains: the most unlikely band and the strongest coherence with the motion."""
+    """What no effect explains: shares of forces and signals that the model misses, and the most unlikely band."""
 
+    missed: tuple[tuple[str, float], ...]
+    """What is missed beyond doubt, and its share, the largest first."""
     log_p: float
-    score: float
     series: str
     signals: tuple[str, ...]
     band_hz: tuple[float, float]
-    like: str
-    """The signal that it is coherent with, or empty."""
     by_series: tuple[tuple[str, float], ...]
     """log p of each series as a whole."""
     log_p_limit: float
-    score_limit: float
     """Beyond which a residual remains unexplained: the more tests, the further out."""
 
     @property
-    def coherent(self) -> bool:
-        return self.score > self.score_limit
-
-    @property
     def present(self) -> bool:
-        return self.log_p < self.log_p_limit or self.coherent
+        return bool(self.missed) or self.log_p < self.log_p_limit
 
 
-def remaining_residual(problem: Problem, found: Found) -> RemainingResidual:
-    """The residual tests after the accepted effects."""
-    fit = found.accepted
-    aircraft = problem.complete(fit)
-    residuals = [r.differences(aircraft, problem.drift(fit, k)) for k, r in enumerate(problem.references)]
+def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidual:
+    """The tests after the accepted effects: the posterior predictive check of the whitened residuals, per series and
+    band, and whether the model misses a share of anything."""
+    s = accepted.state
     worst = (0.0, 0, (0.0, 0.0))
-    totals: dict[int, tuple[float, float]] = {}
+    totals: dict[int, tuple[float, int]] = {}
     looks = 0
-    for reference, gust, z in zip(problem.references, fit.gust, residuals, strict=True):
-        power, order = _sequential(reference, gust, z)
-        f = reference.setting.frequencies
+    for m, white in zip(problem.manoeuvres, s.white, strict=True):
+        f = m.setting.frequencies
         edges = np.linspace(0, len(f), min(BANDS, len(f)) + 1).round().astype(int)
-        for row, j in enumerate(order):
-            x = power[row]
-            looks += len(edges)
+        power = np.abs(white) ** 2
+        for row, j in enumerate(m.setting.judged):
+            x = power[:, row]
+            looks += len(edges) - 1
             for a, b in itertools.pairwise(edges):
-                log_p = _log_p(float(x[a:b].sum()), b - a)
-                worst = min(worst, (log_p, j, (float(f[a]), float(f[b - 1]))))
-            k = int(np.argmax(x))
-            single = math.log(len(x)) - 0.5 * LEVEL_DOF * math.log1p(2 * float(x[k]) / LEVEL_DOF)
-            worst = min(worst, (single, j, (float(f[max(k - 1, 0)]), float(f[min(k + 1, len(f) - 1)]))))
-            total, count = totals.get(j, (0.0, 0.0))
+                worst = min(worst, (_log_p(float(x[a:b].sum()), b - a), j, (float(f[a]), float(f[b - 1]))))
+            total, count = totals.get(j, (0.0, 0))
             totals[j] = (total + float(x.sum()), count + len(x))
-    score, like, at = _coherence(problem, fit, residuals)
-    log_p_limit = math.log(FALSE_ALARM / looks)
-    score_limit = 2 * math.log(len(problem.references[0].setting.judged) * len(_LIKE) / FALSE_ALARM)
+    missed = _missed(problem, s)
+    signals: tuple[str, ...] = SIGNALS_OF[worst[1]]
     band = worst[2]
-    row = worst[1]
-    if worst[0] >= log_p_limit and score > score_limit:
-        row, f = at, problem.references[0].setting.frequencies
+    name = SERIES[worst[1]]
+    limit = math.log(FALSE_ALARM / looks)
+    if missed and worst[0] >= limit:
+        name = missed[0][0]
+        f = problem.manoeuvres[0].setting.frequencies
+        signals = SIGNALS_OF[SERIES.index(name)] if name in SERIES else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    return RemainingResidual(
-        worst[0], score, SERIES[row], SIGNALS_OF[row], band, like, by_series, log_p_limit, score_limit
-    )
+    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit)
+
+
+def _missed(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:
+    """Shares above MUCH without which the data are that much less likely."""
+    out = []
+    here = problem.cost(s)
+    for k, name in enumerate(MISSED):
+        share = math.sqrt(float(s.levels.missed[k]))
+        if share < MUCH * LEAST_MISSED[k]:
+            continue
+        without = s.levels.missed.copy()
+        without[k] = LEAST_MISSED[k] ** 2
+        there = problem.relevelled(replace(s, levels=replace(s.levels, missed=without)), frozen=k)
+        if problem.cost(there) - here > ASKED:
+            out.append((name, share))
+    return tuple(sorted(out, key=lambda x: -x[1]))
 
 
 def _log_p(total: float, count: float) -> float:
@@ -123,107 +116,27 @@ def _log_p(total: float, count: float) -> float:
     return math.log(share) if share > 0 else -math.inf
 
 
-def _sequential(reference: Reference, gust: float, z: Spectra) -> tuple[Array, list[int]]:
-    """Powers (k, m), of mean 1, of each series given those before it in ORDER; and that order."""
-    inverse = np.linalg.inv(reference.bins.rotate)
-    scale = 1 + gust**2 * reference.bins.turbulent
-    covariance = np.einsum("mij,mj,mkj->mik", inverse, scale, np.conj(inverse))
-    judged = reference.setting.judged
-    order = [j for j in ORDER if j in judged]
-    pick = np.array([judged.index(j) for j in order])
-    root = np.linalg.cholesky(covariance[:, pick[:, None], pick])
-    x = np.linalg.solve(root, z.bins[pick].T[..., None])[..., 0]
-    return np.asarray((np.abs(x) ** 2).T), order
+# --- gain
 
 
-_LIKE: Final = ("q", "az", "ax", "alpha", "airspeed", "elevator", "alpha2", "alpha3")
-
-
-def _coherence(problem: Problem, fit: Fit, residuals: Sequence[Spectra]) -> tuple[float, str, int]:
-    """The largest score (chi2 of two) of a signal of the motion and its integral in one series, the signal, the series.
-
-    The motion is the noiseless simulation's: a measured signal shares its noise with the residual.
-    """
-    y = [whitened(r, z) for r, z in zip(problem.references, residuals, strict=True)]
-    here = problem.at(fit.values)
-    weights = [
-        independent_values(r) / (1 + g**2 * turbulent_share(r))
-        for r, g in zip(problem.references, fit.gust, strict=True)
-    ]
-    base = problem.slopes([BY_ID[i] for i in fit.values], fit.values, here)
-    size = len(base[0])
-    inner = np.diag(np.concatenate([np.zeros(len(fit.values)), np.ones(size - len(fit.values))]))
-    right = np.zeros(size)
-    for b, w, data in zip(base, weights, y, strict=True):
-        inner += (b * w) @ b.T
-        right += (b * w) @ data
-    best = (0.0, "", 0)
-    motion = [_motion(r) for r in problem.references]
-    for j in problem.references[0].setting.judged:
-        for name in _LIKE:
-            columns = []
-            for r, m in zip(problem.references, motion, strict=True):
-                bins = np.zeros((2, len(r.setting.judged), len(r.setting.bins)), dtype=complex)
-                bins[:, r.setting.judged.index(j)] = m[name]
-                columns.append(whitened(r, Spectra(bins, np.zeros(bins.shape[:2]))))
-            cross, normal, slope = np.zeros((2, size)), np.zeros((2, 2)), np.zeros(2)
-            for c, b, w, data in zip(columns, base, weights, y, strict=True):
-                cross += (c * w) @ b.T
-                normal += (c * w) @ c.T
-                slope += (c * w) @ data
-            normal += RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.eye(2)
-            free = normal - cross @ np.linalg.solve(inner, cross.T)
-            slope = slope - cross @ np.linalg.solve(inner, right)
-            score = float(slope @ np.linalg.solve(free, slope))
-            best = max(best, (score, name, j))
-    return best
-
-
-def _motion(reference: Reference) -> dict[str, Complex]:
-    """Transforms (2, m) of each signal of _LIKE in the noiseless flight, and of its integral."""
-    s, x = reference.setting, reference.nominal
-    alpha = x["theta"] + np.arcsin(np.clip(x.get("v_down", np.zeros(s.n)) / x["airspeed"], -1, 1))
-    if s.rebuilt:
-        alpha = x["alpha_vane"]
-    signals = {
-        "q": x["q"], "az": x["az"], "ax": x["ax"], "alpha": alpha, "airspeed": x["airspeed"],
-        "elevator": x["elevator"], "alpha2": alpha**2, "alpha3": alpha**3,
-    }  # fmt: skip
-    out = {}
-    c = s.cut
-    w = 2 * np.pi * s.frequencies
-    for name, values in signals.items():
-        y = np.stack([values[c : s.n - c]])
-        t = np.linspace(-0.5, 0.5, y.shape[-1])
-        y = y - y.mean(-1, keepdims=True) - (y * t).sum(-1, keepdims=True) / (t * t).sum() * t
-        window = windows.tukey(y.shape[-1], TAPER)
-        spectrum = np.fft.rfft(y * window, axis=-1)[0, s.bins] / math.sqrt(float((window**2).sum()))
-        out[name] = np.stack([spectrum, spectrum / (1j * w)])
-    return out
-
-
-def gain(before_aircraft: Aircraft, after_aircraft: Aircraft, held_out: Sequence[Reference]) -> Gain | None:
-    """Held-out error without and with the effects, both aircraft as fitted; None with nothing held out."""
+def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Gain | None:
+    """Held-out error without and with the effects; None with nothing held out. Trims and the zeros of instruments are
+    of the day and are fitted to either; the noise is that of the better one."""
     if not held_out:
         return None
-    blocks: list[tuple[float, float, float]] = []
-    by_record = []
-    for r in held_out:
-        drift = _drift(r, after_aircraft)
-        before = whitened(r, r.differences(before_aircraft, drift))
-        y = {"before": before, "after": whitened(r, r.differences(after_aircraft, drift))}
-        u = _gust(r, y["after"])
-        scale = 1 + u * turbulent_share(r)
-        m, k = r.bins.turbulent.shape
-        powers = {n: (v * v / scale)[: 2 * m * k].reshape(2, m, k).sum((0, 2)) for n, v in y.items()}
-        for a in range(0, m, BLOCK):
-            part = slice(a, min(a + BLOCK, m))
-            count = 2.0 * k * (part.stop - part.start)
-            blocks.append((float(powers["before"][part].sum()), float(powers["after"][part].sum()), count))
-        total = 2.0 * k * m
-        by_record.append(
-            (r.record.name, math.sqrt(powers["before"].sum() / total), math.sqrt(powers["after"].sum() / total))
-        )
+    states = [_settled(craft, held_out) for craft in (before, after)]
+    _, best = min(states, key=lambda x: x[0].cost(x[1]))
+    powers = []
+    for own, s in states:
+        levelled = own.state(s.values, s.a, best.levels)
+        powers.append([np.abs(w) ** 2 for w in levelled.white])
+    blocks, by_record = [], []
+    for m, one, other in zip(held_out, *powers, strict=True):
+        count = one.size
+        by_record.append((m.record.name, math.sqrt(one.sum() / count), math.sqrt(other.sum() / count)))
+        for a in range(0, len(one), BLOCK):
+            part = slice(a, a + BLOCK)
+            blocks.append((float(one[part].sum()), float(other[part].sum()), float(one[part].size)))
     table = np.array(blocks)
 
     def reduction(rows: Array) -> float:
@@ -232,52 +145,48 @@ def gain(before_aircraft: Aircraft, after_aircraft: Aircraft, held_out: Sequence
 
     rng = np.random.default_rng(2)
     draws = [reduction(table[rng.integers(0, len(table), len(table))]) for _ in range(RESAMPLES)]
-    middle = reduction(table)
     low, high = np.quantile(draws, [0.025, 0.975])
     total = table.sum(0)
     return Gain(
         math.sqrt(total[0] / total[2]),
         math.sqrt(total[1] / total[2]),
-        middle,
-        middle - INTERVAL_FACTOR * (middle - float(low)),
-        middle + INTERVAL_FACTOR * (float(high) - middle),
+        reduction(table),
+        float(low),
+        float(high),
         tuple(by_record),
     )
 
 
-def _gust(reference: Reference, y: Array) -> float:
-    return gust_variance(y, turbulent_share(reference), independent_values(reference), reference.gust_guess**2)
-
-
-def _drift(reference: Reference, aircraft: Aircraft) -> float:
-    """The most likely drift of a manoeuvre, everything else frozen, m/s: it is of the air, not of the model."""
-    y = whitened(reference, reference.differences(aircraft))
-    column = whitened(reference, reference.differences(aircraft, reference.drift_sd)) - y
-    weighted = column * independent_values(reference) / (1 + _gust(reference, y) * turbulent_share(reference))
-    return -reference.drift_sd * float(weighted @ y) / (1 + float(weighted @ column))
+def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre]) -> tuple[Problem, State]:
+    """An aircraft with what is of the day fitted to the manoeuvres."""
+    speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
+    frees = [f for f in free_parameters(craft, speed) if f.name in _TRIM]
+    problem = Problem(manoeuvres, craft, frees)
+    return problem, problem.null().state
 
 
 def alternatives_of(found: Found, effect: str) -> tuple[str, ...]:
     """Effects that could stand in this one's place."""
     out: dict[str, None] = {}
-    accepted = set(found.accepted.values)
+    accepted = set(found.accepted.state.values)
     for alternative in found.alternatives:
-        others = set(alternative.values)
+        others = set(alternative.state.values)
         if effect not in others:
             for name in sorted(others - accepted):
                 out[name] = None
     return tuple(out)
 
 
-def channel_error(reference: Reference, aircraft: Aircraft) -> dict[str, float]:
-    """Rms of each series over the standard deviation of its own noise, correlation with the others not regarded."""
-    z = reference.differences(aircraft)
-    inverse = np.linalg.inv(reference.bins.rotate)
-    calm = np.einsum("mij,mkj->mik", inverse, np.conj(inverse))
-    out = {}
-    for row, j in enumerate(reference.setting.judged):
-        out[SERIES[j]] = math.sqrt(float((np.abs(z.bins[row]) ** 2 / calm[:, row, row].real).mean()))
-    return out
+def channel_error(m: Manoeuvre, aircraft: Aircraft, levels: Array) -> dict[str, float]:
+    """Rms of each series over the standard deviation that noise, gust and what is missed give it, correlation with the
+    others not regarded; `levels` as Levels.of."""
+    z = m.differences(aircraft)
+    b = m.columns(m.responses(aircraft))
+    variance = (np.abs(b) ** 2 * levels).sum(-1)
+    return {
+        SERIES[j]: math.sqrt(float((np.abs(z.bins[row]) ** 2 / variance[:, row]).mean()))
+        for row, j in enumerate(m.setting.judged)
+    }
 
 
 class SeriesError(NamedTuple):
@@ -290,15 +199,17 @@ class SeriesError(NamedTuple):
 
 
 def series_errors(
-    problem: Problem, remaining: RemainingResidual, before: Aircraft, after: Aircraft
+    problem: Problem, levels: Levels, remaining: RemainingResidual, before: Aircraft, after: Aircraft
 ) -> list[SeriesError]:
     """The errors of each series judged, over all records."""
+    one, other = (
+        [channel_error(m, craft, levels.of(k)) for k, m in enumerate(problem.manoeuvres)] for craft in (before, after)
+    )
 
-    def rms(name: str, aircraft: Aircraft) -> float:
-        errors = [channel_error(r, aircraft).get(name, math.nan) for r in problem.references]
-        return math.sqrt(float(np.nanmean(np.square(errors))))
+    def rms(errors: list[dict[str, float]], name: str) -> float:
+        return math.sqrt(float(np.mean([e[name] ** 2 for e in errors if name in e])))
 
     return [
-        SeriesError(name, rms(name, before), rms(name, after), log_p > remaining.log_p_limit)
+        SeriesError(name, rms(one, name), rms(other, name), log_p > remaining.log_p_limit)
         for name, log_p in remaining.by_series
     ]

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from station.diagnosis.manoeuvre import MISSED, Manoeuvre
+from station.diagnosis.memo import Memo
 from station.diagnosis.model_validity import Misfit
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.processing import HIGH_HZ
-from station.diagnosis.reference import Reference, loaded, spread
-from station.diagnosis.residuals import LIFT, MOMENT, series
+from station.diagnosis.residuals import LIFT, MOMENT, flow_angle, series
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -22,27 +23,28 @@ _ROWS: Final = (LIFT, MOMENT)
 
 
 def misfits(found: Diagnosis) -> list[Misfit]:
-    """Of every manoeuvre, fitted and held out, in which lift and moment can be judged."""
-    gusts = [*found.found.accepted.gust, *(r.gust_guess for r in found.held_out)]
-    references: Sequence[Reference] = (*found.problem.references, *found.held_out)
-    pairs = zip(references, gusts, strict=True)
-    return [_misfit(r, found.after, gust) for r, gust in pairs if set(_ROWS) <= set(r.setting.judged)]
+    """Of every manoeuvre, fitted and held out, in which lift and moment can be judged. Those held out have the noise
+    of the noisiest fitted."""
+    levels = found.found.accepted.state.levels
+    own = [levels.of(k) for k in range(len(found.problem.manoeuvres))]
+    variances = [*own, *(np.max(own, axis=0) for _ in found.held_out)]
+    manoeuvres: Sequence[Manoeuvre] = (*found.problem.manoeuvres, *found.held_out)
+    pairs = zip(manoeuvres, variances, strict=True)
+    return [_misfit(m, found.after, v) for m, v in pairs if set(_ROWS) <= set(m.setting.judged)]
 
 
-def _misfit(r: Reference, aircraft: Aircraft, gust: float) -> Misfit:
-    own = loaded(aircraft, r.record, r.mass_share, r.iyy_share)
-    low = signal.butter(4, min(HIGH_HZ, 0.35 / r.record.dt), fs=1 / r.record.dt, output="sos")
-
-    def residuals(of: Reference) -> Array:
-        made = series(of.record.signals, own, of.setting)[..., _ROWS, :]
-        return np.asarray(signal.sosfiltfilt(low, made - made.mean(axis=-1, keepdims=True), axis=-1))
-
+def _misfit(m: Manoeuvre, aircraft: Aircraft, variances: Array) -> Misfit:
+    own, s = m.loaded(aircraft), m.setting
+    low = signal.butter(4, min(HIGH_HZ, 0.35 / s.dt), fs=1 / s.dt, output="sos")
+    made = series(m.record.signals, own, s)[..., _ROWS, :]
     # Trim is free: what remains of the mean is no misfit.
-    here = residuals(r)
-    noise = (residuals(r.with_more_noise()) - here).std(axis=(0, -1))
-    calm, turbulent = (np.einsum("mii->i", x).real for x in spread(r.bins))
-    rows = [r.setting.judged.index(k) for k in _ROWS]
-    more = np.sqrt(1 + gust**2 * turbulent[rows] / calm[rows])
-    lift, moment = here / (noise * more)[:, None]
-    x = r.record.signals
-    return Misfit(r.record.name, r.record.dt, r.flow_angle(aircraft), x["airspeed"], x["elevator"], lift, moment)
+    here = signal.sosfiltfilt(low, made - made.mean(axis=-1, keepdims=True), axis=-1)
+    # Sensors and gusts alone: what the model misses is what is looked for. Bins are those of a white series.
+    count = len(variances) - len(MISSED)
+    columns = m.columns(m.responses(aircraft))[..., :count]
+    power = (np.abs(columns) ** 2 * variances[:count]).sum(-1).sum(0) / ((s.n - 2 * s.cut) / 2)
+    rows = [s.judged.index(k) for k in _ROWS]
+    lift, moment = here / np.sqrt(power[rows])[:, None]
+    x = m.record.signals
+    alpha = flow_angle(x, own, s, Memo())
+    return Misfit(m.record.name, s.dt, alpha, x["airspeed"], x["elevator"], lift, moment)

@@ -17,7 +17,6 @@ from scipy import fft, signal
 
 from station.numerics.differentiation import derivative
 from station.numerics.lagrange import cubic
-from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -33,19 +32,16 @@ _FAST_ENOUGH_S: Final = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """How a manoeuvre is processed: the same for what was measured and for every simulated flight beside it."""
+    """How a manoeuvre is processed."""
 
     dt: float
     n: int
     bridge: int
-    gusty: bool
-    """Whether the vane's residual is a gust that acts on the aircraft, or noise that does not."""
     judged: tuple[int, ...]
     """The series that can be judged."""
     imu: tuple[float, float, float]
     thrust: float
     """N, where none is measured."""
-    nominal: Aircraft
     elevator_noise: float
     rebuilt: bool
     """The vertical speed is integrated from the accelerations."""

@@ -113,6 +113,11 @@ def derivative(name: str, relative: bool = False) -> Extend:
     return change
 
 
+def speed_lift(a: Aircraft, x: float) -> Aircraft:
+    """Lift depends on speed by x, and at the reference speed is what it was: CL_V multiplies V over that."""
+    return derivative("CL_0")(derivative("CL_V")(a, x), -x)
+
+
 def zero_lift_drag(a: Aircraft, x: float) -> Aircraft:
     if a.drag is None:
         return derivative("CD_0")(a, x)

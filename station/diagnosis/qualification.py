@@ -24,6 +24,7 @@ from station.diagnosis.vane_gust import as_the_gust, inertial_angle, inputs_of, 
 from station.profile import Aircraft
 from station.rows import ProfileError
 from station.simulation.measured_inputs import MeasuredFlight, Start
+from station.simulation.motion import DT
 
 Array = NDArray[np.float64]
 
@@ -110,10 +111,13 @@ def _flown(record: Record, before: Aircraft, after: Aircraft) -> Flown:
 
 
 def _loaded(aircraft: Aircraft, record: Record, mass: float, iyy: float) -> Aircraft:
-    """In the record's air, with its loading."""
-    own = aircraft.inertia
+    """In the record's air, with its loading, and without an averaging of gusts that the simulation's step is too long
+    for."""
+    own, lag = aircraft.inertia, aircraft.unsteady
     inertia = own.model_copy(update={"mass": own.mass * mass, "iyy": (own.iyy or 1.0) * iyy})
-    return aircraft.model_copy(update={"air_density": record.density, "inertia": inertia})
+    if lag.gust_span < DT * float(record.signals["airspeed"].mean()):
+        lag = lag.model_copy(update={"gust_span": 0.0})
+    return aircraft.model_copy(update={"air_density": record.density, "inertia": inertia, "unsteady": lag})
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,8 +76,8 @@ def over_measured(f: Flown) -> Figure:
         if band:
             panel.fill_between(t, measured - band, measured + band, color="#dfe6ef", lw=0, label="tolerance")
         panel.plot(t, measured, color=INK, lw=1.0, label="measured")
-        panel.plot(t, before, color=ORANGE, lw=1.0, label="before")
-        panel.plot(t, after, color=BLUE, lw=1.0, label="after")
+        panel.plot(t, before, color=BLUE, lw=1.0, label="before")
+        panel.plot(t, after, color=ORANGE, lw=1.0, label="after")
         panel.set_ylabel(f"{word}\n{unit}", fontsize=8)
         panel.set_xlim(t[0], t[-1])
         panel.set_ylim(*_range(measured, band, (before, after)))

@@ -6,8 +6,8 @@ motion would show there; the residual is the gust. Lift, moment and drag compare
 gust of the vane included. Integrals, not derivatives: noise that is white in a sensor stays bounded.
 
 An effect is removed from the measured signals (the inverse of what the sensor did) or put into the model; both come
-from the aircraft's profile, so a candidate is nothing but another profile. Each series stays in the unit of its
-sensor's noise whatever the candidate scales: otherwise a scale would explain by shrinking the noise.
+from the aircraft's profile, so a candidate is nothing but another profile. What a candidate scales, it scales
+the noise of too (sensor_noise.py): no scale explains by shrinking the noise.
 
 All functions take leading axes: signals of (..., n) give series of (..., 7, n).
 """
@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
-from station.diagnosis.corrections import corrected, gain_of, instrument_of, own_motion
+from station.diagnosis.corrections import corrected, instrument_of
 from station.diagnosis.memo import Memo
-from station.diagnosis.nonlinearity import Nonlinear
 from station.diagnosis.processing import (
     Setting,
     at_places,
@@ -134,9 +133,7 @@ def _stages(
     """Corrected signals, motion and flow, and what they were made from."""
     found = {name: instrument_of(aircraft, name) for name in signals}
     x = {
-        name: memo.get(
-            "signal", (name, found[name]), partial(corrected, values, found[name], s, own_motion(name, signals, s))
-        )
+        name: memo.get("signal", (name, found[name]), partial(corrected, values, found[name], s))
         for name, values in signals.items()
     }
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
@@ -162,7 +159,7 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     along = integral(ax * cos + az * sin * level, s.dt)
     down = without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
     out = np.zeros((*q.shape[:-1], 3, s.n))
-    out[..., THETA, :] = (theta - integral(turned, s.dt)) * _scaled(aircraft, s, "theta")
+    out[..., THETA, :] = theta - integral(turned, s.dt)
     out[..., DOWN, :] = down - climb
     ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
     if ground is not None:
@@ -178,10 +175,10 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     # Either is a few per cent of the gust, and looks like another tail.
     w = s.omega
     v0 = motion.mean_speed + drift
-    inertial = motion.base + v0
-    there, again = places_of(inertial, v0, s)
-    boom = aircraft.boom or NO_BOOM
     unsteady = aircraft.unsteady
+    inertial = motion.base + v0
+    there, again = places_of(v0 + unsteady.convection * (inertial - v0), v0, s)
+    boom = aircraft.boom or NO_BOOM
     chord = aircraft.geometry.chord
     steps = 1j * w * (unsteady.reference_chord or chord) / v0
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
@@ -189,18 +186,15 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     vane_response = _vane_response(boom, w)
     upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * along
     gust_upwash = frequency_response(response(unsteady.upwash_gust), steps)
-    turned = turned_tail = np.zeros(along.shape, dtype=complex)
-    turned_boom: float | Array = 0.0
-    if s.gusty:
-        surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
-        moved = at_places(alpha_i, there)
-        moved = moved - moved.mean(-1, keepdims=True)
-        surging = transform(surge, s)
-        turned = transform(-moved * surge, s)
-        turned_tail = transform(-moved * back(surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
-        at_boom = moved - at_places(motion.q * boom.vane_x / inertial, there)
-        turned_boom = at_places(-at_boom * back(surging * np.exp(1j * w * boom.gust_x / v0), s), again)
-        upwash_spectrum = upwash_spectrum + gust_upwash * turned
+    surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
+    moved = at_places(alpha_i, there)
+    moved = moved - moved.mean(-1, keepdims=True)
+    surging = transform(surge, s)
+    turned = transform(-moved * surge, s)
+    turned_tail = transform(-moved * back(surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
+    at_boom = moved - at_places(motion.q * boom.vane_x / inertial, there)
+    turned_boom = at_places(-at_boom * back(surging * np.exp(1j * w * boom.gust_x / v0), s), again)
+    upwash_spectrum = upwash_spectrum + gust_upwash * turned
     upwash = at_places(back(upwash_spectrum, s), again)
     sinking = motion.q * boom.vane_x
     if boom.vane_y and "p" in x:
@@ -216,24 +210,26 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         shown = shown * given + transform(boom.flexure * load, s) * bend
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
 
-    gust = np.zeros(along.shape, dtype=complex)
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
-    if s.gusty:
-        met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
-        met = (met + boom.upwash_wing * gust_upwash * ahead) * given
-        quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
-        gust = transform(at_places(quick, there), s) / met
+    averaged, averaged_tail = (1 / (1 + 1j * w * x / v0) for x in (unsteady.gust_span, unsteady.gust_span_tail))
+    met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
+    met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
+    quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
+    # Wing and tail average gusts along their span, and follow them that much later.
+    gust, gust_wing, gust_tail = (
+        transform(at_places(back(quick * lag, s), there), s) / met for lag in (1.0, averaged, averaged_tail)
+    )
     wing_series = tail_series = np.empty(0)
     if unsteady.memory:
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
         wing = frequency_response(response(unsteady.lift_motion), steps) * along
-        wing += frequency_response(response(unsteady.lift_gust), steps) * (ahead * gust + turned)
-        tail = along + turned_tail + gust * np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
+        wing += frequency_response(response(unsteady.lift_gust), steps) * (ahead * gust_wing + turned)
+        behind = np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
+        tail = along + turned_tail + behind * gust_tail
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
         wing_series = at_places(back(wing, s), again)
     gust_series = at_places(back(gust + turned, s), again)
-    shown_gust = _scaled(aircraft, s, "alpha_vane") * _flexed_by_gusts(boom, s, v0)
-    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane * shown_gust)
+    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane)
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
@@ -280,44 +276,12 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         for name, bent in (("CL", cl_model), ("Cm", cm_model)):
             if value(f"{name}_alpha{power}"):
                 bent += value(f"{name}_alpha{power}") * alpha**power
-    if isinstance(aircraft, Nonlinear):
-        rate = derivative(flow.alpha_i, s.dt) * (0.5 * chord / v)
-        cl_model = cl_model + aircraft.more_lift(alpha)
-        cm_model = cm_model + aircraft.more_moment(alpha, rate, de)
     if aircraft.drag is not None:
         cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
     else:
         cd_model = value("CD_0") + value("CD_V") * faster + value("CD_alpha") * alpha
 
-    nominal = s.nominal.inertia
-    pressure = _scaled(aircraft, s, "dynamic_pressure")
-    lighter = nominal.mass / mass / pressure
-    easier = (nominal.iyy or 1.0) / inertia / pressure
-    out = np.empty((*q.shape[:-1], 3, s.n))
-    bent_by_gusts = _flexed_by_gusts(aircraft.boom or NO_BOOM, s, flow.v0)
-    out[..., 0, :] = (cl - cl_model) * lighter * _scaled(aircraft, s, "az") / bent_by_gusts
-    out[..., 1, :] = (cm - cm_model) * easier * _scaled(aircraft, s, "q")
-    out[..., 2, :] = (cd - cd_model) * lighter * _scaled(aircraft, s, "ax")
-    return out
-
-
-def _scaled(aircraft: Aircraft, s: Setting, name: str) -> float:
-    """A candidate's gain over that of the aircraft whose flights are beside."""
-    return gain_of(aircraft, name) / gain_of(s.nominal, name)
-
-
-def _flexed_by_gusts(boom: Boom, s: Setting, speed: Array) -> Array | float:
-    """The vane's response to a gust where the gust's lift flexes the boom: 1 + flexure daz/dalpha.
-
-    The load at hand takes the bending by the gust out of VANE and puts its own noise into LIFT, both by this factor. To
-    be compared with other candidates, the gust must be as large as it shows and the noise as the accelerometer's: else
-    any bending that makes the gust smaller would be the likelier one.
-    """
-    if not s.gusty or not boom.flexure:
-        return 1.0
-    a = s.nominal
-    force = 0.5 * (a.air_density or SEA_LEVEL_DENSITY) * speed**2 * a.geometry.wing_area
-    return np.asarray(1 - boom.flexure * force * a.value("CL_alpha") / a.inertia.mass)
+    return np.stack([cl - cl_model, cm - cm_model, cd - cd_model], axis=-2)
 
 
 def _vane_response(boom: Boom, omega: Array) -> Complex:

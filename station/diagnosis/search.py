@@ -5,218 +5,258 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.effects import BY_ID, Term
-from station.diagnosis.fit import Fit, Problem, price
+from station.diagnosis.free_parameters import DERIVATIVES
+from station.diagnosis.likelihood import Estimate, Normal, Problem, Slopes, State
 
 Array = NDArray[np.float64]
-Start = tuple[float, tuple[str, ...], dict[str, float]]
-"""The deviance reduction of a candidate's linear model, its effects and their values."""
 
-FIRST: Final = 18.0
-"""Deviance reduction asked for one effect: one false alarm in 200 clean flights."""
-FURTHER: Final = 18.0
+ASKED: Final = 9.5
+"""Deviance reduction asked of each effect: by chance one of some forty that are about independent gains as much in one
+clean flight of twelve; what is named must besides lower the error of data held out."""
 FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 CONFOUNDED: Final = 6.0
 """Candidates of one size within this deviance of the best are confounded with it."""
-SINGLES: Final = 7
-PAIRS: Final = 12
-PARTNERS: Final = 4
-HOPEFUL: Final = 0.5
-"""Share of the deviance reduction asked of a second effect that a pair's linear model must reach to be refitted."""
+SINGLES: Final = 5
+PAIRS: Final = 5
+MORE: Final = 3
 MOST: Final = 4
 """Effects at once."""
+REFITS: Final = 4
+WHOLE: Final = 4
+"""Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
+HOPEFUL: Final = 0.5
+"""Share of the deviance asked of a second effect that a pair's linear model must reach to be refitted."""
+FAR: Final = 1.5
+"""Prior standard deviations of a constant from which it may stand for an effect."""
+SIGNIFICANT: Final = 1.96
+LEAST_SHARE: Final = 0.015
+"""Of what moves in a series: an effect that changes none by as much is within what any linear model misses in step with
+the motion, and which no length of record averages out."""
 LEAST_TIME: Final = 0.05
 """Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Outcome of a search: what is accepted, what could be instead, and everything refitted on the way."""
+    """Outcome of a search: what is accepted, what could be instead, and every effect alone."""
 
-    null: Fit
-    accepted: Fit
-    alternatives: tuple[Fit, ...]
-    singles: tuple[Fit, ...]
-    """Each effect alone, the best first; those not refitted have their linear estimate."""
-    refitted: Mapping[frozenset[str], Fit] = field(default_factory=dict)
-    screened: float = 0.0
-    """Cost without effects, that the singles compare with."""
+    null: Estimate
+    accepted: Estimate
+    alternatives: tuple[Estimate, ...]
+    singles: tuple[tuple[float, str, float], ...]
+    """Deviance reduction, effect and value, the largest first."""
+    tried: dict[frozenset[str], Estimate]
 
     @property
     def reduction(self) -> float:
         return self.null.cost - self.accepted.cost
 
-    def not_accepted(self) -> list[tuple[str, float, float]]:
-        """Effects that were not accepted: id, the value that each takes alone, and its deviance reduction then."""
-        return [
-            (f.ids[0], f.values[f.ids[0]], max(self.screened - f.cost, 0.0))
-            for f in self.singles
-            if f.ids[0] not in self.accepted.values and math.isfinite(f.cost)
-        ]
-
-
-def least_judged(problem: Problem, terms: Sequence[Term]) -> dict[str, float]:
-    """The sizes below which effects are not judged, SI."""
-    tick = LEAST_TIME * max(r.record.dt for r in problem.references)
-
-    def least(t: Term) -> float:
-        noise = max(r.noise.get(t.target, 0.0) for r in problem.references)
-        return max(t.least, tick if t.unit == "s" else 0.0, t.least_in_noise * noise)
-
-    return {t.id: least(t) for t in terms}
-
 
 class _Refits:
     """Candidates refitted so far, each once; those of a size that is not judged cost infinitely much."""
 
-    def __init__(self, problem: Problem, terms: Sequence[Term]) -> None:
-        self.problem, self.fits = problem, dict[frozenset[str], Fit]()
-        self._least = least_judged(problem, terms)
+    def __init__(self, problem: Problem, null: Estimate, least: Mapping[str, float]) -> None:
+        self.problem, self.null, self._least = problem, null, least
+        self.done: dict[frozenset[str], Estimate] = {}
 
-    def add(self, ids: tuple[str, ...], start: Mapping[str, float], gust: Sequence[float]) -> None:
+    def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
+        """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
         key = frozenset(ids)
-        if key not in self.fits:
-            found = self.problem.refit(ids, start, gust)
-            small = any(abs(found.values[i]) < self._least.get(i, 0.0) for i in ids)
-            self.fits[key] = replace(found, cost=math.inf) if small else found
+        before = self.done.get(key) if ids else self.null
+        if before is not None and not again:
+            return before
+        p, free = self.problem, self.null.slopes
+        terms = [BY_ID[i] for i in ids]
+        start = {t.id: min(max(values[t.id], t.low), t.high) for t in terms}
 
-    def of_size(self, size: int) -> list[Fit]:
-        """Those of so many effects, the best first."""
-        fits = [f for ids, f in self.fits.items() if len(ids) == size and math.isfinite(f.cost)]
-        return sorted(fits, key=lambda f: (f.cost, f.ids))
+        def slopes(s: State) -> tuple[list[Slopes], Sequence[Term]]:
+            if not terms:
+                return free, terms
+            return [f.after(e) for f, e in zip(free, p.effect_slopes(s, terms), strict=True)], terms
+
+        found = p.estimate(p.relevelled(p.state(start, a, self.null.state.levels)), REFITS, slopes)
+        if any(abs(found.state.values[i]) < self._least.get(i, 0.0) for i in ids):
+            found = replace(found, cost=math.inf)
+        if before is not None and before.cost < found.cost:
+            found = before
+        if ids:
+            self.done[key] = found
+        return found
+
+    def of_size(self, size: int) -> list[Estimate]:
+        found = [e for ids, e in self.done.items() if len(ids) == size and math.isfinite(e.cost)]
+        return sorted(found, key=lambda e: (e.cost, e.state.ids))
 
 
-def search(
-    problem: Problem,
-    terms: Sequence[Term],
-    progress: Callable[[str], None] = lambda _: None,
-    asked: float = FIRST,
-) -> Found:
-    """Names of the effects that the records ask for, or none; `asked` is the deviance reduction asked of the first
-    effect, and at least of each further one."""
+def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], None] = lambda _: None) -> Found:
+    """Names of the effects that the records ask for, or none."""
+    progress("fitting the aircraft")
     null = problem.null()
-    base = problem.at({})
-    refits = _Refits(problem, terms)
+    refits = _Refits(problem, null, least_judged(problem, null.state, terms))
     progress(f"screening {len(terms)} effects")
-    linear = [_screened(problem, term, base, null) for term in terms]
-    for fit in sorted(linear, key=lambda f: f.cost)[:SINGLES]:
-        refits.add(fit.ids, fit.values, fit.gust)
-    singles = sorted((refits.fits.get(frozenset(f.ids), f) for f in linear), key=lambda f: (f.cost, f.ids))
-    accepted = null
-    if singles and frozenset(singles[0].ids) in refits.fits and null.cost - singles[0].cost > asked:
-        progress("pairs of effects")
-        screened = max(null.cost - fit.cost for fit in linear)
-        pairs = [(gain - screened, ids, start) for gain, ids, start in _pairs(problem, terms, null, base)[:PAIRS]]
-        accepted = _one_or_two(refits, terms, singles, pairs, max(asked, FURTHER_SHARE * (null.cost - singles[0].cost)))
-        while 1 < len(accepted.values) < MOST:
-            progress(f"{len(accepted.values) + 1} effects")
-            for _, ids, start in _partners(problem, terms, accepted)[:PARTNERS]:
-                refits.add(ids, start, accepted.gust)
-            more = refits.of_size(len(accepted.values) + 1)
-            threshold = max(asked, FURTHER_SHARE * (null.cost - accepted.cost))
-            if not more or accepted.cost - more[0].cost <= threshold:
-                break
-            accepted = more[0]
-    alternatives: tuple[Fit, ...] = ()
-    if accepted.values:
-        # How rare an effect is decides what is named first, not what is confounded.
-        best_bare = accepted.cost - price(accepted.ids)
+    singles = _one_and_two(problem, refits, terms, progress)
+    accepted = _settled(problem, refits, _several(problem, refits, terms, progress), progress)
+    alternatives: tuple[Estimate, ...] = ()
+    if accepted.state.values:
         alternatives = tuple(
-            f
-            for f in refits.of_size(len(accepted.values))
-            if f is not accepted and f.cost - price(f.ids) - best_bare < CONFOUNDED
+            e
+            for e in refits.of_size(len(accepted.state.values))
+            if frozenset(e.state.ids) != frozenset(accepted.state.ids) and e.cost - accepted.cost < CONFOUNDED
         )
-    return Found(null, accepted, alternatives, tuple(singles), refits.fits, null.cost)
+    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done)
 
 
-def _one_or_two(
-    refits: _Refits, terms: Sequence[Term], singles: Sequence[Fit], pairs: list[Start], asked: float
-) -> Fit:
-    """The best single effect, or the best pair where it explains more by what is `asked` of a second effect. `pairs` by
-    what they promise beyond the best single."""
-    best = singles[0]
-    for single in [s for s in singles[:2] if frozenset(s.ids) in refits.fits]:
-        behind = single.cost - best.cost
-        partners = _partners(refits.problem, terms, single)[:PARTNERS]
-        pairs = [*pairs, *((gain - behind, ids, start) for gain, ids, start in partners)]
-    for gain, ids, start in pairs:
-        if gain > HOPEFUL * asked:
-            refits.add(ids, start, best.gust)
-    doubles = refits.of_size(2)
-    if not doubles or best.cost - doubles[0].cost <= asked:
-        return best
-    for _, ids, start in pairs:  # it may have alternatives
-        refits.add(ids, start, best.gust)
-    return doubles[0]
+def _one_and_two(
+    problem: Problem, refits: _Refits, terms: Sequence[Term], progress: Callable[[str], None]
+) -> list[tuple[float, str, float]]:
+    """Refit the hopeful among single effects and pairs; every effect alone by the linear model."""
+    null = refits.null
+    singles, starts = _screened(problem, null, terms)
+    for _, ids, values, a in starts[1][:SINGLES]:
+        refits.add(ids, values, a)
+    # What hides an effect is far from its prior, and far from where the equations are straight: seen from the profile.
+    if (near := _nearer(problem, null)) is not None:
+        for _, ids, values, a in _screened(problem, near, terms)[1][1][:SINGLES]:
+            refits.add(ids, values, a, again=True)
+    hopeful = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
+    if hopeful:
+        progress("pairs of effects")
+    for _, ids, values, a in hopeful[:PAIRS]:
+        refits.add(ids, values, a)
+    return singles
 
 
-def _screened(problem: Problem, term: Term, base: list[Array], null: Fit) -> Fit:
-    """One effect's linear estimate from nothing, the gust re-estimated."""
-    columns = [c[None] for c in problem.effect_columns(term, {}, base)]
-    x, inverse, gust, cost = problem.solve(base, columns, problem.nuisance_columns({}, base), null.gust, 3)
-    cost += term.price
-    value = min(max(float(x[0]), term.low), term.high)
-    if value != float(x[0]) and term.low == 0:
-        cost = max(cost, null.cost)  # an effect of one sign only, and the data want the other
-    return Fit({term.id: value}, {term.id: math.sqrt(max(inverse[0, 0], 0.0))}, x[1:], gust, cost)
+def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress: Callable[[str], None]) -> Estimate:
+    """As many effects as gain what is asked of each."""
+    null = accepted = refits.null
+    for size in range(1, MOST + 1):
+        if size > 1 and len(accepted.state.values) == size - 1:
+            progress(f"{size} effects")
+            for _, ids, values, a in _screened(problem, accepted, terms)[1][1][:MORE]:
+                refits.add(ids, values, a)
+        best = refits.of_size(size)[:1]
+        steps = size - len(accepted.state.values)
+        if best and accepted.cost - best[0].cost > steps * max(ASKED, FURTHER_SHARE * (null.cost - accepted.cost)):
+            accepted = best[0]
+        elif size > 1:
+            break
+    return accepted
 
 
-def _pairs(problem: Problem, terms: Sequence[Term], null: Fit, base: list[Array]) -> list[Start]:
-    """Every pair by the deviance reduction of its linear model, the largest first, with both values."""
-    columns = [problem.effect_columns(t, {}, base) for t in terms]
-    nuisances = problem.nuisance_columns({}, base)
-    normal, right = _projected(problem, base, columns, nuisances, null.gust)
-    found: list[Start] = []
-    for i, j in itertools.combinations(range(len(terms)), 2):
-        pick = np.array([i, j])
-        a, b = normal[np.ix_(pick, pick)], right[pick]
-        determinant = a[0, 0] * a[1, 1] - a[0, 1] ** 2
-        if determinant <= 1e-4 * a[0, 0] * a[1, 1]:
-            continue
-        x = np.linalg.solve(a, b)
-        found.append((float(b @ x), (terms[i].id, terms[j].id), {terms[i].id: x[0], terms[j].id: x[1]}))
-    found.sort(key=lambda f: (-f[0], f[1]))
+def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
+    """With all slopes made anew; without the effects that are not needed, or not significant, then."""
+    while accepted.state.values:
+        progress(f"settling {', '.join(accepted.state.ids)}")
+        whole = problem.estimate(accepted.state, WHOLE, problem.whole)
+        refits.done[frozenset(whole.state.ids)] = whole
+        weakest, least = "", math.inf
+        for name in whole.state.ids:
+            others = tuple(i for i in whole.state.ids if i != name)
+            fewer = refits.add(others, dict(whole.state.values), whole.state.a, again=True)
+            if not others and fewer.cost < refits.null.cost:
+                refits.null = fewer
+            if fewer.cost - whole.cost < least:
+                weakest, least = name, fewer.cost - whole.cost
+        sd = np.sqrt(np.diag(whole.solved.covariance))
+        for value, (name, error) in zip(
+            whole.state.values.values(), zip(whole.state.ids, sd, strict=False), strict=True
+        ):
+            if abs(value) < SIGNIFICANT * error:
+                weakest, least = name, 0.0
+        if least > ASKED:
+            return whole
+        accepted = refits.done[frozenset(i for i in whole.state.ids if i != weakest)]
+    return refits.null
+
+
+def changes(problem: Problem, s: State, slopes: Sequence[Slopes]) -> Array:
+    """(p, series) by how much of what moves in each series a unit of each parameter of `slopes` changes it, the most of
+    all manoeuvres."""
+    found = np.zeros((len(slopes[0].bins), len(problem.manoeuvres[0].setting.judged)))
+    for m, response, own in zip(problem.manoeuvres, s.responses, slopes, strict=True):
+        changed = np.sqrt((np.abs(own.bins) ** 2).mean(-1))
+        found = np.maximum(found, changed / np.maximum(m.motion(response), 1e-12))
     return found
 
 
-def _projected(
-    problem: Problem, y: list[Array], columns: list[list[Array]], nuisances: list[Array], gust: Sequence[float]
-) -> tuple[Array, Array]:
-    """Normal equations of effects with the nuisances eliminated."""
-    e, a = len(columns), len(nuisances[0])
-    whole, right = np.zeros((e + a, e + a)), np.zeros(e + a)
-    for k, data in enumerate(y):
-        stacked = np.concatenate([np.stack([c[k] for c in columns]), nuisances[k]])
-        weighted = stacked * (problem.counts[k] / (1 + gust[k] ** 2 * problem.shares[k]))
-        whole += weighted @ stacked.T
-        right -= weighted @ data
-    inner = whole[e:, e:] + np.eye(a)
-    solved = np.linalg.solve(inner, np.concatenate([whole[e:, :e], right[e:, None]], axis=1))
-    return whole[:e, :e] - whole[:e, e:] @ solved[:, :e], right[:e] - whole[:e, e:] @ solved[:, e]
+def least_judged(problem: Problem, s: State, terms: Sequence[Term]) -> dict[str, float]:
+    """The sizes below which effects are not judged, SI."""
+    tick = LEAST_TIME * max(m.record.dt for m in problem.manoeuvres)
+    shares = changes(problem, s, problem.effect_slopes(s, terms)).max(-1)
+
+    def least(t: Term, share: float) -> float:
+        noise = max(m.noise(t.target) for m in problem.manoeuvres) if t.least_in_noise else 0.0
+        return max(t.least, tick if t.unit == "s" else 0.0, t.least_in_noise * noise, LEAST_SHARE / max(share, 1e-12))
+
+    return {t.id: least(t, float(x)) for t, x in zip(terms, shares, strict=True)}
 
 
-def _partners(problem: Problem, terms: Sequence[Term], about: Fit) -> list[Start]:
-    """What else, on top of a candidate, its columns made anew there: the largest further linear reduction first."""
-    here = problem.at(about.values)
-    own = [problem.effect_columns(BY_ID[i], about.values, here) for i in about.values]
-    others = [t for t in terms if t.id not in about.values]
-    columns = [problem.effect_columns(t, about.values, here) for t in others]
-    nuisances = problem.nuisance_columns(about.values, here)
-    normal, right = _projected(problem, here, own + columns, nuisances, about.gust)
-    m = len(own)
-    found: list[Start] = []
-    for j in range(len(others)):
-        pick = np.array([*range(m), m + j])
-        x = np.linalg.lstsq(normal[np.ix_(pick, pick)], right[pick], rcond=1e-10)[0]
-        start = {i: v + float(x[n]) for n, (i, v) in enumerate(about.values.items())}
-        start[others[j].id] = float(x[m])
-        found.append((float(right[pick] @ x), (*about.values, others[j].id), start))
-    found.sort(key=lambda f: (-f[0], f[1]))
-    return [(gain, tuple(sorted(ids)), start) for gain, ids, start in found]
+Start = tuple[float, tuple[str, ...], dict[str, float], Array]
+"""Reduction of the linear model, effects, their values, and the free parameters then."""
+
+
+def _screened(
+    problem: Problem, about: Estimate, terms: Sequence[Term]
+) -> tuple[list[tuple[float, str, float]], dict[int, list[Start]]]:
+    """On top of an estimate, by the linear model there: every further effect alone, and every pair where the estimate
+    has none."""
+    s = about.state
+    own = [BY_ID[i] for i in s.ids]
+    others = [t for t in terms if t.id not in s.values]
+    slopes = [f.after(e) for f, e in zip(_free(about), problem.effect_slopes(s, [*own, *others]), strict=True)]
+    normal = problem.normal(s, slopes)
+    m, n = len(own), len(own) + len(others)
+    matrix, gradient = _regular(normal, s, n)
+    free = np.arange(n, len(gradient))
+    inner = matrix[np.ix_(free, free)]
+    solved = np.linalg.solve(inner, np.concatenate([matrix[free, :n], gradient[free, None]], axis=1))
+    schur = matrix[:n, :n] - matrix[:n, free] @ solved[:, :n]
+    right = gradient[:n] - matrix[:n, free] @ solved[:, n]
+    found: dict[int, list[Start]] = {1: [], 2: []}
+    values = np.array([s.values[t.id] for t in own] + [0.0] * len(others))
+
+    def start(picked: tuple[int, ...]) -> Start:
+        pick = np.array([*range(m), *picked])
+        x = -np.linalg.lstsq(schur[np.ix_(pick, pick)], right[pick], rcond=1e-10)[0]
+        ids = tuple((*own, *others)[i].id for i in pick)
+        moved = -solved[:, n] - solved[:, pick] @ x
+        there = dict(zip(ids, (values[pick] + x).tolist(), strict=True))
+        return float(-right[pick] @ x), ids, there, s.a + moved
+
+    found[1] = sorted((start((m + j,)) for j in range(len(others))), key=lambda f: (-f[0], f[1]))
+    if not own:
+        pairs = (start((i, j)) for i, j in itertools.combinations(range(len(others)), 2))
+        found[2] = sorted(pairs, key=lambda f: (-f[0], f[1]))
+    singles = [(gain, ids[-1], there[ids[-1]]) for gain, ids, there, _ in found[1]]
+    return singles, found
+
+
+def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
+    """The estimate with those constants that are far from the profile's put back; None where none is far."""
+    far = np.abs(null.state.a) > FAR
+    far[[i for i, f in enumerate(problem.frees) if f.name in DERIVATIVES]] = False
+    if not far.any():
+        return None
+    s = problem.state({}, np.where(far, 0.0, null.state.a), null.state.levels)
+    return replace(null, state=s, slopes=problem.whole(s)[0])
+
+
+def _free(e: Estimate) -> list[Slopes]:
+    """The slopes of an estimate's free parameters alone."""
+    n = len(e.state.values)
+    return [Slopes(x.bins[n:], x.steady[n:], x.response[n:]) for x in e.slopes]
+
+
+def _regular(normal: Normal, s: State, effects: int) -> tuple[Array, Array]:
+    """Normal matrix and gradient with the priors; the noise in the slopes left in: a screening may be blunt."""
+    penalty = np.concatenate([np.zeros(effects), np.ones(len(normal.gradient) - effects)])
+    gradient = normal.gradient + penalty * np.concatenate([np.zeros(effects), s.a])
+    return normal.seen + np.diag(penalty) + 1e-9 * np.diag(np.diag(normal.seen)), gradient

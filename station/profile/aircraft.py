@@ -148,6 +148,11 @@ class Unsteady(Frozen):
     """Chord that the times of the indicial responses are counted in; the geometry's if left out."""
     gust_span: Metres = Field(default=0.0, ge=0)
     """Length of the lag by which the wing averages gusts along its span: about a quarter of it; 0 for none."""
+    gust_span_tail: Metres = Field(default=0.0, ge=0)
+    """The same of the tail."""
+    convection: float = Field(default=1.0, ge=0, le=1)
+    """Share of a change of speed that the transit times of gusts and wakes follow: 1 where they stand frozen in the
+    air, 0 where they pass as at the mean speed."""
     lift_motion: Indicial | None = None
     """Wing's lift after a step of the angle of attack (Wagner's function where the wing is thin)."""
     lift_gust: Indicial | None = None

@@ -45,3 +45,11 @@ class Uncertainty(Frozen):
     """Of the vane against the inertial data."""
     vane_scale: float = Field(default=0.03, ge=0)
     """Of the vane's scale, by the steady upwash of wing and body: two digits of a calibration, or a panel method's."""
+    vane_frequency: float = Field(default=0.1, ge=0)
+    """Of the vane's natural frequency."""
+    vane_damping: float = Field(default=0.15, ge=0)
+    """Of the vane's damping ratio."""
+    convection: float = Field(default=0.5, ge=0)
+    """Of how far transit times of gusts and wakes follow a change of speed."""
+    handbook: float = Field(default=1.0, ge=0)
+    """Share of what handbook methods miss CL_q (a quarter) and CL_de (an eighth) by, beyond a derivative's own sd."""

@@ -1,7 +1,7 @@
 """How large an effect must be to be found: `uv run python tests/benchmarks/detectable_sizes.py` prints README's table.
 
 One doublet, and a card of three manoeuvres (three doublets, 3-2-1-1 twice, a multisine), of 45 s each, at the bench
-rig's noise; from the Fisher information of diagnosis's own likelihood, checked by the blind flights.
+rig's noise; from the information of diagnosis's own likelihood, checked by the blind flights.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 from station.conventions import from_si, to_si
 from station.diagnosis.detectable import Detectable, detectable_sizes
 from station.diagnosis.effects import EFFECTS
-from station.diagnosis.fit import Problem
+from station.diagnosis.likelihood import Problem
+from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import manoeuvres
-from station.diagnosis.reference import Reference, reference
 from station.profile import Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft, load_card, load_rig
 from station.simulation import fly
 
@@ -44,18 +44,18 @@ THREE = (
 )
 
 
-def flown(inputs, sigma: float, seed: int) -> Reference:
+def flown(inputs, sigma: float, seed: int) -> Manoeuvre:
     """One manoeuvre's record, simulated with the bench rig, and what diagnosis makes of it."""
     aircraft, rig = load_aircraft("twin_otter"), load_rig("bench")
     flight = Flight().model_copy(update={"gust_sigma": sigma, "seed": seed})
-    card = load_card("bench").model_copy(update={"flight": flight, "manoeuvres": inputs})
+    card = load_card("bench").card.model_copy(update={"flight": flight, "manoeuvres": inputs})
     shown, truth = fly(aircraft, rig, card, SECONDS, seed)
     columns = {**shown, "thrust": truth["thrust"]}
     t_s = 0.02 * np.arange(len(shown["q"]))
     record = replace(
         manoeuvres("planned", t_s, columns, aircraft)[0], imu=rig.imu_position, stated=rig.frame_noise_si()
     )
-    return reference(record, aircraft, seed)
+    return manoeuvre(record, aircraft)
 
 
 def cell(size: Detectable | None, unit: str) -> str:
@@ -71,9 +71,9 @@ def main() -> None:
     columns: dict[str, dict[str, Detectable]] = {}
     for cards, title in (((ONE,), "one doublet"), (THREE, "three")):
         for air, sigma in AIRS.items():
-            references = [flown(inputs, sigma, 40 + k) for k, inputs in enumerate(cards)]
-            problem = Problem(references, load_aircraft("twin_otter"))
-            sizes = detectable_sizes(problem, [sigma] * len(cards))
+            made = [flown(inputs, sigma, 40 + k) for k, inputs in enumerate(cards)]
+            problem = Problem(made, load_aircraft("twin_otter"))
+            sizes = detectable_sizes(problem, problem.null())
             columns[f"{title}, {air}"] = {d.id: d for d in sizes}
     print("| effect | unit | " + " | ".join(columns) + " | nearest rival |")
     print("|---" * (3 + len(columns)) + "|")

@@ -16,8 +16,7 @@ import pytest
 
 from station.conventions import to_si
 from station.diagnosis.detectable import detectable_sizes
-from station.diagnosis.fit import Problem
-from station.diagnosis.reference import reference
+from station.diagnosis.likelihood import Problem
 from station.identification.input_ranking import short_period
 from station.profile import Aircraft, Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft
 from station.simulation.airframe import atmosphere
@@ -101,7 +100,6 @@ def inputs_of(scene: Scene):
 @contextmanager
 def flying(scene: Scene) -> Iterator[None]:
     """The blind generator flies this aircraft."""
-    blind.flights.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(blind, "aircraft", lambda: scene.aircraft)
         patch.setattr(blind, "inputs", inputs_of(scene))
@@ -109,15 +107,9 @@ def flying(scene: Scene) -> Iterator[None]:
         air = {"speed": scene.speed, "altitude": scene.altitude}
         patch.setattr(blind, "Flight", lambda: Flight().model_copy(update=air))
         yield
-    blind.flights.cache_clear()
 
 
 def sizes(scene: Scene, sigma: float) -> dict[str, float]:
     """What a card of three manoeuvres detects, SI; while `flying`."""
-    case = blind.Case(seed=1, sigma=sigma, fit_on=blind.KINDS)
-    references = [
-        reference(blind.fly_case(case, kind, k), scene.aircraft, flights=blind.flights(kind, True))
-        for k, kind in enumerate(blind.KINDS)
-    ]
-    found = detectable_sizes(Problem(references, scene.aircraft), [sigma] * len(references))
-    return {d.id: d.found for d in found}
+    problem = Problem(blind.prepared(blind.Case(seed=1, sigma=sigma, fit_on=blind.KINDS)), scene.aircraft)
+    return {d.id: d.found for d in detectable_sizes(problem, problem.null())}

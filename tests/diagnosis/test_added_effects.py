@@ -41,11 +41,15 @@ def test_a_bent_sensor_is_flown_and_straightened(bend):
     np.testing.assert_allclose(linearised(shown, aircraft.instruments["elevator"].cubic), ramp, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "sigma", "name", "sign"),
-    [(1901, SIGMAS[2], "gust.lead", -1), (1902, SIGMAS[0], "boom.mode", 1),
-     pytest.param(1903, SIGMAS[1], "elevator.nonlinearity", 1, marks=pytest.mark.slow)],
-)  # fmt: skip
+    [
+        (1901, SIGMAS[2], "gust.lead", -1),
+        (1902, SIGMAS[0], "boom.mode", 1),
+        (1903, SIGMAS[1], "elevator.nonlinearity", 1),
+    ],
+)
 def test_each_is_found_or_grouped_with_what_it_resembles(seed, sigma, name, sign):
     case = Case(seed=seed, sigma=sigma, effects={name: planted(name, 2.5, sigma, sign)})
     d = diagnosed(case)

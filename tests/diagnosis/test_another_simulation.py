@@ -25,7 +25,7 @@ def diagnosed(case: Case, folder: Path) -> Diagnosis:
     return diagnose([records[0], records[2]], [records[1]], aircraft)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1.5])
+@pytest.mark.parametrize("sigma", [0.0, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_nothing_is_found_where_nothing_is_hidden(sigma: float, tmp_path: Path) -> None:
     found = diagnosed(Case(seed=1, sigma=sigma), tmp_path)
     assert found.verdict == "no_effect", (found.effects, found.remaining)
@@ -40,10 +40,11 @@ def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_men
     assert found.extended.instruments["q"].bias == pytest.approx(named["q.bias"].value)
     effect = named["aero.Cm_q"]
     share = -20.0 / flown.NAVION["Cm_q"] - 1
-    assert abs(effect.value - share) < 3 * effect.sd < 0.1  # seed 2 is one of 1000 to lie beyond three
+    assert abs(effect.value - share) < 3 * effect.sd < 0.25  # the inertia is known to 6 % alone
     assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
     assert found.gain is not None
-    assert found.gain.reduction > 0.5  # its moment is nearly all that there was
+    assert found.gain.low > 0
+    assert found.gain.before > 1.5 > 1.05 > found.gain.after  # nothing but noise is left
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.5])

@@ -6,13 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from blind import SIGMAS, Case, aircraft, covered, diagnosed, prepared, score, size
+from blind import DETECTABLE, SIGMAS, Case, aircraft, covered, diagnosed, planted, prepared, records, score, size
 from matrices import clean, confusion, held_out, large, outside, pairs, singles
 
 from station.diagnosis import judge
 from station.diagnosis.detectable import detectable_sizes
-from station.diagnosis.fit import Problem
-from station.diagnosis.procedure import diagnosis_of
+from station.diagnosis.likelihood import Problem
+from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.procedure import diagnose
+
+KEPT = ("multisine",)
+"""What is held out: nothing is named that does not lower its error."""
 
 
 def reported(cases: Sequence[Case]) -> list[str]:
@@ -22,57 +26,92 @@ def reported(cases: Sequence[Case]) -> list[str]:
     return [score(c, d) for c, d in found]
 
 
-@pytest.mark.parametrize("sigma", [SIGMAS[0], SIGMAS[2]])
-def test_a_clean_flight_shows_nothing(sigma):
-    assert diagnosed(Case(seed=811, sigma=sigma)).verdict == "no_effect"
+@pytest.mark.parametrize(
+    ("seed", "sigma", "derivative_sd"),
+    [
+        pytest.param(811, SIGMAS[0], 0.0, marks=pytest.mark.slow),
+        pytest.param(812, SIGMAS[1], 0.0, marks=pytest.mark.slow),
+        pytest.param(813, SIGMAS[2], 0.0, marks=pytest.mark.slow),
+        pytest.param(5000, SIGMAS[0], 0.08, marks=pytest.mark.slow),
+        pytest.param(5001, SIGMAS[1], 0.08, marks=pytest.mark.slow),
+        (5002, SIGMAS[2], 0.08),
+    ],
+)
+def test_nothing_is_named_where_nothing_is_hidden(seed, sigma, derivative_sd):
+    """Nor where each derivative is another than the profile's by as much as the profile says that it may be."""
+    d = diagnosed(Case(seed=seed, sigma=sigma, derivative_sd=derivative_sd, hold_out=KEPT))
+    assert (d.named, d.verdict) == ((), "no_effect")
+
+
+SINGLES = (
+    ("q.delay", 0, 1), ("q.scale", 2, 1), ("accelerometer.position", 1, -1), ("velocity.delay", 0, 1),
+    ("elevator.lag", 1, 1), ("theta.scale", 0, -1), ("alpha_vane.delay", 0, 1), ("accelerometer.scale", 2, -1),
+    ("alpha_vane.position", 1, 1), ("accelerometer.delay", 2, 1), ("imu.delay", 1, 1), ("elevator.backlash", 0, 1),
+)  # fmt: skip
+"""At three times the detectable size; the air by its number in SIGMAS, the sign."""
+QUICK = ("q.scale",)
 
 
 @pytest.mark.parametrize(
-    ("seed", "sigma", "name", "sign"),
+    ("seed", "name", "air", "sign"),
     [
-        (901, SIGMAS[0], "alpha_vane.delay", 1),
-        (902, SIGMAS[1], "accelerometer.position", -1),
-        (903, SIGMAS[2], "q.scale", 1),
-        (905, SIGMAS[1], "elevator.backlash", 1),
-        (906, SIGMAS[0], "dynamic_pressure.lag", 1),
+        pytest.param(901 + i, *row, marks=[] if row[0] in QUICK else pytest.mark.slow, id=row[0])
+        for i, row in enumerate(SINGLES)
     ],
 )
-def test_a_single_effect_is_named_and_its_interval_holds_it(seed, sigma, name, sign):
-    case = Case(seed=seed, sigma=sigma, effects={name: sign * 2.5 * size(name, sigma)})
+def test_a_single_effect_is_named_and_its_interval_holds_it(seed, name, air, sign):
+    sigma = SIGMAS[air]
+    case = Case(seed=seed, sigma=sigma, effects={name: planted(name, 3.0, sigma, sign)}, hold_out=KEPT)
     d = diagnosed(case)
     assert score(case, d) in ("exact", "group"), [(e.term.id, e.value, e.alternatives) for e in d.effects]
     for _, inside, z in covered(case, d):
         assert inside or abs(z) < 3
-
-
-def test_two_effects_at_once_are_both_named():
-    case = Case(seed=921, sigma=SIGMAS[1], effects={"alpha_vane.scale": 0.06, "accelerometer.delay": 0.008})
-    assert score(case, diagnosed(case)) in ("exact", "group")
-
-
-@pytest.mark.parametrize("outside", [{"g_sensitivity": 0.008}])
-def test_what_the_catalogue_does_not_have_is_unexplained(outside):
-    d = diagnosed(Case(seed=931, sigma=SIGMAS[0], outside=outside))
-    assert d.verdict == "unexplained"
-    assert set(d.remaining.signals) & {"q", "theta", "elevator"}
-
-
-@pytest.mark.parametrize("factor", [1.5])
-def test_noise_other_than_stated_changes_no_verdict(factor):
-    assert diagnosed(Case(seed=941, sigma=SIGMAS[1], noise=factor)).verdict == "no_effect"
-
-
-def test_gain_is_measured_on_a_manoeuvre_not_fitted():
-    case = Case(seed=951, sigma=SIGMAS[0], effects={"alpha_vane.delay": 0.03}, hold_out=("multisine",))
-    d = diagnosed(case)
     assert d.gain is not None
     assert d.gain.after < d.gain.before
     assert d.gain.low > 0
 
 
+UNKNOWN_TO_THE_PROFILE = (
+    ("mass.scale", 0.06), ("inertia.scale", 0.12), ("elevator.scale", 0.2), ("dynamic_pressure.scale", 0.03),
+    ("aero.icing", 0.8), ("alpha_vane.scale", 0.025), ("alpha_vane.delay", 0.006),
+)  # fmt: skip
+"""Twice what the profile's own uncertainty makes likely, or less. Mass is known to 3 %, inertia to 6 %, derivatives to
+10 % or what the source states; a scale of the elevator, ice and a few per cent of pressure act as derivatives do, and
+where the vane is, when it shows and by how much it is turned up is known to some per cent and milliseconds. Named at
+these sizes while constants were taken as right, they were mistaken for each other and for a wrong profile."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "value"), UNKNOWN_TO_THE_PROFILE)
+def test_what_no_profile_knows_is_no_finding(name, value):
+    d = diagnosed(Case(seed=941, sigma=SIGMAS[1], effects={name: value}, hold_out=KEPT))
+    assert {e.term.id for e in d.effects} <= {name}
+    assert value < DETECTABLE[name][1]
+
+
+@pytest.mark.slow
+def test_two_effects_at_once_are_both_named():
+    effects = {"q.scale": 0.03, "accelerometer.delay": 0.015}
+    case = Case(seed=921, sigma=SIGMAS[1], effects=effects, hold_out=KEPT)
+    assert score(case, diagnosed(case)) in ("exact", "group")
+
+
+@pytest.mark.slow
+def test_what_the_catalogue_does_not_have_is_unexplained():
+    d = diagnosed(Case(seed=931, sigma=SIGMAS[0], outside={"g_sensitivity": 0.008}))
+    assert d.verdict == "unexplained"
+    assert set(d.remaining.signals) & {"q", "theta", "elevator"}
+
+
+@pytest.mark.slow
+def test_noise_other_than_stated_changes_no_verdict():
+    assert diagnosed(Case(seed=941, sigma=SIGMAS[1], noise=1.5)).verdict == "no_effect"
+
+
+@pytest.mark.slow
 def test_detectable_sizes_are_those_that_are_found():
-    references, _ = prepared(Case(seed=961, sigma=SIGMAS[0]))
-    found = {d.id: d for d in detectable_sizes(Problem(references, aircraft()), (0.0, 0.0))}
+    problem = Problem(prepared(Case(seed=961, sigma=SIGMAS[0])), aircraft())
+    found = {d.id: d for d in detectable_sizes(problem, problem.null())}
     for name in ("alpha_vane.delay", "q.scale", "accelerometer.position", "mass.scale"):
         assert found[name].found == pytest.approx(size(name, 0.0), rel=0.5)
         assert found[name].named >= found[name].found
@@ -131,10 +170,10 @@ def test_matrix_of_large_effects():
 def test_gain_is_that_of_a_third_flight():
     hits = []
     for case in held_out(45):
-        fit, (kept, fresh) = prepared(case)
-        d = diagnosis_of(fit, [kept], aircraft())
+        fit, (kept, fresh) = records(case)
+        d = diagnose(fit, [kept], aircraft())
         if d.gain is not None:
-            again = judge.gain(d.before, d.after, [fresh])
+            again = judge.gain(d.before, d.after, [manoeuvre(fresh, aircraft())])
             hits.append(d.gain.low <= again.reduction <= d.gain.high)
     print(f"{sum(hits)} of {len(hits)} gains within their interval")
     assert len(hits) >= 40

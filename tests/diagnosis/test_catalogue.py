@@ -12,9 +12,9 @@ from station.conventions import from_si, to_si, unit_named
 from station.diagnosis.diagnosis_report import effects_table
 from station.diagnosis.diagnosis_result import summary
 from station.diagnosis.effects import BY_ID, EFFECTS, SIGNAL_EFFECTS, Term, extended, signal_effect
-from station.diagnosis.procedure import diagnosis_of
+from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.procedure import diagnose
 from station.diagnosis.profile_changes import gain
-from station.diagnosis.reference import reference
 from station.diagnosis.residuals import SERIES, series
 from station.profile import Instrument, load_aircraft
 from station.rows import UsageError
@@ -32,7 +32,7 @@ ASKED = {
 }  # fmt: skip
 """Ids by number of the list of effects that flight data can contain and a simulation can miss; the sign and the unit of
 any signal, here the elevator's."""
-FURTHER = {"theta.scale", "q.bias", "aero.CL_q", "aero.CL_de", "gust.vertical"}
+FURTHER = {"elevator.delay", "theta.scale", "q.bias", "aero.CL_q", "aero.CL_de", "gust.vertical"}
 
 
 def test_every_effect_asked_for_is_a_row():
@@ -68,7 +68,7 @@ def test_a_row_says_what_it_is(term):
 @pytest.fixture(scope="module")
 def flight():
     """A manoeuvre in gusts, and its series with the profile as it is."""
-    made = reference(fly_case(Case(seed=3, sigma=SIGMAS[2]), "doublets", 0), aircraft())
+    made = manoeuvre(fly_case(Case(seed=3, sigma=SIGMAS[2]), "doublets", 0), aircraft())
     return made, series(made.record.signals, aircraft(), made.setting)
 
 
@@ -96,11 +96,11 @@ def test_a_new_row_is_all_that_a_new_effect_takes(monkeypatch):
     for k, kind in enumerate(("doublets", "3-2-1-1")):
         record = fly_case(Case(seed=77), kind, k)
         record.signals["v_down"][:] *= 1.3
-        made.append(reference(record, aircraft()))
+        made.append(record)
     monkeypatch.setitem(BY_ID, new.id, new)
-    found = diagnosis_of(made, [], aircraft())
+    found = diagnose(made, [], aircraft())
     (effect,) = found.effects
     assert effect.term is new
     assert effect.value == pytest.approx(0.3, abs=3 * effect.sd)
-    assert any("The vertical velocity has a scale error of +3" in line for line in summary(found))
+    assert any(effect.sentence in line for line in summary(found))
     assert "v_down.scale" in effects_table(found.named)

@@ -5,62 +5,33 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-import numpy as np
 import pytest
-from blind import KINDS, NOISE, Case, aircraft, diagnosed, flights, fly_case, prepared, score
+from blind import KINDS, NOISE, Case, aircraft, diagnosed, fly_case, score
 from foreign import SCENES, flying, sizes
 from matrices import SEED, confusion
 
 from station.diagnosis.detectable import detectable_sizes
-from station.diagnosis.effects import BY_ID, extended
-from station.diagnosis.fit import Fit, Problem
-from station.diagnosis.reference import reference
-from station.diagnosis.residuals import THETA, series
+from station.diagnosis.effects import BY_ID
+from station.diagnosis.likelihood import Problem
+from station.diagnosis.manoeuvre import manoeuvre
 
 
-def test_the_noise_of_a_slow_aircraft_is_no_gust():
+def test_the_samples_of_a_slow_aircraft_show_its_sensors_noise():
     # At 25 m/s the vertical speed's noise alone turns the flow by more than the vane's own.
     scene = SCENES["aerosonde"]
     with flying(scene):
-        made = reference(fly_case(Case(seed=1000), "multisine", 0), scene.aircraft, flights=flights("multisine", True))
-    assert not made.setting.gusty
+        made = manoeuvre(fly_case(Case(seed=1000), "multisine", 0), scene.aircraft)
     for name in ("alpha_vane", "az", "theta"):
-        assert made.noise[name] == pytest.approx(NOISE[name], rel=0.2)
+        # Three quarters of the variance are white in these flights.
+        assert made.noise(name) == pytest.approx(math.sqrt(0.75) * NOISE[name], rel=0.2)
 
 
-def test_a_scale_of_the_attitude_shrinks_no_noise():
-    record = fly_case(Case(seed=11, fit_on=("doublets",)), "doublets", 0)
-    made = reference(record, aircraft(), flights=flights("doublets", True))
-    quiet = series(made.nominal, aircraft(), made.setting)[THETA]
-    noise = 1e-4 * np.random.default_rng(3).standard_normal(record.n)
-    candidate = extended(aircraft(), {"theta.scale": 0.2})
-    shown = [
-        series({**made.nominal, "theta": 1.2 * made.nominal["theta"] + extra}, candidate, made.setting)[THETA]
-        for extra in (0.0, noise)
-    ]
-    np.testing.assert_allclose(shown[1] - shown[0], noise, atol=1e-9)
-    np.testing.assert_allclose(shown[0], 1.2 * quiet, atol=1e-9)
-
-
-def test_what_is_allowed_for_beside_a_shifted_cg_is_of_the_profile():
-    # Half of Cm_alpha is gone with the CG: what the profile is unsure of is a share of all of it, in the columns as in
-    # the aircraft made of them.
-    problem = Problem(prepared(Case(seed=12, fit_on=("doublets",)))[0], aircraft())
-    values = {"cg.shift": 0.15}
-    here = problem.at(values)
-    columns = problem.nuisance_columns(values, here)[0]
-    k = [a.name for a in problem.nuisances].index("Cm_alpha")
-    moved = np.zeros(columns.shape[0])
-    moved[k] = 1.0
-    there = problem.complete(Fit(values, {}, moved, (0.0,), 0.0))
-    made = Problem(problem.references, there).at({})
-    np.testing.assert_allclose(made[0] - here[0], columns[k], atol=1e-6 * float(np.abs(columns[k]).max()))
-
-
+@pytest.mark.slow
 def test_an_effect_that_does_not_show_has_no_size():
     plain = aircraft()
     plain = plain.model_copy(update={"boom": plain.boom.model_copy(update={"upwash_wing": 0.0})})
-    found = {d.id for d in detectable_sizes(Problem(prepared(Case(seed=12, fit_on=("doublets",)))[0], plain), [0.0])}
+    problem = Problem([manoeuvre(fly_case(Case(seed=12), "doublets", 0), plain)], plain)
+    found = {d.id for d in detectable_sizes(problem, problem.null())}
     assert "alpha_vane.position" in found
     assert "alpha_vane.upwash_memory" not in found
 

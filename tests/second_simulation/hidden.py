@@ -73,13 +73,13 @@ HIDDEN: Final[dict[str, Row]] = {
     "thrust.moment": Row(0.3, 0.8),
     "velocity.delay": Row(0.05, 0.2, (1,)),
     "aero.separation": Row(1.0, 1.0, (1,), ("aero.alpha_squared",)),
-    # Outside the catalogue.
     "elevator.delay": Row(0.03, 0.06, (1,), ("elevator.lag",)),
+    # Outside the catalogue.
     "alpha_vane.lag": Row(0.03, 0.08, (1,), ("alpha_vane.delay", "alpha_vane.dynamics")),
     "alpha_vane.stiction": Row(0.15 * DEG, 0.3 * DEG, (1,)),
     "slosh": Row(0.05, 0.1, (1,)),
 }
-OUTSIDE: Final = ("elevator.delay", "alpha_vane.lag", "alpha_vane.stiction", "slosh")
+OUTSIDE: Final = ("alpha_vane.lag", "alpha_vane.stiction", "slosh")
 ICE: Final = {"CL_alpha": -0.10, "CL_q": -0.013, "CL_de": -0.095, "Cm_alpha": -0.099, "Cm_q": -0.035, "Cm_de": -0.10}
 """Bragg, Hutchison, Merret, Oltman and Pokhariyal 2000 (AIAA 2000-0360): the Twin Otter's iced derivatives; eta = 1."""
 

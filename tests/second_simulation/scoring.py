@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 NEIGHBOURS: Final[Mapping[str, tuple[str, ...]]] = {
-    "elevator.delay": ("elevator.lag",),
+    "elevator.delay": ("elevator.delay", "elevator.lag"),
     "pot_cubic": ("elevator.nonlinearity",),
     "alpha_vane.lag": ("alpha_vane.delay", "alpha_vane.dynamics"),
     "aero.separation": ("aero.separation", "aero.alpha_squared"),

@@ -81,7 +81,7 @@ def identified(station: Station, case: Case, folder: Path) -> list[Estimate]:
     return (sideways if case.lateral else recommended)(json.loads(out.read_text()), answers, case.name)
 
 
-@pytest.mark.parametrize("index", [0, 1, 5])
+@pytest.mark.parametrize("index", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 5))])
 def test_no_estimate_is_far_from_the_truth(index: int, station: Station, tmp_path: Path) -> None:
     found = identified(station, identify_case(20262, index), tmp_path)
     assert [e for e in found if abs(e.widths) > FAR] == []

@@ -1,0 +1,175 @@
+"""Every parameter of an aircraft that no profile knows exactly, with its prior: what each fit estimates along."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import G0, to_si
+from station.diagnosis.profile_changes import (
+    Extend,
+    bias,
+    boom,
+    delay,
+    derivative,
+    gain,
+    inertia,
+    unsteady,
+    vane_dynamics,
+    zero_lift_drag,
+)
+from station.profile import Aircraft, Indicial
+
+DERIVATIVES: Final = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
+PRIOR_SHARE: Final = 0.10
+"""Standard deviation of a derivative, as a share of it, where the profile states none."""
+
+
+UNKNOWN_LEAD_M: Final = 3.0
+"""m: a boom's length, where the profile gives none."""
+SCATTER: Final = {"CL_q": 0.25, "CL_de": 0.15}
+"""Share by which an aircraft's derivative lies off its profile's besides: small parts of the lift, which handbook
+methods miss by a quarter (CL_q) and by an eighth (CL_de), whatever error the source states."""
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """A quantity with a Gaussian prior of standard deviation `sd` about the profile's value."""
+
+    name: str
+    sd: float
+    extend: Extend
+    step: float = 0.3
+    """Over how many standard deviations its slope is taken."""
+
+
+def _rates(*fields: str) -> Extend:
+    """Indicial responses that follow 1 + x times as fast."""
+
+    def change(a: Aircraft, x: float) -> Aircraft:
+        made: dict[str, Indicial] = {}
+        for name in fields:
+            old = getattr(a.unsteady, name)
+            if old is not None:
+                made[name] = old.model_copy(update={"b": tuple(max(0.05, 1 + x) * v for v in old.b)})
+        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
+
+    return change
+
+
+def _amplitude(*fields: str) -> Extend:
+    def change(a: Aircraft, x: float) -> Aircraft:
+        made: dict[str, Indicial] = {}
+        for name in fields:
+            old = getattr(a.unsteady, name)
+            if old is not None:
+                made[name] = old.model_copy(update={"a": tuple(max(0.0, 1 + x) * v for v in old.a)})
+        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
+
+    return change
+
+
+def _share(field: str) -> Extend:
+    def change(a: Aircraft, x: float) -> Aircraft:
+        old = getattr(a.unsteady, field)
+        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={field: old * max(0.0, 1 + x)})})
+
+    return change
+
+
+def _tail_arm(a: Aircraft, x: float) -> Aircraft:
+    return _share("tail_arm")(a, x)
+
+
+def _lead(a: Aircraft, x: float) -> Aircraft:
+    # Position over speed: known as a time.
+    return boom("vane_x")(a, x)
+
+
+def _damping(a: Aircraft, x: float) -> Aircraft:
+    if a.boom is None:
+        return a
+    made = max(0.05, a.boom.vane_damping * (1 + x))
+    return a.model_copy(update={"boom": a.boom.model_copy(update={"vane_damping": made})})
+
+
+def _induced(a: Aircraft, x: float) -> Aircraft:
+    if a.drag is None:
+        return a
+    return a.model_copy(update={"drag": a.drag.model_copy(update={"induced": a.drag.induced * max(0.0, 1 + x)})})
+
+
+def _vane_scale(aircraft: Aircraft) -> float:
+    """What the vane's scale is uncertain by besides the wing's upwash, which is free itself."""
+    u, boom = aircraft.uncertainty, aircraft.boom
+    wing = u.upwash_wing * boom.upwash_wing * boom.steady_calibration if boom else 0.0
+    return math.sqrt(max(u.vane_scale**2 - wing**2, 0.0))
+
+
+def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = False) -> list[Free]:
+    """Derivatives, constants of wing, tail and boom, loading, trims and zeros."""
+    u, own = aircraft.uncertainty, aircraft.unsteady
+    mass = u.recorded_mass if mass_recorded else u.mass
+    found = []
+    for name in DERIVATIVES:
+        stated = aircraft.derivatives.get(name)
+        if stated is not None and stated.value:
+            share = (stated.sd or PRIOR_SHARE * abs(stated.value)) / abs(stated.value)
+            share = math.hypot(share, u.handbook * SCATTER.get(name, 0.0))
+            found.append(Free(name, share, derivative(name, relative=True)))
+    if own.memory:
+        found += [
+            Free("tail lift slope", u.tail_lift_slope, _share("tail_lift_slope")),
+            Free("downwash", u.downwash, _share("downwash")),
+            Free("downwash delay", u.downwash_delay, unsteady("downwash_delay")),
+            Free("tail arm", u.tail_arm, _tail_arm),
+            Free("lift amplitude", u.lift_memory, _amplitude("lift_motion")),
+            Free("lift rate", u.lift_rate, _rates("lift_motion")),
+            Free("gust lift rate", u.lift_rate, _rates("lift_gust")),
+            Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
+            Free("convection", u.convection, unsteady("convection")),
+            Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),
+        ]
+    if aircraft.boom is not None:
+        found += [
+            Free("upwash wing", u.upwash_wing * aircraft.boom.upwash_wing, boom("upwash_wing")),
+            Free("upwash rate", u.upwash_rate, _rates("upwash_motion")),
+            Free("gust upwash rate", u.upwash_rate, _rates("upwash_gust")),
+            Free("vane lead", u.vane_x * speed, _lead),
+            Free("vane frequency", u.vane_frequency, vane_dynamics),
+            Free("vane damping", u.vane_damping, _damping),
+            Free("vane zero", to_si(0.15, "deg"), bias("alpha_vane")),
+        ]
+    else:
+        # Nothing is known of where the vane is, and of what the aircraft does to the flow there.
+        found += [Free("vane lead", UNKNOWN_LEAD_M, _lead), Free("upwash body", 0.1, boom("upwash_body"))]
+    found += [
+        Free("vane delay", u.vane_delay, delay("alpha_vane")),
+        Free("vane scale", _vane_scale(aircraft), gain("alpha_vane")),
+        Free("mass", mass, inertia("mass")),
+        Free("inertia", u.inertia, inertia("iyy")),
+        Free("theta bias", to_si(0.1, "deg"), bias("theta")),
+        Free("az bias", 0.005 * G0, bias("az")),
+        Free("ax bias", 0.003 * G0, bias("ax")),
+        Free("q bias", to_si(0.05, "deg/s"), bias("q")),
+        Free("CL_0", 0.3, derivative("CL_0")),
+        Free("Cm_0", 0.1, derivative("Cm_0")),
+        Free("CD_0", 0.02, zero_lift_drag),
+        Free("induced drag", 0.15, _induced),
+        Free("thrust scale", 0.05, gain("thrust")),
+    ]
+    return [f for f in found if f.sd > 0]
+
+
+def moved(aircraft: Aircraft, frees: Sequence[Free], a: NDArray[np.float64]) -> Aircraft:
+    """The aircraft with its free parameters moved, in standard deviations; what comes after them in `a` is not of the
+    aircraft."""
+    for free, x in zip(frees, a, strict=False):
+        if x:
+            aircraft = free.extend(aircraft, free.sd * float(x))
+    return aircraft

@@ -1,0 +1,354 @@
+"""One likelihood: residual series of all manoeuvres, the noise of their sensors, and every parameter with its prior.
+
+Noise reaches the residuals through the equations, linearised about the candidate itself: Sigma = J C J* + gust + what
+the model misses. Parameters minimise Q = sum e* Sigma^-1 e + priors with Sigma following the candidate (errors in
+variables: Pintelon and Schoukens 2012, chapter 8), so that scaling a series changes nothing. The slopes de/dtheta are
+made from noisy signals too: what their noise puts into the information is taken out again (Nakamura 1990, corrected
+score). log det Sigma belongs to the variances alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.diagnosis.effects import BY_ID, Term, extended
+from station.diagnosis.free_parameters import Free, free_parameters, moved
+from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.residuals import Spectra
+from station.diagnosis.variances import INDEPENDENT, Levels, fitted, prior_levels, stiffness_of
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+DRIFT_SD: Final = 0.5
+"""m/s: how much faster than its mean airspeed says the aircraft may move through the air mass."""
+ROUNDS: Final = 25
+DONE: Final = 0.2
+NEAR: Final = 10.0
+"""Of Q: a step that would gain less is the last; the second where slopes are rough."""
+MOST_DAMPED: Final = 100.0
+LIGHTLY_DAMPED: Final = 0.1
+LONG: Final = 0.3
+"""Prior standard deviations: after a longer step the slopes are made anew."""
+GROUP: Final = 4
+"""Bins over which the responses to noise hardly change: 0.06 Hz in a minute's record."""
+SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
+"""Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
+well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
+LEAST_KNOWN: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Slopes:
+    """Changes per unit of each parameter of one manoeuvre."""
+
+    bins: Complex
+    """(p, series, bins)"""
+    steady: Array
+    """(p, integrated and mean parts)"""
+    response: Complex
+    """(p, bins, series, sensors + 1)"""
+
+    def after(self, first: Slopes) -> Slopes:
+        """Parameters `first`, then these."""
+        return Slopes(
+            np.concatenate([first.bins, self.bins]),
+            np.concatenate([first.steady, self.steady]),
+            np.concatenate([first.response, self.response]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A candidate: effects and free parameters, the noise's variances, and what the data say of it."""
+
+    values: Mapping[str, float]
+    """Of the effects, by id, SI."""
+    a: Array
+    """Free parameters, then drifts, in prior standard deviations."""
+    levels: Levels
+    spectra: tuple[Spectra, ...]
+    responses: tuple[Complex, ...]
+    roots: tuple[Complex, ...]
+    """(bins, k, k) Cholesky factors of Sigma."""
+    white: tuple[Complex, ...]
+    """(bins, k) whitened residuals, of variance 1."""
+    steady: tuple[Array, ...]
+    q: float
+    """Weighted squares and priors."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        return tuple(self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """Normal equations of a state."""
+
+    step: Array
+    """Effects, then free parameters and drifts."""
+    covariance: Array
+    gained: float
+    """What Q falls by along the step, if all is linear."""
+
+
+class Problem:
+    """All manoeuvres of a diagnosis and one base aircraft; candidates are effects on top of it."""
+
+    def __init__(
+        self, manoeuvres: Sequence[Manoeuvre], aircraft: Aircraft, frees: Sequence[Free] | None = None
+    ) -> None:
+        self.manoeuvres = tuple(manoeuvres)
+        self.aircraft = aircraft
+        speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
+        recorded = all(m.record.mass is not None for m in manoeuvres)
+        self.frees = tuple(free_parameters(aircraft, speed, recorded) if frees is None else frees)
+        self.prior = prior_levels(self.manoeuvres)
+        self.stiffness = stiffness_of(self.manoeuvres, self.prior)
+        self._volume_at: tuple[Complex, ...] | None = None
+
+    # --- candidates
+
+    def aircraft_at(self, values: Mapping[str, float], a: Array) -> Aircraft:
+        """With its free parameters moved, then the effects."""
+        return extended(moved(self.aircraft, self.frees, a), values)
+
+    def state(self, values: Mapping[str, float], a: Array, levels: Levels | None = None) -> State:
+        """A candidate, with the levels given or fitted anew."""
+        craft = self.aircraft_at(values, a)
+        drifts = a[len(self.frees) :] * DRIFT_SD
+        spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))
+        responses_ = tuple(m.responses(craft) for m in self.manoeuvres)
+        return self._with_levels(values, a, spectra, responses_, levels or self.prior)
+
+    def relevelled(self, s: State, frozen: int | None = None) -> State:
+        """The same candidate with the variances fitted to it, but for what is missed `frozen`."""
+        columns = [m.columns(r) for m, r in zip(self.manoeuvres, s.responses, strict=True)]
+        levels = fitted(s.spectra, columns, s.levels, self.prior, self.stiffness, frozen)
+        return self._with_levels(s.values, s.a, s.spectra, s.responses, levels)
+
+    def _with_levels(
+        self, values: Mapping[str, float], a: Array, spectra: tuple[Spectra, ...], responses_: tuple[Complex, ...],
+        levels: Levels,
+    ) -> State:  # fmt: skip
+        roots: list[Complex] = []
+        white: list[Complex] = []
+        steady: list[Array] = []
+        q = float(a @ a)
+        for k, (m, own, r) in enumerate(zip(self.manoeuvres, spectra, responses_, strict=True)):
+            b = m.columns(r)
+            root = np.asarray(np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2))), dtype=complex)
+            w = np.asarray(np.linalg.solve(root, own.bins.T[..., None])[..., 0], dtype=complex)
+            e = own.steady / m.steady_sd(levels.of(k))
+            q += 2 * INDEPENDENT * float((np.abs(w) ** 2).sum()) + float(e @ e)
+            roots.append(root)
+            white.append(w)
+            steady.append(e)
+        return State(dict(values), a, levels, spectra, responses_, tuple(roots), tuple(white), tuple(steady), q)
+
+    def volume(self, levels: Levels) -> float:
+        """log det Sigma and the prior of the variances. Sigma is that of one candidate for all: its determinant must
+        not judge the parameters."""
+        assert self._volume_at is not None
+        total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
+        for k, (m, r) in enumerate(zip(self.manoeuvres, self._volume_at, strict=True)):
+            b = m.columns(r)
+            root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
+            total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum())
+        return total
+
+    def cost(self, s: State) -> float:
+        """-2 log likelihood with priors, and how rare the effects are: what candidates are compared by."""
+        return s.q + self.volume(s.levels) + sum(BY_ID[i].price for i in s.values)
+
+    # --- variances
+
+    # --- parameters
+
+    def effect_slopes(self, s: State, terms: Sequence[Term]) -> list[Slopes]:
+        """Per unit of each effect's value, by manoeuvre."""
+        here = moved(self.aircraft, self.frees, s.a)
+        moves = []
+        for t in terms:
+            h = t.step if s.values.get(t.id, 0.0) + t.step <= t.high else -t.step
+            moves.append((extended(here, {**s.values, t.id: s.values.get(t.id, 0.0) + h}), h))
+        return self._slopes(s, moves)
+
+    def free_slopes(self, s: State, rough: bool = False) -> list[Slopes]:
+        """Per prior standard deviation of each free parameter and drift, by manoeuvre."""
+        moves = []
+        for i, f in enumerate(self.frees):
+            there = s.a.copy()
+            there[i] += f.step
+            moves.append((self.aircraft_at(s.values, there), f.step))
+        made = self._slopes(s, moves, rough)
+        craft, first, count = self.aircraft_at(s.values, s.a), len(self.frees), len(self.manoeuvres)
+        out = []
+        for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
+            drifted = m.differences(craft, float(s.a[first + k] + 1) * DRIFT_SD).minus(s.spectra[k])
+            bins = np.zeros((count, *drifted.bins.shape), dtype=complex)
+            steady = np.zeros((count, len(drifted.steady)))
+            bins[k], steady[k] = drifted.bins, drifted.steady
+            none = np.zeros((count, *s.responses[k].shape), dtype=complex)
+            out.append(Slopes(bins, steady, none).after(own))
+        return out
+
+    def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float]], rough: bool = False) -> list[Slopes]:
+        """`rough`: as if the noise did not depend on the parameters, for half of the time."""
+        out = []
+        drifts = s.a[len(self.frees) :] * DRIFT_SD
+        for k, m in enumerate(self.manoeuvres):
+            z, r = s.spectra[k], s.responses[k]
+            bins = np.empty((len(moves), *z.bins.shape), dtype=complex)
+            steady = np.empty((len(moves), len(z.steady)))
+            response = np.zeros((len(moves), *r.shape), dtype=complex)
+            for i, (craft, h) in enumerate(moves):
+                there = m.differences(craft, float(drifts[k])).minus(z)
+                bins[i], steady[i] = there.bins / h, there.steady / h
+                if not rough:
+                    response[i] = (m.responses(craft) - r) / h
+            out.append(Slopes(bins, steady, response))
+        return out
+
+    def normal(self, s: State, slopes: Sequence[Slopes]) -> Normal:
+        """Normal equations of Q at a state, for the parameters of `slopes`."""
+        p = len(slopes[0].bins)
+        seen, noise, scatter, gradient = np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
+        weight = 2 * INDEPENDENT
+        for k, (m, own) in enumerate(zip(self.manoeuvres, slopes, strict=True)):
+            inverse, w, variances = np.linalg.inv(s.roots[k]), s.white[k], s.levels.of(k)
+            d = (inverse @ own.bins.transpose(2, 1, 0)).reshape(-1, p)
+            seen += weight * (np.conj(d.T) @ d).real
+            gradient += weight * (np.conj(d.T) @ w.reshape(-1)).real
+            # Responses are smooth: one bin in GROUP stands for its neighbours.
+            pick = slice(GROUP // 2, None, GROUP)
+            groups = np.minimum(np.arange(len(w)) // GROUP, len(range(*pick.indices(len(w)))) - 1)
+            count = np.sqrt(np.bincount(groups))[:, None, None]
+            here = inverse[pick] @ m.scaled(s.responses[k], variances, pick)
+            there = inverse[pick] @ m.scaled_slopes(s.responses[k], own.response, variances, pick)
+            shown = there @ np.conj(here.swapaxes(-1, -2))
+            flat, said = (there * count).reshape(p, -1), (shown * count).reshape(p, -1)
+            of_noise = weight * (flat @ np.conj(flat.T)).real
+            noise += of_noise
+            # What the residuals show of the noise in the slopes is taken out of the score: the rest scatters it.
+            scatter += of_noise - weight * (said @ np.conj(said.T)).real
+            square = np.zeros((len(here), w.shape[1], w.shape[1]), dtype=complex)
+            np.add.at(square, groups, w[:, :, None] * np.conj(w[:, None, :]))
+            gradient -= weight * np.einsum("pgij,gji->p", shown, square, optimize=True).real
+            e = own.steady / m.steady_sd(variances)
+            seen += e @ e.T
+            gradient += e @ s.steady[k]
+        return Normal(seen, noise, scatter, gradient)
+
+    def solve(self, s: State, normal: Normal, pick: NDArray[np.int64], effects: int, damping: float = 0.0) -> Solved:
+        """The step of the parameters picked, effects first."""
+        penalty = np.concatenate([np.zeros(effects), np.ones(len(pick) - effects)])
+        gradient = normal.gradient[pick] + penalty * np.concatenate([np.zeros(effects), s.a])
+        at = np.ix_(pick, pick)
+        own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen[at]))
+        for share in SUBTRACTED:
+            matrix = normal.seen[at] - share * normal.noise[at] + own
+            scale = 1 / np.sqrt(np.abs(np.diag(matrix)) + 1e-30)
+            values = np.linalg.eigvalsh(matrix * scale[:, None] * scale)
+            # No parameter may become less known than by its prior.
+            if values[0] > 0 and np.linalg.eigvalsh(matrix - (1 - LEAST_KNOWN) * np.diag(penalty))[0] > 0:
+                break
+        inverse = np.linalg.inv(matrix)
+        step = -np.linalg.solve(matrix + damping * np.diag(np.diag(normal.seen[at]) + penalty), gradient)
+        covariance = inverse @ (matrix + share * normal.scatter[at]) @ inverse
+        return Solved(step, covariance, float(-gradient @ step))
+
+    def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
+        """The state a step further, its levels kept; None where Q is no less there."""
+        e = len(terms)
+        values = dict(s.values)
+        for t, x in zip(terms, solved.step, strict=False):
+            values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
+        there = self.state(values, s.a + solved.step[e:], s.levels)
+        return there if there.q < s.q else None
+
+    def null(self) -> Estimate:
+        """Without effects."""
+        count = len(self.frees) + len(self.manoeuvres)
+        start = self.state({}, np.zeros(count))
+        self._volume_at = start.responses
+        near = self.estimate(self.relevelled(start), ROUNDS, self.rough, NEAR)
+        return self.estimate(near.state, ROUNDS, self.whole)
+
+    def rough(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
+        """The free parameters' slopes, as if the noise did not depend on them."""
+        return self.free_slopes(s, True), ()
+
+    def whole(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
+        """All slopes of a state, its effects first."""
+        terms = [BY_ID[i] for i in s.values]
+        free = self.free_slopes(s)
+        if not terms:
+            return free, terms
+        effects = self.effect_slopes(s, terms)
+        return [f.after(e) for f, e in zip(free, effects, strict=True)], terms
+
+    def estimate(
+        self,
+        s: State,
+        rounds: int,
+        slopes: Callable[[State], tuple[list[Slopes], Sequence[Term]]],
+        done: float = DONE,
+    ) -> Estimate:
+        """Gauss-Newton, damped where Q would rise (Levenberg), from a state; the variances are fitted anew after each
+        step. `slopes` are made anew where the last step was long."""
+        damping, long, stale = 0.0, True, False
+        made, terms = slopes(s)
+        for _ in range(rounds):
+            if stale and long:
+                made, terms = slopes(s)
+                stale = False
+            normal = self.normal(s, made)
+            every = np.arange(len(normal.gradient))
+            solved = self.solve(s, normal, every, len(terms), damping)
+            there = self.advance(s, solved, terms)
+            while there is None and damping < MOST_DAMPED:
+                damping = max(10 * damping, 0.01)
+                solved = self.solve(s, normal, every, len(terms), damping)
+                there = self.advance(s, solved, terms)
+            if there is None:
+                if not stale:
+                    break
+                long, damping = True, 0.0
+                continue
+            stale = True
+            long = bool(np.abs(there.a - s.a).max(initial=0.0) > LONG or len(terms))
+            damping *= 0.1
+            s = self.relevelled(there)
+            if solved.gained < done and damping < LIGHTLY_DAMPED:
+                break
+        return Estimate(s, self.solve(s, normal, every, len(terms)), made, normal, self.cost(s))
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """Of p parameters: information as measured, what noise in the slopes put into it, what of that scatters the score,
+    and the gradient of Q/2 without priors."""
+
+    seen: Array
+    noise: Array
+    scatter: Array
+    gradient: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A state at its best, with its last normal equations."""
+
+    state: State
+    solved: Solved
+    slopes: list[Slopes]
+    normal: Normal
+    cost: float

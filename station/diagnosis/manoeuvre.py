@@ -1,0 +1,255 @@
+"""A record ready to be compared with any candidate: residuals, and what noise, gusts and model errors make of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from station.conventions import G0, to_si
+from station.diagnosis.measured_record import Record
+from station.diagnosis.memo import Memo
+from station.diagnosis.processing import Setting, bridge_of
+from station.diagnosis.residuals import (
+    DOWN,
+    DRAG,
+    LIFT,
+    MOMENT,
+    NORTH,
+    SERIES,
+    THETA,
+    VANE,
+    Spectra,
+    series_spectra,
+    spectra,
+)
+from station.diagnosis.sensor_noise import Trim, responses, trim_of
+from station.numerics.default_noise import DEFAULT_NOISE
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SLOW_S: Final = 0.3
+"""Correlation time of the slow part of a sensor's noise."""
+FAST_S: Final = 0.025
+"""Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
+GUST_SCALE_M: Final = to_si(1750, "ft")
+"""Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
+TRIM_SD: Final = (0.02, 0.01, 0.01)
+"""By what lift, moment and drag in trim differ between manoeuvres of one flight: fuel burnt, power, configuration."""
+HEADS: Final = {"lift": "az", "moment": "q", "drag": "ax"}
+"""The sensor that a force's series is made of: what is missed is a share of what it shows."""
+MISSED: Final = (*HEADS, "alpha_vane", "elevator")
+"""What the model may miss a share of: a force, or what a sensor of the air or of a surface shows."""
+SPREAD_BINS: Final = 4.0
+"""Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manoeuvre:
+    """A record, and what is needed to compare it with any candidate."""
+
+    record: Record
+    setting: Setting
+    trim: Trim
+    loading: tuple[float, float]
+    """The record's mass and inertia over the profile's."""
+    shapes: tuple[Array, Array, Array]
+    """(bins,) white, slow and gust spectra of variance 1."""
+    missed: Array
+    """(3, bins) spectra of the coefficients of lift, moment and drag, of which the model may miss a share."""
+    memo: Memo = field(default_factory=Memo, repr=False)
+
+    def loaded(self, aircraft: Aircraft) -> Aircraft:
+        """An aircraft in the record's air and with its loading."""
+        own = aircraft.inertia
+        update = {"mass": own.mass * self.loading[0], "iyy": (own.iyy or 1.0) * self.loading[1]}
+        return aircraft.model_copy(
+            update={"air_density": self.record.density, "inertia": own.model_copy(update=update)}
+        )
+
+    def differences(self, aircraft: Aircraft, drift: float = 0.0) -> Spectra:
+        """Measured less predicted, in the series judged."""
+        return series_spectra(self.record.signals, self.loaded(aircraft), self.setting, drift, self.memo)
+
+    def noise(self, name: str) -> float:
+        """Standard deviation of a sensor's noise as the record shows it, SI."""
+        return white_noise(name, self.record)
+
+    def responses(self, aircraft: Aircraft) -> Complex:
+        """(bins, series, sensors + 1), see sensor_noise.responses."""
+        return responses(self.trim, self.loaded(aircraft), self.setting.frequencies)
+
+    def columns(self, response: Complex) -> Complex:
+        """(bins, series, components): a standard deviation of 1 of each component of the noise, in every series: per
+        sensor white, per sensor slow, the gust, what the model misses of lift, moment and drag."""
+        white, slow, gust = self.shapes
+        sensors = response[..., :-1]
+        return np.concatenate(
+            [
+                sensors * np.sqrt(white)[:, None, None],
+                sensors * np.sqrt(slow)[:, None, None],
+                response[..., -1:] * np.sqrt(gust)[:, None, None],
+                self._missing(response, np.abs(response)),
+            ],
+            axis=-1,
+        )
+
+    def _missing(self, response: Complex, size: Array, pick: slice = slice(None)) -> Complex:
+        """(..., bins, series, MISSED): of a force in its own series, of a sensor wherever its noise goes."""
+        judged, sensors = self.setting.judged, self.trim.sensors
+        out = np.zeros((*response.shape[:-1], len(MISSED)), dtype=complex)
+        for k, name in enumerate(MISSED):
+            root = np.sqrt(self.missed[k, pick])
+            if name in HEADS:
+                if (j := SERIES.index(name)) in judged:
+                    row = judged.index(j)
+                    out[..., row, k] = root * size[..., row, sensors.index(HEADS[name])]
+            else:
+                out[..., k] = response[..., sensors.index(name)] * root[:, None]
+        return out
+
+    def _deviations(self, variances: Array, pick: slice) -> tuple[Array, Array]:
+        """(bins, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares."""
+        n = len(self.trim.sensors)
+        white, slow, gust = (x[pick] for x in self.shapes)
+        power = variances[:n] * white[:, None] + variances[n : 2 * n] * slow[:, None]
+        sd = np.sqrt(np.concatenate([power, (variances[2 * n] * gust)[:, None]], axis=1))
+        return sd, np.sqrt(variances[2 * n + 1 :])
+
+    def scaled(self, response: Complex, variances: Array, pick: slice) -> Complex:
+        """`columns` in their standard deviations, a sensor's white and slow part as one, at the bins picked."""
+        sd, missing = self._deviations(variances, pick)
+        here = response[pick]
+        return np.concatenate([here * sd[:, None, :], self._missing(here, np.abs(here), pick) * missing], axis=-1)
+
+    def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array, pick: slice) -> Complex:
+        """The change of `scaled` with parameters, whose responses change by `slopes` (p, bins, series, sensors + 1)."""
+        sd, missing = self._deviations(variances, pick)
+        here, there = response[pick], slopes[:, pick]
+        size = (np.conj(here) * there).real / np.maximum(np.abs(here), 1e-30)
+        return np.concatenate([there * sd[:, None, :], self._missing(there, size, pick) * missing], axis=-1)
+
+    def steady_sd(self, variances: Array) -> Array:
+        """(k,) standard deviations of the steady parts: what sensors' slow noise and the gusts leave, and for forces
+        what trims differ by from one manoeuvre to the next."""
+        n, s = len(self.trim.sensors), self.setting
+        seconds = s.n * s.dt
+        density = dict.fromkeys(("theta", "q", "ax", "az", "v_down", "v_along", "alpha_vane"), 0.0)
+        for i, name in enumerate(self.trim.sensors):
+            density[name] = float(variances[i] * s.dt + variances[n + i] * 2 * SLOW_S)
+        speed = float(self.trim.signals["airspeed"][0])
+        # Variance of a mean is density/T; of a line's rise 12 density/T; of the rise of an integral 6/5 density T.
+        of = {
+            THETA: 12 * density["theta"] / seconds + 1.2 * seconds * density["q"],
+            DOWN: 12 * density["v_down"] / seconds + 1.2 * seconds * density["az"],
+            NORTH: 12 * density["v_along"] / seconds
+            + 1.2 * seconds * (density["ax"] + G0**2 * density["theta"]),
+            VANE: (density["alpha_vane"] + density["theta"] + density["v_down"] / speed**2) / seconds
+            + float(variances[2 * n]) * 2 * GUST_SCALE_M / speed / seconds,
+            LIFT: TRIM_SD[0] ** 2, MOMENT: TRIM_SD[1] ** 2, DRAG: TRIM_SD[2] ** 2,
+        }  # fmt: skip
+        return np.sqrt([of[j] for j in s.judged])
+
+    def motion(self, response: Complex) -> Array:
+        """(series,) root mean square of what moves in each series judged: the signal at its head, the coefficient."""
+        out = []
+        for row, j in enumerate(self.setting.judged):
+            name = SERIES[j]
+            if name in HEADS:
+                head = np.abs(response[:, row, self.trim.sensors.index(HEADS[name])]) ** 2
+                power = self.missed[MISSED.index(name)] * head
+            else:
+                x = self.record.signals[{"v_north": "v_along"}.get(name, name)]
+                power = np.abs(spectra(np.broadcast_to(x, (1, len(x))), self.setting, (0,), False).bins[0]) ** 2
+            out.append(math.sqrt(float(power.mean())))
+        return np.array(out)
+
+
+def _unjudged(name: str, record: Record, aircraft: Aircraft) -> bool:
+    if name == "v_down":
+        return "v_down" not in record.signals
+    if name == "v_north":
+        return "v_along" not in record.signals
+    if name == "drag":
+        return (aircraft.drag is None and not aircraft.value("CD_0")) or "thrust" not in record.signals
+    if name == "moment":
+        return aircraft.inertia.iyy is None
+    return False
+
+
+def manoeuvre(record: Record, aircraft: Aircraft) -> Manoeuvre:
+    """Ready to be compared with candidates about `aircraft`."""
+    judged = tuple(j for j, name in enumerate(SERIES) if not _unjudged(name, record, aircraft))
+    x = record.signals
+    force = float(np.mean(x["dynamic_pressure"])) * aircraft.geometry.wing_area
+    polar = aircraft.drag
+    mass = record.mass or aircraft.inertia.mass
+    lift = mass * float(np.mean(-x["az"])) / force
+    drag = polar.zero_lift + polar.induced * lift**2 if polar else 0.0
+    thrust = float(np.mean(x["thrust"])) if "thrust" in x else max(force * drag, 0.0)
+    own = Setting(
+        record.dt, record.n, bridge_of(record.dt, record.n), judged, record.imu, thrust,
+        stated_noise("elevator", record), "v_down" not in x, record.held,
+    )  # fmt: skip
+    f = own.frequencies
+    w = 2 * np.pi * f
+    decay = math.exp(-record.dt / SLOW_S)
+    slow = (1 - decay**2) / (1 - 2 * decay * np.cos(w * record.dt) + decay**2)
+    reach = w * GUST_SCALE_M / float(np.mean(x["airspeed"]))
+    gust = (1 + 3 * reach**2) / (1 + reach**2) ** 2
+    loading = (
+        mass / aircraft.inertia.mass,
+        (record.iyy or aircraft.inertia.iyy or 1.0) / (aircraft.inertia.iyy or 1.0),
+    )
+    made = Manoeuvre(
+        record,
+        own,
+        trim_of(record, own),
+        loading,
+        (np.ones(len(f)), slow, gust / gust.mean()),
+        np.ones((len(MISSED), len(f))),
+    )
+    made.missed[:] = _motion(made, aircraft)
+    made.memo._kept.clear()
+    return made
+
+
+def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:
+    """(MISSED, bins) smoothed spectra of the coefficients over what their sensor makes of them, and of sensors."""
+    still = aircraft.unsteady.model_copy(update={"tail_lift_slope": 0.0})
+    own = m.differences(aircraft.model_copy(update={"derivatives": {}, "drag": None, "unsteady": still}))
+    response, judged = m.responses(aircraft), m.setting.judged
+    out = np.zeros((len(MISSED), response.shape[0]))
+    for k, name in enumerate(MISSED):
+        if name in HEADS:
+            if SERIES.index(name) not in judged:
+                continue
+            row = judged.index(SERIES.index(name))
+            power = np.abs(own.bins[row] / response[:, row, m.trim.sensors.index(HEADS[name])]) ** 2
+        else:
+            x = np.broadcast_to(m.record.signals[name], (len(SERIES), m.record.n))
+            power = np.abs(spectra(x, m.setting, (VANE,), False).bins[0]) ** 2
+        out[k] = ndimage.gaussian_filter1d(power, SPREAD_BINS, mode="nearest")
+    return out
+
+
+def white_noise(name: str, record: Record) -> float:
+    """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
+    if record.dt > FAST_S or name in record.held or name == "thrust":
+        return stated_noise(name, record)
+    rough = float(np.median(np.abs(np.diff(record.signals[name], 4)))) / 0.6745 / math.sqrt(70.0)
+    return max(rough, 0.1 * stated_noise(name, record))
+
+
+def stated_noise(name: str, record: Record) -> float:
+    """Noise of one sensor that the rig states, or a good installation has."""
+    signal = {"v_along": "v_north"}.get(name, name)
+    if name == "thrust":
+        return 0.0
+    return float(record.stated.get(signal) or DEFAULT_NOISE[signal])

@@ -1,0 +1,121 @@
+"""How the noise of each sensor, and a gust at the vane, reach the residual series: responses in frequency.
+
+The residual function itself is asked, on straight flight like the record's mean, with one sensor after the other
+moved a little by a periodic signal: no second set of equations, no flights of a simulation. Noise enters several series
+at once; those cross terms are half the matter (errors in variables: Pintelon and Schoukens 2012, System Identification,
+chapter 8).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from station.diagnosis.measured_record import Record
+from station.diagnosis.memo import Memo
+from station.diagnosis.processing import Setting
+from station.diagnosis.residuals import LIFT, SERIES, VANE, series
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+PERIOD_S: Final = 10.0
+"""Of the periodic signal: its lines, 0.1 Hz apart, begin at the lowest frequency judged."""
+STEP_S: Final = 0.04
+"""Its time step: 25 Hz are enough for lines up to 3 Hz."""
+SMALL: Final = 1e-4
+"""Its size, relative to 1 rad, 1 rad/s, or g and the speed: small enough to be linear, far above rounding."""
+SENSORS: Final = (
+    "theta", "q", "ax", "az", "v_down", "v_along", "airspeed", "alpha_vane", "elevator", "thrust",
+)  # fmt: skip
+"""Airspeed and dynamic pressure are one sensor's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trim:
+    """Straight flight as in a record's mean, one period of it for each of its sensors."""
+
+    signals: dict[str, Array]
+    """(n,)"""
+    moved: dict[str, Array]
+    """(sensors, n)"""
+    setting: Setting
+    sensors: tuple[str, ...]
+    lines: NDArray[np.int64]
+    frequencies: Array
+    """Hz, of the lines."""
+    given: Complex
+    """(sensors, lines) transform of what each sensor was moved by."""
+    memos: tuple[Memo, Memo] = field(default_factory=lambda: (Memo(), Memo()), repr=False)
+    """Of the signals still, and moved."""
+
+
+def trim_of(record: Record, setting: Setting) -> Trim:
+    """About the mean of a record."""
+    dt = max(STEP_S, record.dt)
+    n = int(fft.next_fast_len(round(PERIOD_S / dt), real=True))
+    f = fft.rfftfreq(n, dt)
+    top = min(1.15 * setting.frequencies[-1] + f[1], 0.45 / dt)
+    lines = np.flatnonzero((f > 0) & (f <= top))
+    rng = np.random.default_rng(3)
+    phases = np.exp(2j * np.pi * rng.random(len(lines)))
+    spectrum = np.zeros(n // 2 + 1, dtype=complex)
+    spectrum[lines] = phases
+    wave = fft.irfft(spectrum, n)
+    wave *= SMALL / wave.std()
+    sensors = tuple(s for s in SENSORS if s in record.signals or s == "thrust")
+    mean = {name: np.full(n, float(x.mean())) for name, x in record.signals.items()}
+    mean.setdefault("thrust", np.full(n, setting.thrust))
+    mean["q"] = np.zeros(n)
+    for name in ("p", "r", "phi"):
+        if name in mean:
+            mean[name] = np.zeros(n)
+    speed = float(mean["airspeed"][0])
+    sizes = {"ax": 10.0, "az": 10.0, "v_down": speed, "v_along": speed, "airspeed": speed}
+    sizes["thrust"] = max(setting.thrust, 1.0)
+    moved = {name: np.repeat(x[None], len(sensors), 0) for name, x in mean.items()}
+    given = np.empty((len(sensors), len(lines)), dtype=complex)
+    for k, name in enumerate(sensors):
+        added = wave * sizes.get(name, 1.0)
+        moved[name][k] += added
+        if name == "airspeed":
+            moved["dynamic_pressure"][k] *= (moved["airspeed"][k] / mean["airspeed"]) ** 2
+        given[k] = fft.rfft(added)[lines]
+    own = replace(setting, dt=dt, n=n, bridge=0, held={})
+    return Trim(mean, moved, own, sensors, lines, f[lines], given)
+
+
+def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
+    """(bins, series judged, sensors + 1): what a sensor's noise makes of each series, at frequencies `bins` (Hz). The
+    last is the gust's, rad of flow angle at the vane: it shows in the vane's series alone, for lift and moment are fed
+    with what the vane shows."""
+    still, moving = trim.memos
+    base = series(trim.signals, aircraft, trim.setting, memo=still)
+    there = series(trim.moved, aircraft, trim.setting, memo=moving) - base
+    rows = list(trim.setting.judged)
+    shown = fft.rfft(there[:, rows, :], axis=-1)[..., trim.lines] / trim.given[:, None, :]
+    # Integrals fall with frequency: between the lines the products with it are the straighter.
+    f = trim.frequencies
+    out = np.empty((len(bins), len(rows), len(trim.sensors) + 1), dtype=complex)
+    scaled = shown * f
+    place = np.clip(np.searchsorted(f, bins) - 1, 0, len(f) - 2)
+    share = (bins - f[place]) / (f[place + 1] - f[place])
+    mixed = scaled[..., place] * (1 - share) + scaled[..., place + 1] * share
+    out[..., :-1] = np.moveaxis(mixed / bins, -1, 0).swapaxes(1, 2)
+    out[..., -1] = 0.0
+    if VANE in rows:
+        # As the vane shows it, less what is taken out of the vane by the lift that the gust itself makes: were it 1, a
+        # vane scaled down, or a boom that bends with the load, would seem to leave less of a gust to explain.
+        vane, lift = rows.index(VANE), rows.index(LIFT)
+        at, load = trim.sensors.index("alpha_vane"), trim.sensors.index("az")
+        by_load = out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
+        out[:, vane, -1] = out[:, vane, at] - by_load
+    return out
+
+
+assert SERIES[VANE] == "alpha_vane"

@@ -1,0 +1,147 @@
+"""Variances of all that is no motion: sensors' noise, gusts, and the shares that a model misses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.diagnosis.manoeuvre import FAST_S, MISSED, Manoeuvre, white_noise
+from station.diagnosis.residuals import Spectra
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+INDEPENDENT: Final = 0.87
+"""Independent values per frequency: the taper makes neighbours alike. (sum w2)2 / (n sum w4) of a 25 % Tukey window."""
+SLOW_SHARE: Final = 0.25
+"""Of a sensor's variance, slow where nothing is known."""
+THRUST_SHARE: Final = 0.05
+"""Where thrust is not recorded: by how much of its trim it changes unseen. A propeller's changes with the speed by
+about as much, and so do small corrections by hand."""
+RECORDED_THRUST: Final = 0.005
+"""Of the trim's thrust: noise of a recorded one."""
+SEEN_SD: Final = 0.25
+"""Prior standard deviation of the logarithm of the variance of white noise that the samples show."""
+LEVEL_SD: Final = 1.5
+"""The same where only a rig states it, and of the slow part: half or twice the noise is nothing unusual."""
+LEAST_MISSED: Final = (0.01, 0.01, 0.2, 0.005, 0.002)
+"""Of MISSED: no linear model is better than a hundredth, no parabolic polar than a fifth of what moves, no vane than
+half a hundredth (its friction), no surface's sensor than a five-hundredth."""
+LEAST_GUST: Final = 3e-5
+"""rad: below any vane's noise."""
+LOOSE: Final = 1e-3
+"""Stiffness of the logarithms of the gust and of what is missed: none, but for finite numbers."""
+SCORINGS: Final = 8
+HALVINGS: Final = 5
+SHORTENED: Final = 0.4
+LONGEST: Final = 2.0
+"""Of a logarithm, in one scoring."""
+LOWEST: Final = 6.0
+"""Of the logarithm of a variance, below its prior: a twentieth of the noise stated."""
+DONE: Final = 0.05
+"""Of -2 log likelihood: a scoring that gains less is the last."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levels:
+    """Variances of the components of the noise."""
+
+    noise: Array
+    """(manoeuvres, 2 sensors): white, then slow."""
+    gust: Array
+    """(manoeuvres,) rad2, as the vane shows it."""
+    missed: Array
+    """(3,) square of the share of lift, moment, drag."""
+
+    def of(self, k: int) -> Array:
+        """(components,) of a manoeuvre, in the order of Manoeuvre.columns."""
+        return np.concatenate([self.noise[k], self.gust[k : k + 1], self.missed])
+
+
+def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
+    """What rigs state, or good installations have; no gust and nothing missed."""
+    rows = []
+    for m in manoeuvres:
+        sd = np.array([white_noise(s, m.record) for s in m.trim.sensors])
+        at = m.trim.sensors.index("thrust")
+        sd[at] = (RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE) * max(m.setting.thrust, 1.0)
+        rows.append(np.concatenate([sd**2, SLOW_SHARE * sd**2]))
+    return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(LEAST_MISSED))
+
+
+def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
+    """(manoeuvres, 2 sensors) inverse prior variances of the logarithms of the noise's variances."""
+    made: Array = np.full(prior.noise.shape, 1 / LEVEL_SD**2)
+    for k, m in enumerate(manoeuvres):
+        if m.record.dt <= FAST_S:
+            made[k, : len(m.trim.sensors)] = 1 / SEEN_SD**2
+    return made
+
+
+def fitted(
+    spectra: Sequence[Spectra], columns: Sequence[Complex], start: Levels, prior: Levels, stiffness: Array,
+    frozen: int | None = None,
+) -> Levels:  # fmt: skip
+    """The most likely variances at fixed parameters, by Fisher scoring of their logarithms.
+
+    `spectra`: residuals by manoeuvre; `columns`: Manoeuvre.columns of each; `stiffness`: see `stiffness_of`; `frozen`:
+    which of MISSED stays as it is.
+    """
+    count, many = prior.noise.shape
+    x, centre = (np.log(np.concatenate([lv.noise.ravel(), lv.gust, lv.missed])) for lv in (start, prior))
+    stiff = np.concatenate([stiffness.ravel(), np.full(count + len(MISSED), LOOSE)])
+    low = np.concatenate(
+        [
+            centre[: count * many] - LOWEST,
+            np.full(count, math.log(LEAST_GUST**2)),
+            2 * np.log(LEAST_MISSED),
+        ]
+    )
+    picks = [
+        np.concatenate([k * many + np.arange(many), [count * many + k], count * (many + 1) + np.arange(len(MISSED))])
+        for k in range(count)
+    ]
+
+    def scored(x: Array, whole: bool) -> tuple[float, Array, Array]:
+        total, gradient, fisher = float((stiff * (x - centre) ** 2).sum()), stiff * (x - centre), np.diag(stiff)
+        for b, z, pick in zip(columns, spectra, picks, strict=True):
+            v = np.exp(x[pick])
+            root = np.linalg.cholesky((b * v) @ np.conj(b.swapaxes(-1, -2)))
+            if whole:
+                both = np.linalg.solve(root, np.concatenate([z.bins.T[..., None], b], axis=-1))
+                w, own = both[..., :1], both[..., 1:]
+                turned = np.conj(own.swapaxes(-1, -2))
+                gram = turned @ own
+                power = (np.abs((turned @ w)[..., 0]) ** 2).sum(0)
+                gradient[pick] += INDEPENDENT * v * (np.einsum("mii->i", gram).real - power)
+                fisher[np.ix_(pick, pick)] += INDEPENDENT * np.outer(v, v) * (np.abs(gram) ** 2).sum(0)
+            else:
+                w = np.linalg.solve(root, z.bins.T[..., None])
+            total += 2 * INDEPENDENT * float((np.abs(w) ** 2).sum())
+            total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum())
+        return total, gradient, fisher
+
+    here, gradient, fisher = scored(x, True)
+    for _ in range(SCORINGS):
+        step = np.clip(-np.linalg.solve(fisher, gradient), -LONGEST, LONGEST)
+        if frozen is not None:
+            step[frozen - len(MISSED)] = 0.0
+        for _ in range(HALVINGS):
+            trial = np.maximum(x + step, low)
+            there, *_ = scored(trial, False)
+            if there <= here:
+                break
+            step *= SHORTENED
+        if there > here:
+            break
+        gained, x = here - there, trial
+        if gained < DONE:
+            break
+        here, gradient, fisher = scored(x, True)
+    v = np.exp(x)
+    return Levels(v[: count * many].reshape(count, many), v[count * many : -len(MISSED)], v[-len(MISSED) :])

@@ -1,0 +1,182 @@
+"""The likelihood by itself: errors in variables, its invariance, and the levels of noise that it estimates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import another_simulation as flown
+import numpy as np
+import pytest
+from blind import Case, aircraft, fly_case
+from numpy.typing import NDArray
+from test_sensor_noise import level_flight
+
+from station.diagnosis import likelihood, variances
+from station.diagnosis.effects import extended
+from station.diagnosis.free_parameters import Free
+from station.diagnosis.judge import LEVEL_DOF, _log_p
+from station.diagnosis.likelihood import Problem
+from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.measured_record import Record, manoeuvres
+from station.diagnosis.profile_changes import derivative
+from station.diagnosis.variances import INDEPENDENT
+from station.profile import Aircraft, load_aircraft
+
+SIX = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
+NOISY = {**flown.NOISE, "alpha_vane": math.radians(0.8), "q": math.radians(0.5)}
+"""A poor vane and a poor gyro: at 0.8 deg the vane's noise is as large as the angle of attack that inputs of 3 deg
+make."""
+DRAWS = 30
+
+
+@pytest.fixture(scope="module")
+def navion(tmp_path_factory: pytest.TempPathFactory) -> Aircraft:
+    path = tmp_path_factory.mktemp("navion") / "navion.toml"
+    path.write_text(flown.PROFILE)
+    return load_aircraft(str(path))
+
+
+@pytest.fixture(scope="module")
+def quiet() -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """A calm flight of another simulation as sensors without noise would show it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flown, "NOISE", dict.fromkeys(flown.NOISE, 0.0))
+        return flown.fly(flown.Case(seed=5), 2)
+
+
+def laid(signals: dict[str, NDArray[np.float64]], noise: dict[str, float], seed: int) -> dict[str, NDArray[np.float64]]:
+    rng = np.random.default_rng([61, seed])
+    return {n: x + noise[n] * rng.standard_normal(len(x)) for n, x in signals.items()}
+
+
+@pytest.fixture(scope="module")
+def estimates(
+    navion: Aircraft, quiet: tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(draws, 6) relative errors of the derivatives and their standard deviations, from one flight under noise drawn
+    anew, by a prior that says nothing; the model, the thrust and the speed through the air mass are right here, and
+    nothing is allowed for their errors."""
+    frees = [Free(n, 2.0, derivative(n, relative=True), 0.02) for n in SIX]
+    t, signals = quiet
+    values, told = [], []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(variances, "LEAST_MISSED", (1e-5,) * len(variances.MISSED))
+        patch.setattr(likelihood, "DRIFT_SD", 1e-6)
+        patch.setattr(variances, "THRUST_SHARE", 1e-6)
+        for seed in range(DRAWS):
+            (record,) = manoeuvres("noisy", t, laid(signals, NOISY, seed), navion)
+            found = Problem([manoeuvre(replace(record, stated=NOISY), navion)], navion, frees).null()
+            values.append(2.0 * found.state.a[: len(SIX)])
+            told.append(2.0 * np.sqrt(np.diag(found.solved.covariance))[: len(SIX)])
+    return np.array(values), np.array(told)
+
+
+def test_least_squares_on_the_vane_is_drawn_towards_nought(
+    quiet: tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]],
+) -> None:
+    """That the case is one of errors in variables: equation error loses a fifth of the lift slope."""
+    shown = laid(quiet[1], NOISY, 0)
+    lift = -flown.MASS * shown["az"] / (shown["dynamic_pressure"] * flown.AREA)
+    columns = np.column_stack([shown["alpha_vane"] / 1.08, shown["q"], shown["elevator"], np.ones(len(lift))])
+    assert np.linalg.lstsq(columns, lift, rcond=None)[0][0] < 0.85 * flown.NAVION["CL_alpha"]
+
+
+def test_noise_in_the_slopes_draws_no_derivative(
+    estimates: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    """The flight was flown with the profile's derivatives: each mean is within three and a half standard errors."""
+    values, _ = estimates
+    errors = values.mean(0) / (values.std(0, ddof=1) / math.sqrt(DRAWS))
+    assert np.abs(errors).max() < 3.5, dict(zip(SIX, errors.round(1), strict=True))
+    assert np.abs(values.mean(0)).max() < 0.02
+
+
+def test_the_covariance_is_the_scatter(estimates: tuple[NDArray[np.float64], NDArray[np.float64]]) -> None:
+    values, told = estimates
+    ratio = values.std(0, ddof=1) / np.sqrt((told**2).mean(0))
+    # The scatter of n draws is known to 1/sqrt(2 n).
+    assert np.abs(np.log(ratio)).max() < 3 / math.sqrt(2 * DRAWS), dict(zip(SIX, ratio.round(2), strict=True))
+
+
+def test_what_the_model_may_miss_is_not_known_better(
+    navion: Aircraft, quiet: tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]],
+    estimates: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:  # fmt: skip
+    """No linear model is better than a hundredth: that is said of the pitch stiffness, however little the noise."""
+    frees = [Free(n, 2.0, derivative(n, relative=True), 0.02) for n in SIX]
+    (record,) = manoeuvres("noisy", quiet[0], laid(quiet[1], NOISY, 0), navion)
+    found = Problem([manoeuvre(replace(record, stated=NOISY), navion)], navion, frees).null()
+    told = 2.0 * np.sqrt(np.diag(found.solved.covariance))[SIX.index("Cm_alpha")]
+    assert told > 2 * estimates[1][:, SIX.index("Cm_alpha")].mean()
+
+
+KNOWN = {"dynamic_pressure.scale": -0.36, "accelerometer.scale": 0.1, "elevator.scale": 0.5, "alpha_vane.scale": 0.2}
+
+
+def seen_through(record: Record) -> Record:
+    """A record as instruments with KNOWN errors would have shown it, their noise included."""
+    gains = {
+        "airspeed": math.sqrt(0.64), "dynamic_pressure": 0.64, "ax": 1.1, "az": 1.1, "elevator": 1.5, "alpha_vane": 1.2,
+    }  # fmt: skip
+    signals = {n: x * gains.get(n, 1.0) for n, x in record.signals.items()}
+    return replace(record, signals=signals, stated={n: sd * gains.get(n, 1.0) for n, sd in record.stated.items()})
+
+
+def test_scales_that_are_known_change_nothing() -> None:
+    """Residuals are weighed by the noise that reaches them: what scales both scales nothing, in no frequency and no
+    series."""
+    record = fly_case(Case(seed=991, fit_on=("doublets",)), "doublets", 0)
+    plain, known = aircraft(), extended(aircraft(), KNOWN)
+    one = Problem([manoeuvre(record, plain)], plain)
+    other = Problem([manoeuvre(seen_through(record), known)], known)
+    sensors = one.manoeuvres[0].trim.sensors
+    a = np.zeros(len(one.frees) + 1)
+    here = one.state({}, a)
+    # The gust is stated as the vane shows it.
+    levels = replace(other.prior, gust=one.prior.gust * 1.2**2)
+    there = other.state({}, a, levels)
+    at = sensors.index("alpha_vane")
+    assert other.prior.noise[0, at] == pytest.approx(1.2**2 * one.prior.noise[0, at])
+    np.testing.assert_allclose(there.white[0], here.white[0], atol=2e-3)
+
+
+def test_no_scale_of_a_sensor_shrinks_what_is_left() -> None:
+    """A vane that is said to show five times too much leaves a fifth of its residual, and of its noise."""
+    record = fly_case(Case(seed=992, fit_on=("doublets",)), "doublets", 0)
+    problem = Problem([manoeuvre(record, aircraft())], aircraft())
+    a = np.zeros(len(problem.frees) + 1)
+    q = [problem.state({"alpha_vane.scale": x}, a).q for x in (0.0, 0.5, 1.4)]
+    assert q[0] < q[1] < q[2]
+
+
+@pytest.mark.parametrize("stated", [0.5, 2.0])
+def test_the_levels_are_those_of_the_noise_laid_on(navion: Aircraft, stated: float) -> None:
+    """White noise on straight flight, at 25 Hz, where samples do not show it by themselves: what the rig states is off
+    by two, the spectra tell."""
+    still = level_flight()
+    n, true = 1600, {"theta": 2e-3, "q": 1e-3, "az": 0.3, "v_down": 0.1, "v_along": 0.15}
+    rng = np.random.default_rng(7)
+    signals = {name: x[0] + true.get(name, 0.0) * rng.standard_normal(n) for name, x in still.signals.items()}
+    rig = {{"v_along": "v_north"}.get(name, name): stated * sd for name, sd in true.items()}
+    record = replace(still, dt=0.04, signals=signals, stated=rig)
+    problem = Problem([manoeuvre(record, navion)], navion, [])
+    s = problem.state({}, np.zeros(1))
+    for _ in range(3):
+        s = problem.relevelled(s)
+    sensors = problem.manoeuvres[0].trim.sensors
+    for name, sd in true.items():
+        found = math.sqrt(s.levels.noise[0, sensors.index(name)])
+        # Each is the only one in some third of 170 frequencies, or more: known to 0.5/sqrt(60).
+        assert found == pytest.approx(sd, rel=0.2), name
+
+
+@pytest.mark.parametrize("count", [5, 20, 100])
+def test_leftovers_are_as_unlikely_as_told_with_an_estimated_level(count: int) -> None:
+    rng = np.random.default_rng(count)
+    shape = count * INDEPENDENT
+    level = rng.chisquare(LEVEL_DOF, 20000) / LEVEL_DOF
+    totals = rng.gamma(shape, 1 / INDEPENDENT, 20000) / level
+    reported = np.exp([_log_p(float(t), count) for t in totals])
+    for chance in (0.5, 0.01):
+        assert np.mean(reported < chance) == pytest.approx(chance, abs=4 * np.sqrt(chance / 20000))
