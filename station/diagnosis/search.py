@@ -173,7 +173,10 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
                 weakest, least = name, 0.0
         if least > ASKED:
             return whole
-        accepted = refits.done[frozenset(i for i in whole.state.ids if i != weakest)]
+        left = frozenset(whole.state.ids) - {weakest}
+        if not left:
+            break
+        accepted = refits.done[left]
     return refits.null
 
 
