@@ -120,7 +120,6 @@ def _whole(
     from station.diagnosis.diagnosis_json import as_json
     from station.diagnosis.procedure import diagnose as solve
     from station.diagnosis.readings import readings_of
-    from station.diagnosis.reported import reported
 
     records, held = ([r for ready, spans in some for r in ready.records(subject, spans)] for some in (fitted, kept))
     if not held and len(records) > 1:
@@ -128,7 +127,7 @@ def _whole(
         records, held = records[:-count], records[-count:]
     found = solve(records, held, subject, progress=lambda words: say(f"  {words}"))
     say("  sizes that would have been found")
-    sizes = detectable_sizes(found.problem, reported(found))
+    sizes = detectable_sizes(found.problem, found.found.accepted)
     readings = readings_of(found)
     if report is not None:
         say("  drawing the report")

@@ -11,7 +11,6 @@ from station.diagnosis.free_parameters import DERIVATIVES
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
-from station.diagnosis.reported import reported
 from station.diagnosis.vane_gust import undone
 from station.model.flying_qualities import Condition, Qualities, qualities
 from station.profile import Aircraft
@@ -58,7 +57,7 @@ def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | 
         return "the profile gives no iyy", None
     flown = found.problem.manoeuvres
     at, alpha = _condition(aircraft, flown)
-    covariance = posterior(found.problem, reported(found), alpha)
+    covariance = posterior(found.problem, found.found.accepted, alpha)
     after = qualities(aircraft, at, local(aircraft, alpha), covariance)
     at, alpha = _condition(found.aircraft, flown)
     before = qualities(found.aircraft, at, local(found.aircraft, alpha), 0.0 * covariance)

@@ -12,7 +12,7 @@ from station.diagnosis.diagnosis_result import Effect, Gain, Result
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.kinematic_diagnosis import KinematicDiagnosis
 from station.diagnosis.procedure import Diagnosis, gusts
-from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted, reported
+from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted
 
 SCHEMA: Final = "station.diagnose/1"
 
@@ -20,7 +20,7 @@ SCHEMA: Final = "station.diagnose/1"
 def as_json(d: Diagnosis, sizes: Sequence[Detectable]) -> dict[str, Any]:
     """Of a full diagnosis, with the sizes that its records would show (`detectable_sizes`)."""
     problem, remaining = d.problem, d.remaining
-    there, fitted = remaining.present, reported(d)
+    there, fitted = remaining.present, d.found.accepted
     names = [m.record.name for m in problem.manoeuvres]
     free = free_parameters_of(d)
     return _finite(

@@ -23,7 +23,7 @@ from station.diagnosis.pictures import (
     times,
 )
 from station.diagnosis.procedure import NOTABLE_GUST, Diagnosis, gusts
-from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted, reported
+from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted
 from station.diagnosis.search import ASKED
 from station.identification.html_page import image, text, write_page
 from station.identification.instrument_pages import kinematic_pages
@@ -168,7 +168,7 @@ def _next(found: Diagnosis) -> str:
     if found.not_named:
         names = ", ".join(e.term.id for e in found.not_named)
         advice.append(f"{names}: more manoeuvres, to fit and to hold out, would confirm it or not.")
-    if max(gusts(found.problem, reported(found))) < NOTABLE_GUST:
+    if max(gusts(found.problem, found.found.accepted)) < NOTABLE_GUST:
         advice.append("All of this was calm: one manoeuvre in turbulence shows the gust path.")
     lines = "".join(f"<li>{text(a)}</li>" for a in advice)
     return f"<h2>What to fly or check next</h2><ul>{lines}</ul>" if advice else ""
@@ -192,7 +192,7 @@ def _gain(found: Diagnosis) -> str:
 
 
 def _residuals(found: Diagnosis) -> str:
-    levels = reported(found).state.levels
+    levels = found.found.accepted.state.levels
     rows = [
         (text(e.name), MEANING[e.name][0], f"{e.before:.2f}", f"{e.after:.2f}", "yes" if e.white else "no")
         for e in judge.series_errors(found.problem, levels, found.remaining, found.before, found.after)
@@ -242,7 +242,7 @@ def _records(found: Diagnosis) -> str:
             *(f"{from_si(own[s], _unit(s)):.2g}" if s in own else "–" for s in names),
         )
         for m, gust, own in zip(
-            found.problem.manoeuvres, gusts(found.problem, reported(found)), noise, strict=True
+            found.problem.manoeuvres, gusts(found.problem, found.found.accepted), noise, strict=True
         )
     ]  # fmt: skip
     head = ("noise found (sd)", "vertical gust<br>m/s", *(f"{text(s)}<br>{text(_unit(s))}" for s in names))

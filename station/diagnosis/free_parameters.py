@@ -18,12 +18,14 @@ from station.diagnosis.profile_changes import (
     delay,
     derivative,
     gain,
+    indicial_amplitude,
+    indicial_rate,
     inertia,
     unsteady,
     vane_dynamics,
     zero_lift_drag,
 )
-from station.profile import Aircraft, Indicial
+from station.profile import Aircraft
 
 DERIVATIVES: Final = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 PRIOR_SHARE: Final = 0.10
@@ -48,47 +50,12 @@ class Free:
     """Over how many standard deviations its slope is taken."""
 
 
-def _rates(*fields: str) -> Extend:
-    """Indicial responses that follow 1 + x times as fast."""
-
-    def change(a: Aircraft, x: float) -> Aircraft:
-        made: dict[str, Indicial] = {}
-        for name in fields:
-            old = getattr(a.unsteady, name)
-            if old is not None:
-                made[name] = old.model_copy(update={"b": tuple(max(0.05, 1 + x) * v for v in old.b)})
-        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
-
-    return change
-
-
-def _amplitude(*fields: str) -> Extend:
-    def change(a: Aircraft, x: float) -> Aircraft:
-        made: dict[str, Indicial] = {}
-        for name in fields:
-            old = getattr(a.unsteady, name)
-            if old is not None:
-                made[name] = old.model_copy(update={"a": tuple(max(0.0, 1 + x) * v for v in old.a)})
-        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
-
-    return change
-
-
 def _share(field: str) -> Extend:
     def change(a: Aircraft, x: float) -> Aircraft:
         old = getattr(a.unsteady, field)
         return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={field: old * max(0.0, 1 + x)})})
 
     return change
-
-
-def _tail_arm(a: Aircraft, x: float) -> Aircraft:
-    return _share("tail_arm")(a, x)
-
-
-def _lead(a: Aircraft, x: float) -> Aircraft:
-    # Position over speed: known as a time.
-    return boom("vane_x")(a, x)
 
 
 def _damping(a: Aircraft, x: float) -> Aircraft:
@@ -127,10 +94,10 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("tail lift slope", u.tail_lift_slope, _share("tail_lift_slope")),
             Free("downwash", u.downwash, _share("downwash")),
             Free("downwash delay", u.downwash_delay, unsteady("downwash_delay")),
-            Free("tail arm", u.tail_arm, _tail_arm),
-            Free("lift amplitude", u.lift_memory, _amplitude("lift_motion")),
-            Free("lift rate", u.lift_rate, _rates("lift_motion")),
-            Free("gust lift rate", u.lift_rate, _rates("lift_gust")),
+            Free("tail arm", u.tail_arm, _share("tail_arm")),
+            Free("lift amplitude", u.lift_memory, indicial_amplitude("lift_motion")),
+            Free("lift rate", u.lift_rate, indicial_rate("lift_motion")),
+            Free("gust lift rate", u.lift_rate, indicial_rate("lift_gust")),
             Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
             Free("convection", u.convection, unsteady("convection")),
             Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),
@@ -138,16 +105,16 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
     if aircraft.boom is not None:
         found += [
             Free("upwash wing", u.upwash_wing * aircraft.boom.upwash_wing, boom("upwash_wing")),
-            Free("upwash rate", u.upwash_rate, _rates("upwash_motion")),
-            Free("gust upwash rate", u.upwash_rate, _rates("upwash_gust")),
-            Free("vane lead", u.vane_x * speed, _lead),
+            Free("upwash rate", u.upwash_rate, indicial_rate("upwash_motion")),
+            Free("gust upwash rate", u.upwash_rate, indicial_rate("upwash_gust")),
+            Free("vane lead", u.vane_x * speed, boom("vane_x")),
             Free("vane frequency", u.vane_frequency, vane_dynamics),
             Free("vane damping", u.vane_damping, _damping),
             Free("vane zero", to_si(0.15, "deg"), bias("alpha_vane")),
         ]
     else:
         # Nothing is known of where the vane is, and of what the aircraft does to the flow there.
-        found += [Free("vane lead", UNKNOWN_LEAD_M, _lead), Free("upwash body", 0.1, boom("upwash_body"))]
+        found += [Free("vane lead", UNKNOWN_LEAD_M, boom("vane_x")), Free("upwash body", 0.1, boom("upwash_body"))]
     found += [
         Free("vane delay", u.vane_delay, delay("alpha_vane")),
         Free("vane scale", _vane_scale(aircraft), gain("alpha_vane")),

@@ -121,7 +121,7 @@ class Problem:
         return extended(moved(self.aircraft, self.frees, a), values)
 
     def state(self, values: Mapping[str, float], a: Array, levels: Levels | None = None) -> State:
-        """A candidate, with the levels given or fitted anew."""
+        """A candidate, with the levels given or those of the prior."""
         craft = self.aircraft_at(values, a)
         drifts = a[len(self.frees) :] * DRIFT_SD
         spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))

@@ -16,7 +16,7 @@ from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.processing import HIGH_HZ, back, transform, without_line
-from station.diagnosis.reported import alone, reported
+from station.diagnosis.reported import alone
 from station.diagnosis.residuals import SERIES, Spectra, series
 from station.diagnosis.search import ASKED
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE
@@ -107,7 +107,7 @@ def compared(found: Diagnosis) -> list[Compared]:
     """Every manoeuvre, those held out after the others."""
     crafts = {BEFORE: found.before, AFTER: found.after} if found.effects else {FITTED: found.after}
     fitted = found.problem.manoeuvres
-    state = reported(found).state
+    state = found.found.accepted.state
     uses = [(m, "fitted", state.levels.of(k)) for k, m in enumerate(fitted)]
     if found.held_out:
         # Another day: its noise and gust are its own.

@@ -12,14 +12,14 @@ import numpy as np
 from station.diagnosis import judge
 from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Effect, Gain, Verdict, by_reduction, verdict_of
-from station.diagnosis.effects import BY_ID, derivative_effect, extended, judged_effects
+from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
 from station.diagnosis.free_parameters import DERIVATIVES
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import HEADS, Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, describe_missing
 from station.diagnosis.residuals import SERIES
-from station.diagnosis.search import LEAST_SHARE, Found, changes, search
+from station.diagnosis.search import LEAST_SHARE, WHOLE, Found, changes, search
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.3
@@ -96,27 +96,21 @@ def diagnose(
     found = search(problem, terms, progress)
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted)
-    effects, better = _effects(found, problem)
+    gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
-    if drowned:
-        effects = tuple(e for e in effects if e.term.id not in drowned)
-        better = _with(aircraft, effects)
-    before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
-    gain: Gain | None = None
+    found = _less(found, problem, drowned)
+    progress("gain on what is held out")
+    effects, gain, confirmed = _measured(found, problem, kept, remaining)
     not_named: tuple[Effect, ...] = ()
-    if effects:
-        progress("gain on what is held out")
-        gain = _gain((aircraft, before), (better, after), kept)
-        confirmed = gain.low > 0 if gain is not None else not remaining.present
-        if not confirmed:
-            # What does not lower the error of data held out is no finding, but where instruments contradict each other.
-            not_named = tuple(e for e in effects if not _contradicts(e))
-            effects = tuple(e for e in effects if _contradicts(e))
-            better = _with(aircraft, effects)
-            after = after if effects else before
+    if not confirmed:
+        # What does not lower the error of data held out is no finding, but where instruments contradict each other.
+        not_named = tuple(e for e in effects if not _contradicts(e))
+        found = _less(found, problem, [e.term.id for e in not_named])
+        effects, gain, _ = _measured(found, problem, kept, remaining, _contradicts)
+    before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     remarks = [
         f"turbulence in {m.record.name}: vertical gust of {g:.2f} m/s standard deviation"
-        for m, g in zip(made, gusts(problem, found.accepted), strict=True)
+        for m, g in zip(made, gusty, strict=True)
         if g > NOTABLE_GUST
     ]
     remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
@@ -131,17 +125,17 @@ def diagnose(
         aircraft=aircraft,
         verdict=verdict_of((*seen, *effects), remaining.present),
         effects=tuple(replace(e, suspect=remaining.present) for e in effects),
-        gain=gain if effects else None,
+        gain=gain,
         remaining=remaining,
         found=found,
         problem=problem,
         held_out=tuple(kept),
         remarks=tuple(remarks),
-        extended=better,
+        extended=_with(aircraft, effects),
         before=before,
         after=after,
         seen=tuple(seen),
-        not_named=tuple(not_named),
+        not_named=not_named,
     )
 
 
@@ -162,12 +156,42 @@ def _drowned(e: Estimate, problem: Problem, remaining: RemainingResidual) -> tup
     return tuple(i for i, row in zip(e.state.values, shares, strict=True) if not (row > limits).any())
 
 
+def _less(found: Found, problem: Problem, names: Sequence[str]) -> Found:
+    """The outcome without some of the accepted effects, the rest fitted without them."""
+    accepted = found.accepted
+    left = {i: v for i, v in accepted.state.values.items() if i not in names}
+    if len(left) == len(accepted.state.values):
+        return found
+    if not left:
+        return replace(found, accepted=found.null, alternatives=())
+    start = problem.relevelled(problem.state(left, accepted.state.a, accepted.state.levels))
+    return replace(found, accepted=problem.estimate(start, WHOLE, problem.whole), alternatives=())
+
+
+def _measured(
+    found: Found,
+    problem: Problem,
+    kept: Sequence[Manoeuvre],
+    remaining: RemainingResidual,
+    named: Callable[[Effect], bool] = lambda _: True,
+) -> tuple[tuple[Effect, ...], Gain | None, bool]:
+    """What could be named, the gain of that on held-out data, and whether it is confirmed: by them, or where nothing is
+    held out by nothing being left."""
+    effects = tuple(e for e in _effects(found, problem) if named(e))
+    if not effects:
+        return (), None, True
+    fitted = [problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted)]
+    gain = _gain((problem.aircraft, fitted[0]), (_with(problem.aircraft, effects), fitted[1]), kept)
+    return effects, gain, gain.low > 0 if gain is not None else not remaining.present
+
+
 def _contradicts(e: Effect) -> bool:
     """Whether gyro, attitude and velocity say so among themselves, beyond doubt."""
     return set(e.term.target.split()) <= INERTIAL and (e.reduction or 0.0) > BEYOND_DOUBT
 
 
 def _with(aircraft: Aircraft, effects: Sequence[Effect]) -> Aircraft:
+    """The profile with effects in it."""
     for e in effects:
         aircraft = e.term.extend(aircraft, e.value)
     return aircraft
@@ -189,12 +213,11 @@ def _gain(before: tuple[Aircraft, ...], after: tuple[Aircraft, ...], kept: Seque
     return max(there, key=lambda g: g.low, default=None)
 
 
-def _effects(found: Found, problem: Problem) -> tuple[tuple[Effect, ...], Aircraft]:
-    """What is named, and the profile with it."""
+def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
+    """The accepted effects, and what is beyond its prior; the strongest evidence first."""
     accepted = found.accepted
     sd = np.sqrt(np.diag(accepted.solved.covariance))
     out = []
-    better = extended(problem.aircraft, accepted.state.values)
     for k, (name, value) in enumerate(accepted.state.values.items()):
         term = BY_ID[name]
         without = found.tried.get(frozenset(accepted.state.values) - {name}, found.null)
@@ -218,5 +241,4 @@ def _effects(found: Found, problem: Problem) -> tuple[tuple[Effect, ...], Aircra
         else:
             continue
         out.append(Effect(term, free.sd * x, free.sd * error, x * x))
-        better = term.extend(better, free.sd * x)
-    return tuple(sorted(out, key=by_reduction)), better
+    return tuple(sorted(out, key=by_reduction))

@@ -156,18 +156,32 @@ def unsteady(field: str) -> Extend:
     return change
 
 
-def indicial_amplitude(*fields: str) -> Extend:
-    """Indicial responses with their amplitudes times 1 + x."""
+def _indicial(part: str, least: float, *fields: str) -> Extend:
+    """Indicial responses with their amplitudes ("a") or rates ("b") times 1 + x, at `least` that."""
 
     def change(a: Aircraft, x: float) -> Aircraft:
         made: dict[str, Indicial] = {}
         for field in fields:
             old = getattr(a.unsteady, field)
             if old is not None:
-                made[field] = old.model_copy(update={"a": tuple((1 + x) * v for v in old.a)})
+                made[field] = old.model_copy(update={part: tuple(max(least, 1 + x) * v for v in getattr(old, part))})
         return a.model_copy(update={"unsteady": a.unsteady.model_copy(update=made)})
 
     return change
+
+
+def indicial_amplitude(*fields: str) -> Extend:
+    """Indicial responses with their amplitudes times 1 + x."""
+    return _indicial("a", -math.inf, *fields)
+
+
+SLOWEST: Final = 0.05
+"""Share of its rate below which no indicial response falls: at nought it would not be one."""
+
+
+def indicial_rate(*fields: str) -> Extend:
+    """Indicial responses that follow 1 + x times as fast."""
+    return _indicial("b", SLOWEST, *fields)
 
 
 def thrust_arm(a: Aircraft, x: float) -> Aircraft:

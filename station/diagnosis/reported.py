@@ -12,7 +12,6 @@ import numpy as np
 from station.conventions import from_si
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import DERIVATIVES
-from station.diagnosis.likelihood import Estimate
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 
@@ -22,11 +21,6 @@ _UNITS: Final[Mapping[str, str]] = {
     "az bias": "g", "ax bias": "g", "q bias": "deg/s", "CL_0": "1", "Cm_0": "1", "CD_0": "1",
 }  # fmt: skip
 """Units that free parameters are told in; those without one are relative to the profile's value."""
-
-
-def reported(d: Diagnosis) -> Estimate:
-    """The estimate that `Diagnosis.after` was made of: without the effects that held-out data do not confirm."""
-    return d.found.null if d.not_named else d.found.accepted
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +58,7 @@ class Moved:
 
 def free_parameters_of(d: Diagnosis) -> list[Moved]:
     """Every free parameter as fitted."""
-    e = reported(d)
+    e = d.found.accepted
     sds = np.sqrt(np.diag(e.solved.covariance))[len(e.state.values) :]
     return [
         Moved(f.name, f.sd, float(x), float(sd))
@@ -104,7 +98,7 @@ def not_accepted(d: Diagnosis) -> list[Alone]:
 
 def noise_of(d: Diagnosis) -> list[dict[str, float]]:
     """Standard deviation of the white noise found for each sensor, SI, by manoeuvre fitted."""
-    levels = reported(d).state.levels
+    levels = d.found.accepted.state.levels
     return [
         {s: math.sqrt(v) for s, v in zip(m.trim.sensors, own, strict=False) if _recorded(m, s)}
         for m, own in zip(d.problem.manoeuvres, levels.noise.tolist(), strict=True)

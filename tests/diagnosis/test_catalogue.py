@@ -10,7 +10,7 @@ from blind import SIGMAS, Case, aircraft, fly_case
 
 from station.conventions import from_si, to_si, unit_named
 from station.diagnosis.diagnosis_report import effects_table
-from station.diagnosis.diagnosis_result import summary
+from station.diagnosis.diagnosis_result import Gain, summary
 from station.diagnosis.effects import BY_ID, EFFECTS, SIGNAL_EFFECTS, Term, extended, signal_effect
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.procedure import diagnose
@@ -104,3 +104,15 @@ def test_a_new_row_is_all_that_a_new_effect_takes(monkeypatch):
     assert effect.value == pytest.approx(0.3, abs=3 * effect.sd)
     assert any(effect.sentence in line for line in summary(found))
     assert "v_down.scale" in effects_table(found.named)
+
+
+def test_what_held_out_data_do_not_confirm_is_neither_named_nor_left_in_the_aircraft(monkeypatch):
+    """Gyro and attitude contradict each other whatever is held out; the elevator's lag rests on the aircraft's model."""
+    case = Case(seed=78, effects={"q.delay": 0.02, "elevator.lag": 0.06})
+    made = [fly_case(case, kind, k) for k, kind in enumerate(("doublets", "3-2-1-1"))]
+    monkeypatch.setattr("station.diagnosis.judge.gain", lambda *_: Gain(1.0, 1.1, -0.1, -0.2, 0.0))
+    found = diagnose(made, [], aircraft())
+    assert {e.term.id for e in found.effects} == set(found.found.accepted.state.values) == {"q.delay"}
+    assert "elevator.lag" in {e.term.id for e in found.not_named}
+    assert set(found.extended.instruments) == {"q"}
+    assert "elevator" not in found.after.instruments
