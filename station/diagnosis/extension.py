@@ -20,7 +20,10 @@ UNIT_OF: Final[Mapping[str, str]] = {
     "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""
-_OF_UNCERTAINTY: Final = {"downwash_delay": "s", "vane_x": "s", "vane_delay": "s"}
+_OF_UNCERTAINTY: Final = {
+    "downwash_delay": "s", "vane_x": "s", "vane_delay": "s", "vane_zero": "rad", "theta_zero": "rad", "q_zero": "rad/s",
+    "ax_zero": "m/s2", "az_zero": "m/s2", "drift": "m/s",
+}  # fmt: skip
 """The same in its section `uncertainty`, whose other values are relative."""
 
 _STILL: Final = Instrument().model_dump()

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import G0, to_si
 from station.diagnosis.profile_changes import (
     Extend,
     bias,
@@ -85,8 +84,8 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
     found = []
     for name in DERIVATIVES:
         stated = aircraft.derivatives.get(name)
-        if stated is not None and stated.value:
-            share = (stated.sd or PRIOR_SHARE * abs(stated.value)) / abs(stated.value)
+        if stated is not None and stated.value and stated.sd != 0:
+            share = stated.sd / abs(stated.value) if stated.sd else PRIOR_SHARE
             share = math.hypot(share, u.handbook * SCATTER.get(name, 0.0))
             found.append(Free(name, share, derivative(name, relative=True)))
     if own.memory:
@@ -110,7 +109,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("vane lead", u.vane_x * speed, boom("vane_x")),
             Free("vane frequency", u.vane_frequency, vane_dynamics),
             Free("vane damping", u.vane_damping, _damping),
-            Free("vane zero", to_si(0.15, "deg"), bias("alpha_vane")),
+            Free("vane zero", u.vane_zero, bias("alpha_vane")),
         ]
     else:
         # Nothing is known of where the vane is, and of what the aircraft does to the flow there.
@@ -120,15 +119,15 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         Free("vane scale", _vane_scale(aircraft), gain("alpha_vane")),
         Free("mass", mass, inertia("mass")),
         Free("inertia", u.inertia, inertia("iyy")),
-        Free("theta bias", to_si(0.1, "deg"), bias("theta")),
-        Free("az bias", 0.005 * G0, bias("az")),
-        Free("ax bias", 0.003 * G0, bias("ax")),
-        Free("q bias", to_si(0.05, "deg/s"), bias("q")),
-        Free("CL_0", 0.3, derivative("CL_0")),
-        Free("Cm_0", 0.1, derivative("Cm_0")),
-        Free("CD_0", 0.02, zero_lift_drag),
-        Free("induced drag", 0.15, _induced),
-        Free("thrust scale", 0.05, gain("thrust")),
+        Free("theta bias", u.theta_zero, bias("theta")),
+        Free("az bias", u.az_zero, bias("az")),
+        Free("ax bias", u.ax_zero, bias("ax")),
+        Free("q bias", u.q_zero, bias("q")),
+        Free("CL_0", u.CL_0, derivative("CL_0")),
+        Free("Cm_0", u.Cm_0, derivative("Cm_0")),
+        Free("CD_0", u.CD_0, zero_lift_drag),
+        Free("induced drag", u.induced_drag, _induced),
+        Free("thrust scale", u.thrust, gain("thrust")),
     ]
     return [f for f in found if f.sd > 0]
 

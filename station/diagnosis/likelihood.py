@@ -26,8 +26,6 @@ from station.profile import Aircraft
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-DRIFT_SD: Final = 0.5
-"""m/s: how much faster than its mean airspeed says the aircraft may move through the air mass."""
 ROUNDS: Final = 25
 DONE: Final = 0.2
 NEAR: Final = 10.0
@@ -110,6 +108,7 @@ class Problem:
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.frees = tuple(free_parameters(aircraft, speed, recorded) if frees is None else frees)
+        self.drift_sd = aircraft.uncertainty.drift
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._volume_at: tuple[Complex, ...] | None = None
@@ -123,7 +122,7 @@ class Problem:
     def state(self, values: Mapping[str, float], a: Array, levels: Levels | None = None) -> State:
         """A candidate, with the levels given or those of the prior."""
         craft = self.aircraft_at(values, a)
-        drifts = a[len(self.frees) :] * DRIFT_SD
+        drifts = a[len(self.frees) :] * self.drift_sd
         spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))
         responses_ = tuple(m.responses(craft) for m in self.manoeuvres)
         return self._with_levels(values, a, spectra, responses_, levels or self.prior)
@@ -192,7 +191,7 @@ class Problem:
         craft, first, count = self.aircraft_at(s.values, s.a), len(self.frees), len(self.manoeuvres)
         out = []
         for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
-            drifted = m.differences(craft, float(s.a[first + k] + 1) * DRIFT_SD).minus(s.spectra[k])
+            drifted = m.differences(craft, float(s.a[first + k] + 1) * self.drift_sd).minus(s.spectra[k])
             bins = np.zeros((count, *drifted.bins.shape), dtype=complex)
             steady = np.zeros((count, len(drifted.steady)))
             bins[k], steady[k] = drifted.bins, drifted.steady
@@ -203,7 +202,7 @@ class Problem:
     def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float]], rough: bool = False) -> list[Slopes]:
         """`rough`: as if the noise did not depend on the parameters, for half of the time."""
         out = []
-        drifts = s.a[len(self.frees) :] * DRIFT_SD
+        drifts = s.a[len(self.frees) :] * self.drift_sd
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k]
             bins = np.empty((len(moves), *z.bins.shape), dtype=complex)

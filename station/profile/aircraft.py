@@ -32,8 +32,8 @@ class Derivative(Frozen):
 
     value: float
     """The coefficient."""
-    sd: float | None = Field(default=None, gt=0)
-    """Its prior standard deviation; where left out, diagnosis takes 10 % of the value."""
+    sd: float | None = Field(default=None, ge=0)
+    """Its prior standard deviation: 0 where it is known exactly; where left out, diagnosis takes 10 % of the value."""
     source: str = ""
     """Where it is from."""
 

@@ -54,6 +54,7 @@ def _common_units(si: str) -> str:
 Metres = Annotated[float, quantity("m")]
 SquareMetres = Annotated[float, quantity("m2")]
 MetresPerSecond = Annotated[float, quantity("m/s")]
+MetresPerSecond2 = Annotated[float, quantity("m/s2")]
 Seconds = Annotated[float, quantity("s")]
 Hertz = Annotated[float, quantity("Hz")]
 Radians = Annotated[float, quantity("rad")]

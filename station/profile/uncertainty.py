@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import Field
 
-from station.profile.quantity import Frozen, Seconds
+from station.conventions import G0
+from station.profile.quantity import (
+    Frozen,
+    MetresPerSecond,
+    MetresPerSecond2,
+    Radians,
+    RadiansPerSecond,
+    Seconds,
+)
 
 
 class Uncertainty(Frozen):
     """Prior standard deviations of what the methods take from the profile, relative to the value where no unit is
-    named: of mass and inertia in every method, of the others in `physical` and `split+gust`. Zero says that a constant
-    is right; the defaults are those of a profile put together from drawings, handbook methods and a vortex lattice."""
+    named: of mass and inertia in every method, of the others in `physical`, `split+gust` and diagnosis; trims, zeros,
+    thrust and wind in diagnosis. Zero says that a constant is right; the defaults are those of a profile put together
+    from drawings, handbook methods and a vortex lattice. Of derivatives each says so itself (`sd`)."""
 
     mass: float = Field(default=0.03, ge=0)
     """Of the mass where it is not recorded: fuel, crew and payload by estimate."""
@@ -52,4 +63,29 @@ class Uncertainty(Frozen):
     convection: float = Field(default=0.5, ge=0)
     """Of how far transit times of gusts and wakes follow a change of speed."""
     handbook: float = Field(default=1.0, ge=0)
-    """Share of what handbook methods miss CL_q (a quarter) and CL_de (an eighth) by, beyond a derivative's own sd."""
+    """Share of what handbook methods miss CL_q (a quarter) and CL_de (an eighth) by, beyond a derivative's own sd; not
+    of one whose sd is 0."""
+
+    CL_0: float = Field(default=0.3, ge=0)
+    """Of the lift coefficient at no angle of attack, absolute: incidence of the wing, flaps, another reference line."""
+    Cm_0: float = Field(default=0.1, ge=0)
+    """Of the pitching moment's, absolute: trim tab, loading."""
+    CD_0: float = Field(default=0.02, ge=0)
+    """Of the drag at no lift, absolute: half of a clean aircraft's."""
+    induced_drag: float = Field(default=0.15, ge=0)
+    """Of the drag's part that goes with lift squared."""
+    thrust: float = Field(default=0.05, ge=0)
+    """Of the thrust, recorded or not: an engine deck's."""
+    vane_zero: Radians = math.radians(0.15)
+    """Of the vane's zero, rigged with a protractor."""
+    theta_zero: Radians = math.radians(0.1)
+    """Of the attitude's, levelled on the ground."""
+    q_zero: RadiansPerSecond = math.radians(0.05)
+    """Of the pitch-rate gyro's, taken at rest."""
+    ax_zero: MetresPerSecond2 = 0.003 * G0
+    """Of the longitudinal accelerometer's."""
+    az_zero: MetresPerSecond2 = 0.005 * G0
+    """Of the normal accelerometer's."""
+    drift: MetresPerSecond = 0.5
+    """By how much the aircraft may move faster through the air mass than its mean airspeed says: a gust along the path
+    that lasts as long as the manoeuvre."""

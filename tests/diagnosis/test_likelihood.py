@@ -12,7 +12,7 @@ from blind import Case, aircraft, fly_case
 from numpy.typing import NDArray
 from test_sensor_noise import level_flight
 
-from station.diagnosis import likelihood, variances
+from station.diagnosis import variances
 from station.diagnosis.effects import extended
 from station.diagnosis.free_parameters import Free
 from station.diagnosis.judge import LEVEL_DOF, _log_p
@@ -22,6 +22,7 @@ from station.diagnosis.measured_record import Record, manoeuvres
 from station.diagnosis.profile_changes import derivative
 from station.diagnosis.variances import INDEPENDENT
 from station.profile import Aircraft, load_aircraft
+from station.profile.uncertainty import Uncertainty
 
 SIX = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 NOISY = {**flown.NOISE, "alpha_vane": math.radians(0.8), "q": math.radians(0.5)}
@@ -60,13 +61,13 @@ def estimates(
     frees = [Free(n, 2.0, derivative(n, relative=True), 0.02) for n in SIX]
     t, signals = quiet
     values, told = [], []
+    still = navion.model_copy(update={"uncertainty": Uncertainty(drift="0 m/s")})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(variances, "LEAST_MISSED", (1e-5,) * len(variances.MISSED))
-        patch.setattr(likelihood, "DRIFT_SD", 1e-6)
         patch.setattr(variances, "THRUST_SHARE", 1e-6)
         for seed in range(DRAWS):
             (record,) = manoeuvres("noisy", t, laid(signals, NOISY, seed), navion)
-            found = Problem([manoeuvre(replace(record, stated=NOISY), navion)], navion, frees).null()
+            found = Problem([manoeuvre(replace(record, stated=NOISY), still)], still, frees).null()
             values.append(2.0 * found.state.a[: len(SIX)])
             told.append(2.0 * np.sqrt(np.diag(found.solved.covariance))[: len(SIX)])
     return np.array(values), np.array(told)
