@@ -38,6 +38,9 @@ SCATTER: Final = {"CL_q": 0.25, "CL_de": 0.15}
 methods miss by a quarter (CL_q) and by an eighth (CL_de), whatever error the source states."""
 
 
+_MEANS: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0")
+
+
 @dataclass(frozen=True, slots=True)
 class Free:
     """A quantity with a Gaussian prior of standard deviation `sd` about the profile's value."""
@@ -47,6 +50,11 @@ class Free:
     extend: Extend
     step: float = 0.3
     """Over how many standard deviations its slope is taken."""
+
+    @property
+    def of_noise(self) -> bool:
+        """Whether the way of sensors' noise into the residuals depends on it: zeros and trims move means alone."""
+        return self.name not in _MEANS
 
 
 def _share(field: str) -> Extend:

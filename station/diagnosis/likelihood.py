@@ -34,8 +34,6 @@ MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
 """Prior standard deviations: after a longer step the slopes are made anew."""
-GROUP: Final = 4
-"""Bins over which the responses to noise hardly change: 0.06 Hz in a minute's record."""
 SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
 well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
@@ -51,7 +49,7 @@ class Slopes:
     steady: Array
     """(p, integrated and mean parts)"""
     response: Complex
-    """(p, bins, series, sensors + 1)"""
+    """(p, groups, series, sensors + 1): at the bins that stand for their neighbours, see Manoeuvre.grouped."""
 
     def after(self, first: Slopes) -> Slopes:
         """Parameters `first`, then these."""
@@ -129,8 +127,10 @@ class Problem:
 
     def relevelled(self, s: State, frozen: int | None = None) -> State:
         """The same candidate with the variances fitted to it, but for what is missed `frozen`."""
-        columns = [m.columns(r) for m, r in zip(self.manoeuvres, s.responses, strict=True)]
-        levels = fitted(s.spectra, columns, s.levels, self.prior, self.stiffness, frozen)
+        columns = [m.columns(r, m.grouped.pick) for m, r in zip(self.manoeuvres, s.responses, strict=True)]
+        bins = [m.grouped.gathered(z.bins.T) for m, z in zip(self.manoeuvres, s.spectra, strict=True)]
+        counts = [m.grouped.count for m in self.manoeuvres]
+        levels = fitted(bins, columns, counts, s.levels, self.prior, self.stiffness, frozen)
         return self._with_levels(s.values, s.a, s.spectra, s.responses, levels)
 
     def _with_levels(
@@ -158,16 +158,14 @@ class Problem:
         assert self._volume_at is not None
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         for k, (m, r) in enumerate(zip(self.manoeuvres, self._volume_at, strict=True)):
-            b = m.columns(r)
+            b = m.columns(r, m.grouped.pick)
             root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
-            total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum())
+            total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum(-1) @ m.grouped.count)
         return total
 
     def cost(self, s: State) -> float:
         """-2 log likelihood with priors, and how rare the effects are: what candidates are compared by."""
         return s.q + self.volume(s.levels) + sum(BY_ID[i].price for i in s.values)
-
-    # --- variances
 
     # --- parameters
 
@@ -177,7 +175,7 @@ class Problem:
         moves = []
         for t in terms:
             h = t.step if s.values.get(t.id, 0.0) + t.step <= t.high else -t.step
-            moves.append((extended(here, {**s.values, t.id: s.values.get(t.id, 0.0) + h}), h))
+            moves.append((extended(here, {**s.values, t.id: s.values.get(t.id, 0.0) + h}), h, True))
         return self._slopes(s, moves)
 
     def free_slopes(self, s: State, rough: bool = False) -> list[Slopes]:
@@ -186,8 +184,8 @@ class Problem:
         for i, f in enumerate(self.frees):
             there = s.a.copy()
             there[i] += f.step
-            moves.append((self.aircraft_at(s.values, there), f.step))
-        made = self._slopes(s, moves, rough)
+            moves.append((self.aircraft_at(s.values, there), f.step, f.of_noise and not rough))
+        made = self._slopes(s, moves)
         craft, first, count = self.aircraft_at(s.values, s.a), len(self.frees), len(self.manoeuvres)
         out = []
         for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
@@ -195,24 +193,24 @@ class Problem:
             bins = np.zeros((count, *drifted.bins.shape), dtype=complex)
             steady = np.zeros((count, len(drifted.steady)))
             bins[k], steady[k] = drifted.bins, drifted.steady
-            none = np.zeros((count, *s.responses[k].shape), dtype=complex)
+            none = np.zeros((count, *own.response.shape[1:]), dtype=complex)
             out.append(Slopes(bins, steady, none).after(own))
         return out
 
-    def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float]], rough: bool = False) -> list[Slopes]:
-        """`rough`: as if the noise did not depend on the parameters, for half of the time."""
+    def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float, bool]]) -> list[Slopes]:
+        """By finite differences: each aircraft, how far it is moved, and whether the noise depends on that."""
         out = []
         drifts = s.a[len(self.frees) :] * self.drift_sd
         for k, m in enumerate(self.manoeuvres):
-            z, r = s.spectra[k], s.responses[k]
+            z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.empty((len(moves), *z.bins.shape), dtype=complex)
             steady = np.empty((len(moves), len(z.steady)))
             response = np.zeros((len(moves), *r.shape), dtype=complex)
-            for i, (craft, h) in enumerate(moves):
+            for i, (craft, h, of_noise) in enumerate(moves):
                 there = m.differences(craft, float(drifts[k])).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
-                if not rough:
-                    response[i] = (m.responses(craft) - r) / h
+                if of_noise:
+                    response[i] = (m.responses(craft, m.grouped.pick) - r) / h
             out.append(Slopes(bins, steady, response))
         return out
 
@@ -226,20 +224,17 @@ class Problem:
             d = (inverse @ own.bins.transpose(2, 1, 0)).reshape(-1, p)
             seen += weight * (np.conj(d.T) @ d).real
             gradient += weight * (np.conj(d.T) @ w.reshape(-1)).real
-            # Responses are smooth: one bin in GROUP stands for its neighbours.
-            pick = slice(GROUP // 2, None, GROUP)
-            groups = np.minimum(np.arange(len(w)) // GROUP, len(range(*pick.indices(len(w)))) - 1)
-            count = np.sqrt(np.bincount(groups))[:, None, None]
-            here = inverse[pick] @ m.scaled(s.responses[k], variances, pick)
-            there = inverse[pick] @ m.scaled_slopes(s.responses[k], own.response, variances, pick)
+            pick, count = m.grouped.pick, np.sqrt(m.grouped.count)[:, None, None]
+            here = inverse[pick] @ m.scaled(s.responses[k][pick], variances)
+            there = inverse[pick] @ m.scaled_slopes(s.responses[k][pick], own.response, variances)
             shown = there @ np.conj(here.swapaxes(-1, -2))
             flat, said = (there * count).reshape(p, -1), (shown * count).reshape(p, -1)
             of_noise = weight * (flat @ np.conj(flat.T)).real
             noise += of_noise
             # What the residuals show of the noise in the slopes is taken out of the score: the rest scatters it.
             scatter += of_noise - weight * (said @ np.conj(said.T)).real
-            square = np.zeros((len(here), w.shape[1], w.shape[1]), dtype=complex)
-            np.add.at(square, groups, w[:, :, None] * np.conj(w[:, None, :]))
+            gathered = m.grouped.gathered(w)
+            square = gathered @ np.conj(gathered.swapaxes(-1, -2))
             gradient -= weight * np.einsum("pgij,gji->p", shown, square, optimize=True).real
             e = own.steady / m.steady_sd(variances)
             seen += e @ e.T
@@ -282,7 +277,7 @@ class Problem:
         return self.estimate(near.state, ROUNDS, self.whole)
 
     def rough(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
-        """The free parameters' slopes, as if the noise did not depend on them."""
+        """The free parameters' slopes, as if the noise did not depend on them: for half of the time."""
         return self.free_slopes(s, True), ()
 
     def whole(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:

@@ -50,6 +50,43 @@ SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
 
+GROUP_HZ: Final = 0.07
+"""Frequencies over which the responses to noise hardly change: one bin stands for its neighbours."""
+Pick = slice | NDArray[np.int64]
+EVERY: Final = slice(None)
+
+
+@dataclass(frozen=True, slots=True)
+class Groups:
+    """Neighbouring bins, for which one of them stands."""
+
+    pick: NDArray[np.int64]
+    """(groups,) the bin that stands for the others."""
+    members: NDArray[np.int64]
+    """(groups, most) bins; short groups repeat their last."""
+    there: Array
+    """(groups, most) 1, and 0 where repeated."""
+
+    @property
+    def count(self) -> Array:
+        """(groups,) bins in each."""
+        return np.asarray(self.there.sum(1))
+
+    def gathered(self, x: Complex) -> Complex:
+        """(bins, k) -> (groups, k, most)."""
+        return np.asarray((x[self.members] * self.there[..., None]).swapaxes(-1, -2))
+
+
+def groups_of(frequencies: Array) -> Groups:
+    """Of GROUP_HZ each."""
+    n = len(frequencies)
+    size = max(1, int(GROUP_HZ / (frequencies[1] - frequencies[0]))) if n > 1 else 1
+    first = np.arange(0, n, size)
+    members = first[:, None] + np.arange(size)
+    there = (members < n).astype(float)
+    return Groups(np.minimum(first + size // 2, n - 1), np.minimum(members, n - 1), there)
+
+
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
     """A record, and what is needed to compare it with any candidate."""
@@ -63,6 +100,7 @@ class Manoeuvre:
     """(bins,) white, slow and gust spectra of variance 1."""
     missed: Array
     """(3, bins) spectra of the coefficients of lift, moment and drag, of which the model may miss a share."""
+    grouped: Groups
     memo: Memo = field(default_factory=Memo, repr=False)
 
     def loaded(self, aircraft: Aircraft) -> Aircraft:
@@ -81,26 +119,28 @@ class Manoeuvre:
         """Standard deviation of a sensor's noise as the record shows it, SI."""
         return white_noise(name, self.record)
 
-    def responses(self, aircraft: Aircraft) -> Complex:
-        """(bins, series, sensors + 1), see sensor_noise.responses."""
-        return responses(self.trim, self.loaded(aircraft), self.setting.frequencies)
+    def responses(self, aircraft: Aircraft, pick: Pick = EVERY) -> Complex:
+        """(bins, series, sensors + 1), see sensor_noise.responses, at the bins picked."""
+        return responses(self.trim, self.loaded(aircraft), self.setting.frequencies[pick])
 
-    def columns(self, response: Complex) -> Complex:
+    def columns(self, response: Complex, pick: Pick = EVERY) -> Complex:
         """(bins, series, components): a standard deviation of 1 of each component of the noise, in every series: per
-        sensor white, per sensor slow, the gust, what the model misses of lift, moment and drag."""
-        white, slow, gust = self.shapes
+        sensor white, per sensor slow, the gust, what the model misses of lift, moment and drag; of a response at all
+        bins, at those picked."""
+        white, slow, gust = (x[pick] for x in self.shapes)
+        response = response[pick]
         sensors = response[..., :-1]
         return np.concatenate(
             [
                 sensors * np.sqrt(white)[:, None, None],
                 sensors * np.sqrt(slow)[:, None, None],
                 response[..., -1:] * np.sqrt(gust)[:, None, None],
-                self._missing(response, np.abs(response)),
+                self._missing(response, np.abs(response), pick),
             ],
             axis=-1,
         )
 
-    def _missing(self, response: Complex, size: Array, pick: slice = slice(None)) -> Complex:
+    def _missing(self, response: Complex, size: Array, pick: Pick) -> Complex:
         """(..., bins, series, MISSED): of a force in its own series, of a sensor wherever its noise goes."""
         judged, sensors = self.setting.judged, self.trim.sensors
         out = np.zeros((*response.shape[:-1], len(MISSED)), dtype=complex)
@@ -114,26 +154,26 @@ class Manoeuvre:
                 out[..., k] = response[..., sensors.index(name)] * root[:, None]
         return out
 
-    def _deviations(self, variances: Array, pick: slice) -> tuple[Array, Array]:
-        """(bins, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares."""
+    def _deviations(self, variances: Array) -> tuple[Array, Array]:
+        """(groups, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares."""
         n = len(self.trim.sensors)
-        white, slow, gust = (x[pick] for x in self.shapes)
+        white, slow, gust = (x[self.grouped.pick] for x in self.shapes)
         power = variances[:n] * white[:, None] + variances[n : 2 * n] * slow[:, None]
         sd = np.sqrt(np.concatenate([power, (variances[2 * n] * gust)[:, None]], axis=1))
         return sd, np.sqrt(variances[2 * n + 1 :])
 
-    def scaled(self, response: Complex, variances: Array, pick: slice) -> Complex:
-        """`columns` in their standard deviations, a sensor's white and slow part as one, at the bins picked."""
-        sd, missing = self._deviations(variances, pick)
-        here = response[pick]
-        return np.concatenate([here * sd[:, None, :], self._missing(here, np.abs(here), pick) * missing], axis=-1)
+    def scaled(self, response: Complex, variances: Array) -> Complex:
+        """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups."""
+        sd, missing = self._deviations(variances)
+        shown = self._missing(response, np.abs(response), self.grouped.pick)
+        return np.concatenate([response * sd[:, None, :], shown * missing], axis=-1)
 
-    def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array, pick: slice) -> Complex:
-        """The change of `scaled` with parameters, whose responses change by `slopes` (p, bins, series, sensors + 1)."""
-        sd, missing = self._deviations(variances, pick)
-        here, there = response[pick], slopes[:, pick]
-        size = (np.conj(here) * there).real / np.maximum(np.abs(here), 1e-30)
-        return np.concatenate([there * sd[:, None, :], self._missing(there, size, pick) * missing], axis=-1)
+    def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array) -> Complex:
+        """The change of `scaled` per parameter, whose change of the responses is `slopes` (p, groups, ...)."""
+        sd, missing = self._deviations(variances)
+        size = (np.conj(response) * slopes).real / np.maximum(np.abs(response), 1e-30)
+        shown = self._missing(slopes, size, self.grouped.pick)
+        return np.concatenate([slopes * sd[:, None, :], shown * missing], axis=-1)
 
     def steady_sd(self, variances: Array) -> Array:
         """(k,) standard deviations of the steady parts: what sensors' slow noise and the gusts leave, and for forces
@@ -214,6 +254,7 @@ def manoeuvre(record: Record, aircraft: Aircraft) -> Manoeuvre:
         loading,
         (np.ones(len(f)), slow, gust / gust.mean()),
         np.ones((len(MISSED), len(f))),
+        groups_of(f),
     )
     made.missed[:] = _motion(made, aircraft)
     made.memo._kept.clear()

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.manoeuvre import FAST_S, MISSED, Manoeuvre, white_noise
-from station.diagnosis.residuals import Spectra
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -84,13 +83,13 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
 
 
 def fitted(
-    spectra: Sequence[Spectra], columns: Sequence[Complex], start: Levels, prior: Levels, stiffness: Array,
-    frozen: int | None = None,
+    bins: Sequence[Complex], columns: Sequence[Complex], counts: Sequence[Array], start: Levels, prior: Levels,
+    stiffness: Array, frozen: int | None = None,
 ) -> Levels:  # fmt: skip
     """The most likely variances at fixed parameters, by Fisher scoring of their logarithms.
 
-    `spectra`: residuals by manoeuvre; `columns`: Manoeuvre.columns of each; `stiffness`: see `stiffness_of`; `frozen`:
-    which of MISSED stays as it is.
+    By manoeuvre: `bins` residuals (groups, k, most), `columns` of Manoeuvre (groups, k, components), `counts` of bins
+    (groups,); `stiffness`: see `stiffness_of`; `frozen`: which of MISSED stays as it is.
     """
     count, many = prior.noise.shape
     x, centre = (np.log(np.concatenate([lv.noise.ravel(), lv.gust, lv.missed])) for lv in (start, prior))
@@ -109,21 +108,21 @@ def fitted(
 
     def scored(x: Array, whole: bool) -> tuple[float, Array, Array]:
         total, gradient, fisher = float((stiff * (x - centre) ** 2).sum()), stiff * (x - centre), np.diag(stiff)
-        for b, z, pick in zip(columns, spectra, picks, strict=True):
+        for b, z, n, pick in zip(columns, bins, counts, picks, strict=True):
             v = np.exp(x[pick])
             root = np.linalg.cholesky((b * v) @ np.conj(b.swapaxes(-1, -2)))
             if whole:
-                both = np.linalg.solve(root, np.concatenate([z.bins.T[..., None], b], axis=-1))
-                w, own = both[..., :1], both[..., 1:]
+                both = np.linalg.solve(root, np.concatenate([z, b], axis=-1))
+                w, own = both[..., : z.shape[-1]], both[..., z.shape[-1] :]
                 turned = np.conj(own.swapaxes(-1, -2))
                 gram = turned @ own
-                power = (np.abs((turned @ w)[..., 0]) ** 2).sum(0)
-                gradient[pick] += INDEPENDENT * v * (np.einsum("mii->i", gram).real - power)
-                fisher[np.ix_(pick, pick)] += INDEPENDENT * np.outer(v, v) * (np.abs(gram) ** 2).sum(0)
+                power = (np.abs(turned @ w) ** 2).sum((0, 2))
+                gradient[pick] += INDEPENDENT * v * (n @ np.einsum("mii->mi", gram).real - power)
+                fisher[np.ix_(pick, pick)] += INDEPENDENT * np.outer(v, v) * np.tensordot(n, np.abs(gram) ** 2, 1)
             else:
-                w = np.linalg.solve(root, z.bins.T[..., None])
+                w = np.linalg.solve(root, z)
             total += 2 * INDEPENDENT * float((np.abs(w) ** 2).sum())
-            total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum())
+            total += 4 * INDEPENDENT * float(n @ np.log(np.einsum("mii->mi", root).real).sum(-1))
         return total, gradient, fisher
 
     here, gradient, fisher = scored(x, True)
