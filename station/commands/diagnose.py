@@ -127,7 +127,8 @@ def _whole(
         records, held = records[:-count], records[-count:]
     found = solve(records, held, subject, progress=lambda words: say(f"  {words}"))
     say("  sizes that would have been found")
-    sizes = detectable_sizes(found.problem, found.found.accepted)
+    accepted = found.found.accepted
+    sizes = detectable_sizes(found.problem, accepted, None if accepted.state.values else found.found.slopes)
     readings = readings_of(found)
     if report is not None:
         say("  drawing the report")

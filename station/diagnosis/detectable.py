@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -30,20 +31,21 @@ class Detectable:
     correlation: float
 
 
-def detectable_sizes(problem: Problem, about: Estimate) -> list[Detectable]:
+def detectable_sizes(problem: Problem, about: Estimate, made: Sequence[Slopes] | None = None) -> list[Detectable]:
     """Sizes found (and named alone) nine times in ten with a problem's manoeuvres, in the noise and gusts of an
-    estimate, of the effects that can be so large."""
+    estimate, of the effects that can be so large. `made`: the effects' slopes, where they are at hand."""
     s = about.state
     present = set.intersection(*(set(m.record.signals) for m in problem.manoeuvres))
     held = any(len(m.record.held) for m in problem.manoeuvres)
     terms = judged_effects(problem.aircraft, present, True, held)
     own, e = len(s.values), len(terms)
     free = [Slopes(x.bins[own:], x.steady[own:], x.response[own:]) for x in about.slopes]
-    slopes = [f.after(x) for f, x in zip(free, problem.effect_slopes(s, terms), strict=True)]
+    effects = problem.effect_slopes(s, terms) if made is None else made
+    slopes = [f.after(x) for f, x in zip(free, effects, strict=True)]
     information = _information(problem.normal(s, slopes), e)
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     alike = _correlation(information)
-    limits = least_judged(problem, s, terms)
+    limits = least_judged(problem, s, terms, effects)
     least = np.array([limits.get(t.id, 0.0) for t in terms])
     found = np.maximum(math.sqrt(ASKED), least * scale) / scale + NINE_IN_TEN / scale
     apart = math.sqrt(CONFOUNDED) + NINE_IN_TEN

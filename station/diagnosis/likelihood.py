@@ -9,6 +9,7 @@ score). log det Sigma belongs to the variances alone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -30,6 +31,8 @@ ROUNDS: Final = 25
 DONE: Final = 0.2
 NEAR: Final = 10.0
 """Of Q: a step that would gain less is the last; the second where slopes are rough."""
+HOPED: Final = 2.0
+"""Times what a step promises, that a candidate may still gain."""
 MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
@@ -295,9 +298,11 @@ class Problem:
         rounds: int,
         slopes: Callable[[State], tuple[list[Slopes], Sequence[Term]]],
         done: float = DONE,
+        beaten: float = math.inf,
     ) -> Estimate:
         """Gauss-Newton, damped where Q would rise (Levenberg), from a state; the variances are fitted anew after each
-        step. `slopes` are made anew where the last step was long."""
+        step. `slopes` are made anew where the last step was long. Left where it is when a step promises no cost below
+        `beaten`."""
         damping, long, stale = 0.0, True, False
         made, terms = slopes(s)
         for _ in range(rounds):
@@ -307,6 +312,8 @@ class Problem:
             normal = self.normal(s, made)
             every = np.arange(len(normal.gradient))
             solved = self.solve(s, normal, every, len(terms), damping)
+            if self.cost(s) - HOPED * solved.gained > beaten:
+                break
             there = self.advance(s, solved, terms)
             while there is None and damping < MOST_DAMPED:
                 damping = max(10 * damping, 0.01)

@@ -54,6 +54,8 @@ class Found:
     singles: tuple[tuple[float, str, float], ...]
     """Deviance reduction, effect and value, the largest first."""
     tried: dict[frozenset[str], Estimate]
+    slopes: Sequence[Slopes]
+    """Of every effect, at `null`'s first fit, by manoeuvre."""
 
     @property
     def reduction(self) -> float:
@@ -82,7 +84,10 @@ class _Refits:
                 return free, terms
             return [f.after(e) for f, e in zip(free, p.effect_slopes(s, terms), strict=True)], terms
 
-        found = p.estimate(p.relevelled(p.state(start, a, self.null.state.levels)), REFITS, slopes)
+        # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
+        rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
+        beaten = min(rivals, default=math.inf) + CONFOUNDED
+        found = p.estimate(p.relevelled(p.state(start, a, self.null.state.levels)), REFITS, slopes, beaten=beaten)
         if any(abs(found.state.values[i]) < self._least.get(i, 0.0) for i in ids):
             found = replace(found, cost=math.inf)
         if before is not None and before.cost < found.cost:
@@ -100,9 +105,10 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     """Names of the effects that the records ask for, or none."""
     progress("fitting the aircraft")
     null = problem.null()
-    refits = _Refits(problem, null, least_judged(problem, null.state, terms))
     progress(f"screening {len(terms)} effects")
-    singles = _one_and_two(problem, refits, terms, progress)
+    slopes = problem.effect_slopes(null.state, terms)
+    refits = _Refits(problem, null, least_judged(problem, null.state, terms, slopes))
+    singles = _one_and_two(problem, refits, terms, slopes, progress)
     accepted = _settled(problem, refits, _several(problem, refits, terms, progress), progress)
     alternatives: tuple[Estimate, ...] = ()
     if accepted.state.values:
@@ -111,20 +117,26 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
             for e in refits.of_size(len(accepted.state.values))
             if frozenset(e.state.ids) != frozenset(accepted.state.ids) and e.cost - accepted.cost < CONFOUNDED
         )
-    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done)
+    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes)
 
 
 def _one_and_two(
-    problem: Problem, refits: _Refits, terms: Sequence[Term], progress: Callable[[str], None]
+    problem: Problem,
+    refits: _Refits,
+    terms: Sequence[Term],
+    slopes: Sequence[Slopes],
+    progress: Callable[[str], None],
 ) -> list[tuple[float, str, float]]:
     """Refit the hopeful among single effects and pairs; every effect alone by the linear model."""
     null = refits.null
-    singles, starts = _screened(problem, null, terms)
+    singles, starts = _screened(problem, null, terms, slopes)
     for _, ids, values, a in starts[1][:SINGLES]:
         refits.add(ids, values, a)
     # What hides an effect is far from its prior, and far from where the equations are straight: seen from the profile.
     if (near := _nearer(problem, null)) is not None:
-        for _, ids, values, a in _screened(problem, near, terms)[1][1][:SINGLES]:
+        for _, ids, values, a in _screened(problem, near, terms, problem.effect_slopes(near.state, terms))[1][1][
+            :SINGLES
+        ]:
             refits.add(ids, values, a, again=True)
     hopeful = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if hopeful:
@@ -140,7 +152,8 @@ def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress:
     for size in range(1, MOST + 1):
         if size > 1 and len(accepted.state.values) == size - 1:
             progress(f"{size} effects")
-            for _, ids, values, a in _screened(problem, accepted, terms)[1][1][:MORE]:
+            made = problem.effect_slopes(accepted.state, _own_first(accepted.state, terms))
+            for _, ids, values, a in _screened(problem, accepted, terms, made)[1][1][:MORE]:
                 refits.add(ids, values, a)
         best = refits.of_size(size)[:1]
         steps = size - len(accepted.state.values)
@@ -190,10 +203,10 @@ def changes(problem: Problem, s: State, slopes: Sequence[Slopes]) -> Array:
     return found
 
 
-def least_judged(problem: Problem, s: State, terms: Sequence[Term]) -> dict[str, float]:
-    """The sizes below which effects are not judged, SI."""
+def least_judged(problem: Problem, s: State, terms: Sequence[Term], slopes: Sequence[Slopes]) -> dict[str, float]:
+    """The sizes below which effects, of `slopes`, are not judged, SI."""
     tick = LEAST_TIME * max(m.record.dt for m in problem.manoeuvres)
-    shares = changes(problem, s, problem.effect_slopes(s, terms)).max(-1)
+    shares = changes(problem, s, slopes).max(-1)
 
     def least(t: Term, share: float) -> float:
         noise = max(m.noise(t.target) for m in problem.manoeuvres) if t.least_in_noise else 0.0
@@ -206,17 +219,20 @@ Start = tuple[float, tuple[str, ...], dict[str, float], Array]
 """Reduction of the linear model, effects, their values, and the free parameters then."""
 
 
+def _own_first(s: State, terms: Sequence[Term]) -> list[Term]:
+    """A state's effects, then the others."""
+    return [*(BY_ID[i] for i in s.ids), *(t for t in terms if t.id not in s.values)]
+
+
 def _screened(
-    problem: Problem, about: Estimate, terms: Sequence[Term]
+    problem: Problem, about: Estimate, terms: Sequence[Term], made: Sequence[Slopes]
 ) -> tuple[list[tuple[float, str, float]], dict[int, list[Start]]]:
     """On top of an estimate, by the linear model there: every further effect alone, and every pair where the estimate
-    has none."""
+    has none. `made`: slopes of its effects, then of the others."""
     s = about.state
-    own = [BY_ID[i] for i in s.ids]
-    others = [t for t in terms if t.id not in s.values]
-    slopes = [f.after(e) for f, e in zip(_free(about), problem.effect_slopes(s, [*own, *others]), strict=True)]
-    normal = problem.normal(s, slopes)
-    m, n = len(own), len(own) + len(others)
+    every = _own_first(s, terms)
+    m, n = len(s.values), len(every)
+    normal = problem.normal(s, [f.after(e) for f, e in zip(_free(about), made, strict=True)])
     matrix, gradient = _regular(normal, s, n)
     free = np.arange(n, len(gradient))
     inner = matrix[np.ix_(free, free)]
@@ -224,19 +240,19 @@ def _screened(
     schur = matrix[:n, :n] - matrix[:n, free] @ solved[:, :n]
     right = gradient[:n] - matrix[:n, free] @ solved[:, n]
     found: dict[int, list[Start]] = {1: [], 2: []}
-    values = np.array([s.values[t.id] for t in own] + [0.0] * len(others))
+    values = np.array([*s.values.values()] + [0.0] * (n - m))
 
     def start(picked: tuple[int, ...]) -> Start:
         pick = np.array([*range(m), *picked])
         x = -np.linalg.lstsq(schur[np.ix_(pick, pick)], right[pick], rcond=1e-10)[0]
-        ids = tuple((*own, *others)[i].id for i in pick)
+        ids = tuple(every[i].id for i in pick)
         moved = -solved[:, n] - solved[:, pick] @ x
         there = dict(zip(ids, (values[pick] + x).tolist(), strict=True))
         return float(-right[pick] @ x), ids, there, s.a + moved
 
-    found[1] = sorted((start((m + j,)) for j in range(len(others))), key=lambda f: (-f[0], f[1]))
-    if not own:
-        pairs = (start((i, j)) for i, j in itertools.combinations(range(len(others)), 2))
+    found[1] = sorted((start((m + j,)) for j in range(n - m)), key=lambda f: (-f[0], f[1]))
+    if not m:
+        pairs = (start((i, j)) for i, j in itertools.combinations(range(n), 2))
         found[2] = sorted(pairs, key=lambda f: (-f[0], f[1]))
     singles = [(gain, ids[-1], there[ids[-1]]) for gain, ids, there, _ in found[1]]
     return singles, found

@@ -43,7 +43,7 @@ class Trim:
     signals: dict[str, Array]
     """(n,)"""
     moved: dict[str, Array]
-    """(sensors, n)"""
+    """(sensors + 1, n): one moved after the other, the last row none."""
     setting: Setting
     sensors: tuple[str, ...]
     lines: NDArray[np.int64]
@@ -51,8 +51,7 @@ class Trim:
     """Hz, of the lines."""
     given: Complex
     """(sensors, lines) transform of what each sensor was moved by."""
-    memos: tuple[Memo, Memo] = field(default_factory=lambda: (Memo(), Memo()), repr=False)
-    """Of the signals still, and moved."""
+    memo: Memo = field(default_factory=Memo, repr=False)
 
 
 def trim_of(record: Record, setting: Setting) -> Trim:
@@ -78,7 +77,7 @@ def trim_of(record: Record, setting: Setting) -> Trim:
     speed = float(mean["airspeed"][0])
     sizes = {"ax": 10.0, "az": 10.0, "v_down": speed, "v_along": speed, "airspeed": speed}
     sizes["thrust"] = max(setting.thrust, 1.0)
-    moved = {name: np.repeat(x[None], len(sensors), 0) for name, x in mean.items()}
+    moved = {name: np.repeat(x[None], len(sensors) + 1, 0) for name, x in mean.items()}
     given = np.empty((len(sensors), len(lines)), dtype=complex)
     for k, name in enumerate(sensors):
         added = wave * sizes.get(name, 1.0)
@@ -94,11 +93,9 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
     """(bins, series judged, sensors + 1): what a sensor's noise makes of each series, at frequencies `bins` (Hz). The
     last is the gust's, rad of flow angle at the vane: it shows in the vane's series alone, for lift and moment are fed
     with what the vane shows."""
-    still, moving = trim.memos
-    base = series(trim.signals, aircraft, trim.setting, memo=still)
-    there = series(trim.moved, aircraft, trim.setting, memo=moving) - base
     rows = list(trim.setting.judged)
-    shown = fft.rfft(there[:, rows, :], axis=-1)[..., trim.lines] / trim.given[:, None, :]
+    there = series(trim.moved, aircraft, trim.setting, memo=trim.memo)[:, rows, :]
+    shown = fft.rfft(there[:-1] - there[-1], axis=-1)[..., trim.lines] / trim.given[:, None, :]
     # Integrals fall with frequency: between the lines the products with it are the straighter.
     f = trim.frequencies
     out = np.empty((len(bins), len(rows), len(trim.sensors) + 1), dtype=complex)
