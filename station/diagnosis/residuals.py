@@ -28,6 +28,7 @@ from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.diagnosis.corrections import corrected, instrument_of
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
+    Places,
     Setting,
     at_places,
     back,
@@ -75,8 +76,37 @@ class _Motion(NamedTuple):
     airspeed: Array
 
 
+class _Path(NamedTuple):
+    """The inertial flow angle along the path, and what a gust along the path makes of it."""
+
+    v0: Array
+    inertial: Array
+    there: Places | None
+    again: Places | None
+    alpha_i: Array
+    along: Complex
+    moved: Array
+    surging: Complex
+    turned: Complex
+
+
+class _Shown(NamedTuple):
+    """What the vane shows beyond the inertial motion."""
+
+    vane: Array
+    """The difference VANE."""
+    quick: Complex
+    """The same without the vane's own dynamics, low passed."""
+    met: Complex
+    """What a gust at the CG makes of it."""
+    gust: Complex
+    """At the CG, along the path."""
+    gust_wing: Complex
+    """The same at the wing's leading edge, averaged along the span."""
+
+
 class _Flow(NamedTuple):
-    """The flow angle and the gust, and what they make of the vane."""
+    """The flow angle and the gust at wing and tail, and the vane's difference."""
 
     v0: Array
     alpha_i: Array
@@ -139,8 +169,14 @@ def _stages(
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
     motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
     of_drift = drift if isinstance(drift, float) else id(drift)
-    key = (first, found.get("alpha_vane"), aircraft.boom, aircraft.unsteady, aircraft.geometry.chord, of_drift)
-    return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s, drift)), key
+    unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
+    on_path = (first, of_drift, unsteady.convection)
+    path = memo.get("path", on_path, lambda: _path(motion, unsteady.convection, s, drift))
+    of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, unsteady.gust_span)
+    seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
+    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s))
+    key = (seen, unsteady)
+    return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s)), seen
 
 
 def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
@@ -168,38 +204,37 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True), v)
 
 
-def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Setting, drift: float | Array) -> _Flow:
+def _path(motion: _Motion, convection: float, s: Setting, drift: float | Array) -> _Path:
     # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
     # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
     # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
     # Either is a few per cent of the gust, and looks like another tail.
-    w = s.omega
     v0 = motion.mean_speed + drift
-    unsteady = aircraft.unsteady
     inertial = motion.base + v0
-    there, again = places_of(v0 + unsteady.convection * (inertial - v0), v0, s)
-    boom = aircraft.boom or NO_BOOM
-    chord = aircraft.geometry.chord
-    steps = 1j * w * (unsteady.reference_chord or chord) / v0
+    there, again = places_of(v0 + convection * (inertial - v0), v0, s)
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
-    along = transform(at_places(alpha_i, there), s)
-    vane_response = _vane_response(boom, w)
-    upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * along
-    gust_upwash = frequency_response(response(unsteady.upwash_gust), steps)
-    surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
     moved = at_places(alpha_i, there)
+    along = transform(moved, s)
     moved = moved - moved.mean(-1, keepdims=True)
-    surging = transform(surge, s)
-    turned = transform(-moved * surge, s)
-    turned_tail = transform(-moved * back(surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
-    at_boom = moved - at_places(motion.q * boom.vane_x / inertial, there)
-    turned_boom = at_places(-at_boom * back(surging * np.exp(1j * w * boom.gust_x / v0), s), again)
-    upwash_spectrum = upwash_spectrum + gust_upwash * turned
-    upwash = at_places(back(upwash_spectrum, s), again)
+    surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
+    return _Path(v0, inertial, there, again, alpha_i, along, moved, transform(surge, s), transform(-moved * surge, s))
+
+
+def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting) -> _Shown:
+    w, v0, there, again = s.omega, path.v0, path.there, path.again
+    unsteady = aircraft.unsteady
+    boom = aircraft.boom or NO_BOOM
+    steps = 1j * w * (unsteady.reference_chord or aircraft.geometry.chord) / v0
+    vane_response = _vane_response(boom, w)
+    gust_upwash = frequency_response(response(unsteady.upwash_gust), steps)
     sinking = motion.q * boom.vane_x
+    at_boom = path.moved - at_places(sinking / path.inertial, there)
+    turned_boom = at_places(-at_boom * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s), again)
+    upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * path.along
+    upwash = at_places(back(upwash_spectrum + gust_upwash * path.turned, s), again)
     if boom.vane_y and "p" in x:
         sinking = sinking - x["p"] * boom.vane_y
-    inside = (1 + boom.upwash_body) * (alpha_i - sinking / inertial + turned_boom) + boom.upwash_wing * upwash
+    inside = (1 + boom.upwash_body) * (path.alpha_i - sinking / path.inertial + turned_boom) + boom.upwash_wing * upwash
     shown = transform(inside, s)
     given: float | Complex = 1.0
     if boom.flexure or boom.tip_load:
@@ -209,27 +244,36 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
         given = 1 + bend * (boom.tip_load / 1000 * 0.5 * (aircraft.air_density or SEA_LEVEL_DENSITY) * v0**2)
         shown = shown * given + transform(boom.flexure * load, s) * bend
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
-
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
-    averaged, averaged_tail = (1 / (1 + 1j * w * x / v0) for x in (unsteady.gust_span, unsteady.gust_span_tail))
+    averaged = 1 / (1 + 1j * w * unsteady.gust_span / v0)
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
-    # Wing and tail average gusts along their span, and follow them that much later.
-    gust, gust_wing, gust_tail = (
-        transform(at_places(back(quick * lag, s), there), s) / met for lag in (1.0, averaged, averaged_tail)
-    )
+    return _Shown(vane, quick, met, _along(quick, met, path, s), ahead * _along(quick * averaged, met, path, s))
+
+
+def _along(quick: Complex, met: Complex, path: _Path, s: Setting) -> Complex:
+    """The gust at the CG along the path, of what the vane shows of it."""
+    return np.asarray(transform(at_places(back(quick, s), path.there), s) / met)
+
+
+def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
+    w, v0, unsteady = s.omega, path.v0, aircraft.unsteady
     wing_series = tail_series = np.empty(0)
     if unsteady.memory:
+        steps = 1j * w * (unsteady.reference_chord or aircraft.geometry.chord) / v0
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
-        wing = frequency_response(response(unsteady.lift_motion), steps) * along
-        wing += frequency_response(response(unsteady.lift_gust), steps) * (ahead * gust_wing + turned)
+        wing = frequency_response(response(unsteady.lift_motion), steps) * path.along
+        wing += frequency_response(response(unsteady.lift_gust), steps) * (shown.gust_wing + path.turned)
+        # Wing and tail average gusts along their span, and follow them that much later.
+        gust_tail = _along(shown.quick / (1 + 1j * w * unsteady.gust_span_tail / v0), shown.met, path, s)
+        turned_tail = transform(-path.moved * back(path.surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
         behind = np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
-        tail = along + turned_tail + behind * gust_tail
-        tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), again)
-        wing_series = at_places(back(wing, s), again)
-    gust_series = at_places(back(gust + turned, s), again)
-    return _Flow(v0, alpha_i, gust_series, wing_series, tail_series, vane)
+        tail = path.along + turned_tail + behind * gust_tail
+        tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), path.again)
+        wing_series = at_places(back(wing, s), path.again)
+    gust_series = at_places(back(shown.gust + path.turned, s), path.again)
+    return _Flow(v0, path.alpha_i, gust_series, wing_series, tail_series, shown.vane)
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
