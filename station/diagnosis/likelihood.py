@@ -31,8 +31,8 @@ ROUNDS: Final = 25
 DONE: Final = 0.2
 NEAR: Final = 10.0
 """Of Q: a step that would gain less is the last; the second where slopes are rough."""
-HOPED: Final = 2.0
-"""Times what a step promises, that a candidate may still gain."""
+HOPED: Final = 3.0
+"""Times what a step promises, that a candidate may still gain: variances fitted to a worse state promise too little."""
 MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
@@ -224,18 +224,18 @@ class Problem:
         weight = 2 * INDEPENDENT
         for k, (m, own) in enumerate(zip(self.manoeuvres, slopes, strict=True)):
             inverse, w, variances = np.linalg.inv(s.roots[k]), s.white[k], s.levels.of(k)
-            d = (inverse @ own.bins.transpose(2, 1, 0)).reshape(-1, p)
-            seen += weight * (np.conj(d.T) @ d).real
-            gradient += weight * (np.conj(d.T) @ w.reshape(-1)).real
+            d = _numbers(np.ascontiguousarray((inverse @ own.bins.transpose(2, 1, 0)).transpose(2, 0, 1)))
+            seen += weight * (d @ d.T)
+            gradient += weight * (d @ _numbers(w[None])[0])
             pick, count = m.grouped.pick, np.sqrt(m.grouped.count)[:, None, None]
             here = inverse[pick] @ m.scaled(s.responses[k][pick], variances)
             there = inverse[pick] @ m.scaled_slopes(s.responses[k][pick], own.response, variances)
             shown = there @ np.conj(here.swapaxes(-1, -2))
-            flat, said = (there * count).reshape(p, -1), (shown * count).reshape(p, -1)
-            of_noise = weight * (flat @ np.conj(flat.T)).real
+            flat, said = _numbers(there * count), _numbers(shown * count)
+            of_noise = weight * (flat @ flat.T)
             noise += of_noise
             # What the residuals show of the noise in the slopes is taken out of the score: the rest scatters it.
-            scatter += of_noise - weight * (said @ np.conj(said.T)).real
+            scatter += of_noise - weight * (said @ said.T)
             gathered = m.grouped.gathered(w)
             square = gathered @ np.conj(gathered.swapaxes(-1, -2))
             gradient -= weight * np.einsum("pgij,gji->p", shown, square, optimize=True).real
@@ -331,6 +331,12 @@ class Problem:
             if solved.gained < done and damping < LIGHTLY_DAMPED:
                 break
         return Estimate(s, self.solve(s, normal, every, len(terms)), made, normal, self.cost(s))
+
+
+def _numbers(x: Complex) -> Array:
+    """(p, ...) -> (p, n) real and imaginary parts: their products are the real part of one times the other's
+    conjugate."""
+    return x.reshape(len(x), -1).view(np.float64)
 
 
 @dataclass(frozen=True, slots=True)

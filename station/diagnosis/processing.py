@@ -149,6 +149,10 @@ def at_places(x: Array, places: Places | None) -> Array:
     if places is None:
         return x
     k, f = places
+    if x.ndim == k.ndim == 1:
+        out = np.empty(x.shape)
+        _cubic(x[None], k[None], f[None], out[None])
+        return out
     rows = np.broadcast_to(x, np.broadcast_shapes(x.shape, k.shape))
     out = np.empty(rows.shape)
     n = rows.shape[-1]

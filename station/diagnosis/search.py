@@ -24,6 +24,8 @@ FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 CONFOUNDED: Final = 6.0
 """Candidates of one size within this deviance of the best are confounded with it."""
+RIVAL_SHARE: Final = 0.1
+"""Of the best's deviance reduction: candidates nearer than this may yet overtake it when fitted to the end."""
 SINGLES: Final = 5
 PAIRS: Final = 5
 MORE: Final = 3
@@ -134,9 +136,8 @@ def _one_and_two(
         refits.add(ids, values, a)
     # What hides an effect is far from its prior, and far from where the equations are straight: seen from the profile.
     if (near := _nearer(problem, null)) is not None:
-        for _, ids, values, a in _screened(problem, near, terms, problem.effect_slopes(near.state, terms))[1][1][
-            :SINGLES
-        ]:
+        made = problem.effect_slopes(near.state, terms)
+        for _, ids, values, a in _screened(problem, near, terms, made)[1][1][:MORE]:
             refits.add(ids, values, a, again=True)
     hopeful = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if hopeful:
@@ -155,13 +156,28 @@ def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress:
             made = problem.effect_slopes(accepted.state, _own_first(accepted.state, terms))
             for _, ids, values, a in _screened(problem, accepted, terms, made)[1][1][:MORE]:
                 refits.add(ids, values, a)
-        best = refits.of_size(size)[:1]
+        best = _contended(problem, refits, size, accepted.cost)[:1]
         steps = size - len(accepted.state.values)
         if best and accepted.cost - best[0].cost > steps * max(ASKED, FURTHER_SHARE * (null.cost - accepted.cost)):
             accepted = best[0]
         elif size > 1:
             break
     return accepted
+
+
+def _contended(problem: Problem, refits: _Refits, size: int, fewer: float) -> list[Estimate]:
+    """Candidates of one size, the best first; those that a few steps left close to the best, by what it gains on the
+    cost with `fewer` effects, are fitted to the end, all slopes made anew."""
+    found = refits.of_size(size)
+    if found:
+        best = found[0].cost
+        near = RIVAL_SHARE * (fewer - best)
+        rivals = [e for e in found if e.cost - best < near][:MORE]
+        if near > CONFOUNDED and len(rivals) > 1:
+            for e in rivals:
+                refits.done[frozenset(e.state.ids)] = problem.estimate(e.state, WHOLE, problem.whole)
+            found = refits.of_size(size)
+    return found
 
 
 def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
