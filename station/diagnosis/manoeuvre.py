@@ -51,7 +51,9 @@ SPREAD_BINS: Final = 4.0
 
 
 GROUP_HZ: Final = 0.07
-"""Frequencies over which the responses to noise hardly change: one bin stands for its neighbours."""
+GROUP_SHARE: Final = 0.2
+"""Frequencies, and share of the frequency, over which the responses to noise change in proportion to it, at most: those
+of integrals fall with the frequency, a delay of 0.2 s turns by 7 deg. The bin in the middle stands for the others."""
 Pick = slice | NDArray[np.int64]
 EVERY: Final = slice(None)
 
@@ -78,13 +80,18 @@ class Groups:
 
 
 def groups_of(frequencies: Array) -> Groups:
-    """Of GROUP_HZ each."""
+    """An odd number of neighbours each, as many as GROUP_HZ and GROUP_SHARE allow."""
     n = len(frequencies)
-    size = max(1, int(GROUP_HZ / (frequencies[1] - frequencies[0]))) if n > 1 else 1
-    first = np.arange(0, n, size)
-    members = first[:, None] + np.arange(size)
-    there = (members < n).astype(float)
-    return Groups(np.minimum(first + size // 2, n - 1), np.minimum(members, n - 1), there)
+    first: list[int] = []
+    size: list[int] = []
+    step = float(frequencies[1] - frequencies[0]) if n > 1 else 1.0
+    while (at := sum(size)) < n:
+        side = int(min(GROUP_HZ, GROUP_SHARE * frequencies[at]) / step / 2)
+        first.append(at)
+        size.append(2 * side + 1 if at + 2 * side < n else 1)
+    begin, own = np.array(first), np.arange(max(size))
+    members = np.minimum(begin[:, None] + own, n - 1)
+    return Groups(begin + np.array(size) // 2, members, (own < np.array(size)[:, None]).astype(float))
 
 
 @dataclass(frozen=True, slots=True)
