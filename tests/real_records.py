@@ -17,8 +17,8 @@ ATTAS_BOOM: Final = (13.080, -0.010, -0.027)
 _ATTAS: Final = {
     "ax [m/s2]": 2, "ay [m/s2]": 3, "az [m/s2]": 4, "p [deg/s]": 7, "q [deg/s]": 8, "r [deg/s]": 9,
     "phi [deg]": 10, "theta [deg]": 11, "psi [deg]": 12, "alpha_vane [deg]": 13, "beta_vane [deg]": 14,
-    "airspeed [m/s]": 15, "altitude [ft]": 16, "elevator [deg]": 22, "aileron [deg]": 28, "rudder [deg]": 30,
-    "air_temperature [K]": 32,
+    "airspeed [m/s]": 15, "altitude [ft]": 16, "elevator [deg]": 22, "rudder [deg]": 30,
+    "air_temperature [K]": 32, "static_pressure [hPa]": 33,
 }  # fmt: skip
 _PHLAB: Final = {
     "alpha_vane [deg]": "vane_AOA", "elevator [deg]": "delta_e", "phi [deg]": "Ahrs1_Roll",
@@ -30,9 +30,11 @@ _DASMAT: Final = {
     "ax [m/s2]": "Ax", "ay [m/s2]": "Ay", "az [m/s2]": "Az", "p [rad/s]": "p", "q [rad/s]": "q", "r [rad/s]": "r",
     "phi [rad]": "phi", "theta [rad]": "theta", "psi [rad]": "psi", "alpha_vane [rad]": "alpha",
     "beta_vane [rad]": "beta",
-    "airspeed [m/s]": "vtas", "elevator [rad]": "de", "v_north [m/s]": "u_n", "v_east [m/s]": "v_n",
-    "v_down [m/s]": "w_n",
+    "airspeed [m/s]": "vtas", "elevator [rad]": "de", "aileron [rad]": "da", "rudder [rad]": "dr",
+    "v_north [m/s]": "u_n", "v_east [m/s]": "v_n", "v_down [m/s]": "w_n",
 }  # fmt: skip
+_PHLAB_MASS_KG: Final = 6700.0
+"""At engine start, by estimate: the operating empty mass and block fuel of such a flight; less the fuel used."""
 NOISE: Final = {
     "ax": 0.02, "ay": 0.02, "az": 0.04, "p": 5e-4, "q": 5e-4, "r": 5e-4, "phi": 5e-4, "theta": 5e-4, "psi": 5e-4,
     "alpha_vane": 9e-4, "beta_vane": 9e-4, "airspeed": 0.1, "v_north": 0.03, "v_east": 0.03, "v_down": 0.03,
@@ -46,7 +48,10 @@ def attas(name: str) -> dict[str, np.ndarray]:
     contents = loadmat(record(f"attas/{name}.mat"))
     columns = next(x for n, x in contents.items() if not n.startswith("__"))
     time = columns[:, 0] - columns[0, 0]
-    return {"time [s]": np.round(time, 6)} | {title: columns[:, n - 1] for title, n in _ATTAS.items()}
+    made = {"time [s]": np.round(time, 6)} | {title: columns[:, n - 1] for title, n in _ATTAS.items()}
+    made["aileron [deg]"] = (columns[:, 28] - columns[:, 27]) / 2  # right and left, as the book's test case 1
+    made["thrust [N]"] = columns[:, 36] + columns[:, 37]
+    return made
 
 
 def phlab(start: float = -np.inf, end: float = np.inf) -> dict[str, np.ndarray]:
@@ -64,6 +69,7 @@ def phlab(start: float = -np.inf, end: float = np.inf) -> dict[str, np.ndarray]:
     made = {"time [s]": np.round(time[rows], 3)} | {title: column(n)[rows] for title, n in _PHLAB.items()}
     made["az [g]"] = -1.0 - column("Ahrs1_bNormAcc")[rows]
     made["v_down [m/s]"] = -column("Dadc1_altRate")[rows] * 0.3048 / 60
+    made["mass [kg]"] = _PHLAB_MASS_KG - 0.45359237 * (column("lh_engine_FU") + column("rh_engine_FU"))[rows]
     return made
 
 
@@ -76,6 +82,46 @@ def dasmat(name: str, noise: float = 0.0, seed: int = 1) -> dict[str, np.ndarray
         made[title] = made[title] + noise * NOISE.get(title.split(" ")[0], 0.0) * rng.standard_normal(len(made[title]))
     made["altitude [m]"] = np.full(len(stored["t"]), ALTITUDE_M)
     return made
+
+
+DHC2_SPEED: Final = 50.0
+"""m/s; the record has the lateral velocity and no airspeed: any stands for it."""
+DHC2: Final = {
+    "p": (-5.820, -0.665, -0.278), "r": (1.782, -0.712, 1.410), "da": (-16.434, -0.428, -0.447),
+    "dr": (0.434, -2.824, 2.657), "v": (-0.097, 0.0084, -0.180),
+}  # fmt: skip
+"""What the record was made with: roll and yaw acceleration (rad/s2) and side force (m/s2) by each, per rad/s, rad and
+m/s (Jategaonkar 2015, table 5.1; the record itself obeys them to 2 %, the rudder's roll, or better)."""
+UNSTABLE_SPEED: Final = 44.5695
+"""m/s"""
+UNSTABLE: Final = {"w": (-1.4249, 0.2163), "q": (-1.4768, -3.7067), "de": (-6.2632, -12.784)}
+"""What the record was made with: vertical (m/s2) and pitch acceleration (rad/s2) by each (Jategaonkar 2015, table 9.1;
+the vertical ones are least squares' on the record, to its last digit)."""
+
+
+def dhc2() -> dict[str, np.ndarray]:
+    """DHC-2, simulated in turbulence, 20 Hz: lateral motion alone, so that the longitudinal columns stand still."""
+    columns = np.loadtxt(record("attas/y13aus_da1.asc"))
+    n = len(columns)
+    made = {"time [s]": np.round(0.05 * np.arange(n), 6)}
+    picked = {"pdot [rad/s2]": 12, "rdot [rad/s2]": 13, "ay [m/s2]": 14, "p [rad/s]": 15, "r [rad/s]": 16,
+              "aileron [rad]": 17, "rudder [rad]": 18}  # fmt: skip
+    made |= {title: columns[:, k - 1] for title, k in picked.items()}
+    made["beta_vane [rad]"] = columns[:, 18] / DHC2_SPEED
+    level = {"airspeed [m/s]": DHC2_SPEED, "alpha_vane [rad]": 0.0, "q [rad/s]": 0.0, "ax [m/s2]": 0.0,
+             "az [m/s2]": -9.80665, "elevator [rad]": 0.0, "altitude [m]": 0.0}  # fmt: skip
+    return made | {title: np.full(n, x) for title, x in level.items()}
+
+
+def unstable() -> dict[str, np.ndarray]:
+    """An unstable aircraft, simulated, that angle of attack fed to the elevator keeps in the air; 20 Hz."""
+    time, _, w, q, elevator, az = np.loadtxt(record("attas/unStabAC_sim.asc")).T
+    n = len(time)
+    return {
+        "time [s]": np.round(time, 6), "alpha_vane [rad]": w / UNSTABLE_SPEED, "q [rad/s]": q,
+        "elevator [rad]": elevator, "az [m/s2]": az - 9.80665, "ax [m/s2]": np.zeros(n), "airspeed [m/s]": np.full(n, UNSTABLE_SPEED),
+        "altitude [m]": np.zeros(n),
+    }  # fmt: skip
 
 
 def write_csv(columns: dict[str, np.ndarray], path: Path) -> Path:

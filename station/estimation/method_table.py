@@ -69,7 +69,8 @@ METHODS: Final = {
         Method("physical", "wing, tail and gust as the regressors, with uncertain constants", "none", live=True,
                definition="derivatives", colour=0xF5F5F5FF),
         Method("oe", "output error", "steady", runner="station.estimation.published.motion_methods:method_oe"),
-        Method("fe", "filter error", "steady", runner="station.estimation.published.motion_methods:method_fe"),
+        Method("fe", "filter error", "steady", lateral=True,
+               runner="station.estimation.published.motion_methods:method_fe"),
         Method("sidpac", "II with SIDPAC's settings", "steady", lateral=True, as_published=True,
                runner="station.estimation.published.batch:method_sidpac"),
     )

@@ -1,4 +1,4 @@
-"""The longitudinal motion fitted by output error, or by filter error (method fe).
+"""Filter error (method fe), and the longitudinal motion fitted by it or by output error.
 
 Filter error: the model's output is the one-step prediction of a steady-state Kalman filter, so it stands turbulence;
 its process-noise amplitudes are estimated with the derivatives, the residual variances in turn with them. SI, rad.
@@ -70,7 +70,7 @@ class Longitudinal:
         base, index, inputs = self._vectors()
         c = self.body.constants()
         base[index] = values
-        gain = _steady_gain(c, base, self.start, inputs[0], amplitudes, noise, self.dt)
+        gain = steady_gain(*_linearise(c, base, self.start, inputs[0]), amplitudes, noise, self.dt)
         return _predict(c, base, gain, self.start, inputs, np.ascontiguousarray(measured, dtype=np.float64), self.dt)
 
     def filter_error(
@@ -93,7 +93,7 @@ class Longitudinal:
         def gain(values: Array, noise: Array) -> tuple[Array, Array]:
             q = base.copy()
             q[index] = values[:m]
-            return q, _steady_gain(c, q, self.start, inputs[0], values[m:], noise, self.dt)
+            return q, steady_gain(*_linearise(c, q, self.start, inputs[0]), values[m:], noise, self.dt)
 
         def predict(values: Array, noise: Array) -> Array:
             q, k = gain(values, noise)
@@ -110,14 +110,14 @@ class Longitudinal:
         noise = z - _simulate(c, start, self.start, inputs, self.dt)
         if not np.isfinite(noise).all():
             raise NotIdentifiable("the start values do not give a finite simulation")
-        return _filter_error(predict, share, np.abs(h), z, np.mean(noise**2, axis=0), p, m, convergence)
+        return filter_error(predict, share, np.abs(h), z, np.mean(noise**2, axis=0), p, m, convergence)
 
 
 Filtered = Callable[[Array, Array], Array]
-"""Parameters (m + 4,), residual variances (k,) -> outputs (n, k) or the diagonal of K C (4,)."""
+"""Parameters with the states' amplitudes after them, residual variances (k,) -> outputs (n, k) or diagonal of K C."""
 
 
-def _filter_error(
+def filter_error(
     predict: Filtered,
     share: Filtered,
     influence: Array,
@@ -135,7 +135,7 @@ def _filter_error(
     constraint's own Lagrange multiplier, how far the diagonal of K C exceeds 1.
 
     When the residual variances change, the amplitudes are scaled so that the gain stays about what it was (Jategaonkar
-    2015, section 5.4); `influence` (k, 4) says how much each output sees of each state.
+    2015, section 5.4); `influence` (k, states) says how much each output sees of each state.
     """
     used = np.ones(z.shape, dtype=bool)
     iterations, converged = 0, False
@@ -213,7 +213,7 @@ def _halved(
 
 
 def _scale(influence: Array, noise: Array, latest: Array) -> Array:
-    """Of the amplitudes (4,), so that the gain stays about what it was when residual variances go from `noise` to
+    """Of the amplitudes, so that the gain stays about what it was when residual variances go from `noise` to
     `latest` (k,)."""
     weight = influence**2 / noise[:, None]
     scale: Array = (weight * np.sqrt(latest / noise)[:, None]).sum(axis=0) / weight.sum(axis=0)
@@ -264,16 +264,17 @@ def _log_variances(e: Array) -> float:
     return float(np.log(np.mean(e * e, axis=0)).sum())
 
 
-def _steady_gain(c: Array, p: Array, x: Array, u: Array, amplitudes: Array, noise: Array, dt: float) -> Array:
-    """K (4, 7) from the stable invariant subspace of the Riccati equation's Hamiltonian matrix."""
-    a, h = _linearise(c, p, x, u)
+def steady_gain(a: Array, h: Array, amplitudes: Array, noise: Array, dt: float) -> Array:
+    """K (states, outputs) from the stable invariant subspace of the Riccati equation's Hamiltonian matrix, for A and C
+    (`a`, `h`)."""
+    n = len(a)
     hamiltonian = np.block([[a.T, -(h.T / noise) @ h / dt], [-np.diag(amplitudes**2), -a]])
     if not np.isfinite(hamiltonian).all():
         raise NotIdentifiable("no steady filter gain")
     values, vectors = np.linalg.eig(hamiltonian)
-    stable = vectors[:, np.argsort(values.real)[:NX]]
+    stable = vectors[:, np.argsort(values.real)[:n]]
     try:
-        steady = np.linalg.solve(stable[:NX].T, stable[NX:].T).T.real
+        steady = np.linalg.solve(stable[:n].T, stable[n:].T).T.real
     except np.linalg.LinAlgError as error:
         raise NotIdentifiable("no steady filter gain") from error
     return np.ascontiguousarray(steady @ h.T / noise)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
 
-from station.conventions import to_si
+from station.conventions import LATERAL, to_si
 from station.estimation.flight_record import FlightRecord
 from station.estimation.published.filter_error import Longitudinal
 from station.estimation.published.kalman import Tuning, extended_kalman
+from station.estimation.published.lateral_motion import OUTPUTS as LATERAL_OUTPUTS
+from station.estimation.published.lateral_motion import lateral_filter_error
 from station.estimation.published.longitudinal_motion import NX, NY, PARAMETERS, Body
 from station.estimation.published.output_error import CONVERGED, Convergence, OutputFit
 from station.estimation.published.short_period import ShortPeriod
@@ -27,9 +29,12 @@ from station.estimation.results import (
     excited,
     inflation_of,
     judge,
+    moves_laterally,
     names,
+    not_applicable,
     regress,
     result_of,
+    unknown,
 )
 from station.model.coefficients import force_coefficients, lift_and_drag
 from station.numerics.differentiation import derivative, white_variance
@@ -90,9 +95,21 @@ def method_oe(record: FlightRecord, axes: Axes) -> MethodResult:
 
 
 def method_fe(record: FlightRecord, axes: Axes) -> MethodResult:
-    """fe: filter error of the longitudinal motion, process-noise amplitudes estimated."""
+    """fe: filter error of the longitudinal motion, and of the lateral one where that is excited, each by itself;
+    process-noise amplitudes estimated."""
     _require_length(record)
-    return _longitudinal(record, axes, "fe")
+    if not moves_laterally(record):
+        return _longitudinal(record, axes, "fe")
+    try:
+        made = _longitudinal(record, axes, "fe")
+    except NotIdentifiable as why:
+        made = not_applicable(str(why), names(axes))
+    try:
+        found, fit, more = lateral_filter_error(record)
+    except NotIdentifiable as why:
+        return replace(made, parameters=(*made.parameters, *unknown(LATERAL, Status.INVALID, str(why))))
+    fits = {**made.fit, **_output_fits(LATERAL_OUTPUTS, fit.model + fit.residual, fit)}
+    return result_of((*made.parameters, *found), fits, {**made.settings, **more})
 
 
 def _inflation(record: FlightRecord) -> Array:
