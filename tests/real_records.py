@@ -119,7 +119,8 @@ def unstable() -> dict[str, np.ndarray]:
     n = len(time)
     return {
         "time [s]": np.round(time, 6), "alpha_vane [rad]": w / UNSTABLE_SPEED, "q [rad/s]": q,
-        "elevator [rad]": elevator, "az [m/s2]": az - 9.80665, "ax [m/s2]": np.zeros(n), "airspeed [m/s]": np.full(n, UNSTABLE_SPEED),
+        "elevator [rad]": elevator, "az [m/s2]": az - 9.80665, "ax [m/s2]": np.zeros(n),
+        "airspeed [m/s]": np.full(n, UNSTABLE_SPEED),
         "altitude [m]": np.zeros(n),
     }  # fmt: skip
 

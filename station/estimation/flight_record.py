@@ -102,7 +102,7 @@ class FlightRecord:
         # Next to a gap of the rates the angular acceleration is unknown, and with it the correction of an IMU's place.
         usable &= np.isfinite(motion["ax"]) & np.isfinite(motion["az"])
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
-        alpha, beta = _flow_angles(motion, aircraft)
+        alpha, beta = flow_angles(motion, aircraft)
         if "thrust" not in motion:
             motion["thrust"] = _thrust(motion, airframe, aircraft, alpha, usable, remarks)
         return cls(
@@ -262,7 +262,8 @@ def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array]
     return replace(airframe, **inertias)
 
 
-def _flow_angles(motion: Mapping[str, Array], aircraft: Aircraft) -> tuple[Array, Array]:
+def flow_angles(motion: Mapping[str, Array], aircraft: Aircraft) -> tuple[Array, Array]:
+    """Angle of attack and sideslip (n,) at the CG, from the vanes' where these are."""
     vane = motion["alpha_vane"]
     beta = motion.get("beta_vane", np.zeros(len(vane)))
     boom = aircraft.boom

@@ -182,6 +182,22 @@ def with_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodRe
     return replace(_or_why(result, made), parameters=tuple(made), statistical={**own, **result.statistical})
 
 
+def with_more_error(result: MethodResult, more: Mapping[str, float], record: FlightRecord) -> MethodResult:
+    """Standard errors that hold, in quadrature, what is known to be wrong with the derivatives named."""
+
+    def wider(p: ParamEstimate) -> ParamEstimate:
+        return _with_error(p, math.hypot(p.sd, more.get(p.name, 0.0)), record.aircraft)
+
+    made = tuple(wider(p) for p in result.parameters)
+    own = {p.name: p.sd for p in result.parameters if p.name in more and math.isfinite(p.sd)}
+    return replace(
+        _or_why(result, made),
+        parameters=made,
+        quasi_steady=tuple(wider(p) for p in result.quasi_steady),
+        statistical={**own, **result.statistical},
+    )
+
+
 def without_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodResult:
     """The contrary: to be compared with a result that is wrong by the same share."""
     shares = airframe_errors(record, result.parameters)

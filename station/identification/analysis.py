@@ -14,12 +14,13 @@ from station.conventions import LATERAL
 from station.estimation.method_table import LIVE, METHODS, recommended
 from station.estimation.published import batch, cross_spectra
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors
+from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
 from station.identification.cross_axis import drowned, without_longitudinal
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
+from station.identification.instrument_bias import biases
 from station.identification.instrument_table import instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.model_structure import Comparison, structures
@@ -27,6 +28,7 @@ from station.identification.plausibility import hint
 from station.identification.preparation import Prepared, prepare
 from station.identification.remarks import (
     about_columns,
+    about_contradiction,
     about_disagreement,
     about_gusts,
     about_instruments,
@@ -72,6 +74,11 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     lateral = drowned(ready.record)
     if lateral:
         results = {name: without_longitudinal(result, lateral) for name, result in results.items()}
+    instruments = (ready.mistaken or instrument_table(ready.record)) if examined else None
+    contradiction = ""
+    if instruments is not None and not ready.refusal:
+        wrong, contradiction = biases(ready.record, instruments, request.axes)
+        results = {n: with_more_error(r, wrong, ready.record) if wrong else r for n, r in results.items()}
     if ready.mistaken:
         results = {name: _invalid(result, ready.mistaken) for name, result in results.items()}
     best = _recommended(results, level)
@@ -82,12 +89,12 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
         axes=request.axes,
         turbulence=level,
         gust_sd=gust_sd,
-        remarks=_remarks(ready, results, level, flown),
+        remarks=(*_remarks(ready, results, level, flown), *about_contradiction(contradiction)),
         hint=_hint(ready, table.aircraft, results.get(best or "")),
         methods=results,
         recommended=best,
         consistency=consistency(results, request.axes),
-        instruments=(ready.mistaken or instrument_table(ready.record)) if examined else None,
+        instruments=instruments,
         kinematics=made,
         structures=_structures(ready, flown),
         sifted=lines,

@@ -91,6 +91,16 @@ def about_instruments(aircraft: Aircraft) -> list[str]:
     return done + [f"an instrument error is not corrected: {words}" for words in stated.refused]
 
 
+def about_contradiction(words: str) -> list[str]:
+    """Instruments that the others contradict, whose part in the errors the user can take out."""
+    if not words:
+        return []
+    return [
+        f"against the other instruments {words}: the standard errors hold what that does to derivatives; stated in the "
+        "profile under [instruments] (a vane's scale by its upwash), it is undone"
+    ]
+
+
 def about_the_band(record: FlightRecord, band_hz: tuple[float, float]) -> list[str]:
     """Where the band ends below the aircraft's short period."""
     speed = float(np.nanmean(record.motion["airspeed"]))
