@@ -374,12 +374,13 @@ class Lateral:
                 found += [ParamEstimate(n, math.nan, math.nan, *refused) for n in names]
                 continue
             of, is_estimated = spectra.fitted, refused[0] is Status.ESTIMATED
-            # Noise in a regressor shrinks its derivative by the noise's share of what the regressor has for itself.
             doubt = np.hypot(model[e], self._airframe[int(self.mass_recorded), e] * of.value[e])
+            share = np.where([n in still for n in SPOKEN], 0.0, noise * of.inflation[e])
+            doubt = np.hypot(doubt, _attenuation(of.inverse[e], share, of.value[e]))
             columns = (of.value[e], of.error[e], doubt, noise * of.inflation[e], of.inflation[e])
             each = zip(names, SPOKEN, *[x.tolist() for x in columns], strict=True)
             for name, regressor, value, error, wrong, attenuated, inflation in each:
-                sd, said, is_still = math.hypot(error, wrong, attenuated * value), refused, regressor in still
+                sd, said, is_still = math.hypot(error, wrong), refused, regressor in still
                 if is_estimated:
                     code = of_estimate(value, sd, self._known[name], inflation)
                     said = _said(code, regressor, is_still, attenuated > ATTENUATED)
@@ -387,6 +388,16 @@ class Lateral:
                     value = sd = math.nan
                 found.append(ParamEstimate(name, value, sd, *said))
         return tuple(found)
+
+
+def _attenuation(inverse: Array, share: Array, value: Array) -> Array:
+    """What noise in the regressors does to the derivatives (PARAMETERS,): each shrinks by its own noise's `share` of
+    what the regressor has for itself, and what it loses goes to those that it moves along with (Fuller 1987).
+
+    `inverse`: of the normal matrix M with the noise N in it. The true ones are (M - N)^-1 M value.
+    """
+    lost = inverse * (share / np.maximum(np.diag(inverse), 1e-300))
+    return np.asarray(np.linalg.solve(np.eye(len(value)) - lost, lost @ value))
 
 
 @cache

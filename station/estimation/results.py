@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
-from station.estimation.acceptance import EXCITED, WIDE, of_estimate, worded
+from station.estimation.acceptance import EXCITED, MOVES_ALONG, WIDE, of_estimate, worded
 from station.estimation.flight_record import FlightRecord
 from station.model.airframe_error import relative_errors
 from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
@@ -31,6 +31,9 @@ LEAST_SAMPLES: Final = 50
 DOF: Final = ("alpha", "q", "de")
 LATERAL_DOF: Final = ("beta", "p", "r", "da", "dr")
 LATERAL_SURFACES: Final = ("aileron", "rudder")
+LATERAL_FORCES: Final = ("CY", "Cl", "Cn")
+STILL: Final = {"da": "aileron", "dr": "rudder"}
+"""Derivatives that need a surface of their own to move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +144,23 @@ def equations(record: FlightRecord, axes: Axes, forces: Sequence[str] | None = N
     wanted = forces or (("CL", "Cm") if axes == "wind" else ("CZ", "Cm"))
     made = [Equation(n, tuple(f"{n}_{d}" for d in DOF), x, c.named(n), ("elevator",)) for n in wanted]
     if moves_laterally(record):
-        x = np.column_stack([record.beta, c.phat, c.rhat, m["aileron"], m["rudder"]])
-        for name in ("CY", "Cl", "Cn"):
-            made.append(Equation(name, tuple(f"{name}_{d}" for d in LATERAL_DOF), x, c.named(name), LATERAL_SURFACES))
+        columns = dict(zip(LATERAL_DOF, (record.beta, c.phat, c.rhat, m["aileron"], m["rudder"]), strict=True))
+        # A surface that stands still would be a regressor of noise alone, collinear with all others.
+        columns = {d: x for d, x in columns.items() if d not in STILL or excited(record, (STILL[d],))}
+        x = np.column_stack(list(columns.values()))
+        for name in LATERAL_FORCES:
+            made.append(Equation(name, tuple(f"{name}_{d}" for d in columns), x, c.named(name), LATERAL_SURFACES))
     return made
+
+
+def completed(parameters: Sequence[ParamEstimate], equation: Equation) -> tuple[ParamEstimate, ...]:
+    """An equation's estimates with those of the surfaces that stood still."""
+    if equation.name not in LATERAL_FORCES:
+        return tuple(parameters)
+    known = {p.name: p for p in parameters}
+    every = {f"{equation.name}_{d}": STILL.get(d, "") for d in LATERAL_DOF}
+    none = {n: ParamEstimate(n, math.nan, math.nan, Status.UNESTIMATED, f"no {s} input") for n, s in every.items()}
+    return tuple(known.get(n, none[n]) for n in every)
 
 
 def blocked(record: FlightRecord, equation: Equation) -> tuple[Status, str]:
@@ -184,6 +200,8 @@ def with_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodRe
 
 def with_more_error(result: MethodResult, more: Mapping[str, float], record: FlightRecord) -> MethodResult:
     """Standard errors that hold, in quadrature, what is known to be wrong with the derivatives named."""
+    if not more:
+        return result
 
     def wider(p: ParamEstimate) -> ParamEstimate:
         return _with_error(p, math.hypot(p.sd, more.get(p.name, 0.0)), record.aircraft)
@@ -233,7 +251,12 @@ def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: 
     parameter whose two standard errors then exceed its size, by the result or by the `aircraft`, is not significant and
     unestimated. `called`: the witness's name.
     """
-    known = {p.name: p for p in witness.parameters if p.status is not Status.INVALID and math.isfinite(p.sd)}
+    collinear = worded(MOVES_ALONG)[1]
+    known = {
+        p.name: p
+        for p in witness.parameters
+        if math.isfinite(p.sd) and (p.status is not Status.INVALID or p.why == collinear)
+    }
 
     def wider(p: ParamEstimate) -> ParamEstimate:
         by = known[p.name]

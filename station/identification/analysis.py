@@ -17,7 +17,7 @@ from station.estimation.published.cross_spectra import VaneSpectra
 from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
-from station.identification.cross_axis import drowned, without_longitudinal
+from station.identification.cross_axis import coupling, drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
 from station.identification.instrument_bias import biases
@@ -71,14 +71,14 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     if request.sift and lines is not None:
         only = sifted_results(lines, ready.record, request.axes)
         results |= {n: r for n, r in only.items() if n in results}
-    lateral = drowned(ready.record)
-    if lateral:
-        results = {name: without_longitudinal(result, lateral) for name, result in results.items()}
     instruments = (ready.mistaken or instrument_table(ready.record)) if examined else None
     contradiction = ""
-    if instruments is not None and not ready.refusal:
-        wrong, contradiction = biases(ready.record, instruments, request.axes)
-        results = {n: with_more_error(r, wrong, ready.record) if wrong else r for n, r in results.items()}
+    if not ready.refusal:
+        if instruments is not None:
+            wrong, contradiction = biases(ready.record, instruments, request.axes)
+            results = {n: with_more_error(r, wrong, ready.record) for n, r in results.items()}
+        across, whys = coupling(ready.record, request.axes), drowned(ready.record)
+        results = {n: refused(with_more_error(r, across, ready.record), whys) for n, r in results.items()}
     if ready.mistaken:
         results = {name: _invalid(result, ready.mistaken) for name, result in results.items()}
     best = _recommended(results, level)

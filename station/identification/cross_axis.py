@@ -1,9 +1,11 @@
-"""Longitudinal derivatives from a lateral manoeuvre: a sensor that is turned by two degrees shows a thirtieth of the
-lateral motion as longitudinal, and where the elevator hardly moves that is most of what there is."""
+"""What the other axis's motion puts into derivatives. A sensor that is turned by two degrees shows a thirtieth of the
+lateral motion as longitudinal, or the contrary; an aircraft is not quite symmetric, and what keeps it straight answers
+the manoeuvre. Where an axis hardly moves by itself, that is most of what there is."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -12,57 +14,111 @@ from numpy.typing import NDArray
 from scipy.signal import detrend
 
 from station.conventions import LATERAL
+from station.estimation.acceptance import EXCITED
 from station.estimation.flight_record import FlightRecord
 from station.estimation.lateral_derivatives import ATTENUATED
-from station.estimation.results import MethodResult
+from station.estimation.results import LATERAL_FORCES, Axes, MethodResult, equations, regress
+from station.numerics.regression import NotIdentifiable
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
 
 CROSS_AXIS: Final = 0.035
 """What a vane or gyro block turned by 2 deg, as such are installed, shows of the other axis."""
-
-
 LEAST: Final = 1e-12
 """Energy of a signal that stands still."""
+WORDS: Final = {
+    "alpha": "the angle of attack", "beta": "sideslip", "q": "pitch rate", "p": "roll rate", "r": "yaw rate",
+}  # fmt: skip
+PAIRS: Final = (
+    ("alpha", "beta", ("CL", "CZ", "Cm"), "elevator"),
+    ("q", "p", ("Cm",), "elevator"),
+    ("beta", "alpha", LATERAL_FORCES, "rudder"),
+    ("p", "q", ("Cl",), "aileron"),
+    ("r", "q", ("Cn",), "rudder"),
+)
+"""A motion, one of the other axis that its sensor shows, the coefficients that are made of it beside its own
+derivatives, and what would move it."""
 
 
-def drowned(record: FlightRecord) -> str:
-    """Why no longitudinal derivative can be had from what the lateral motion puts into the longitudinal signals; "" if
-    one can, or there are no lateral signals."""
-    good = record.usable
-    if not (good.any() and record.has("beta_vane", "p")):
-        return ""
-    pairs = (record.alpha, record.beta), (record.motion["q"], record.motion["p"])
-    shares = []
-    for own, other in pairs:
-        both = good & np.isfinite(own) & np.isfinite(other)
-        if not both.any():
-            return ""
-        shares.append(CROSS_AXIS**2 * _energy(other[both]) / max(_energy(own[both]), LEAST))
-    if min(shares) <= ATTENUATED:
-        return ""
-    times = math.sqrt(shares[0]) / CROSS_AXIS
-    return (
-        f"sideslip moves {times:.0f} times as much as the angle of attack, and a vane turned by 2 deg shows it as "
-        f"{shares[0]:.0%} of that: move the elevator more"
-    )
+def drowned(record: FlightRecord) -> dict[str, str]:
+    """Why derivatives cannot be had, by their names, from what another axis's motion puts into their signals; empty if
+    all can, or there are no lateral signals."""
+    if not (record.usable.any() and record.has("beta_vane", "p", "r")):
+        return {}
+    energy = _energies(record)
+    found: dict[str, str] = {}
+    for own, other, coefficients, surface in PAIRS:
+        share = CROSS_AXIS**2 * energy[other] / max(energy[own], LEAST)
+        if share <= ATTENUATED:
+            continue
+        times = math.sqrt(share) / CROSS_AXIS
+        why = (
+            f"{WORDS[other]} moves {times:.0f} times as much as {WORDS[own]}, and a sensor turned by 2 deg shows it as "
+            f"{share:.0%} of that: move the {surface} more"
+        )
+        names = [f"{c}_{d}" for c in coefficients for d in ("alpha", "beta", "p", "q", "r", "de", "da", "dr")]
+        names += [f"{c}_{own}" for c in ("CL", "CZ", "Cm", *LATERAL_FORCES)]
+        found |= {name: why for name in names if name not in found}
+    return found
 
 
-def without_longitudinal(result: MethodResult, why: str) -> MethodResult:
-    """The longitudinal numbers are kept for comparison, but are no estimates."""
-    made = tuple(
-        p if p.name in LATERAL or p.status is not Status.ESTIMATED else _refused(p, why) for p in result.parameters
-    )
-    own = tuple(_refused(p, why) for p in result.quasi_steady)
+def _energies(record: FlightRecord) -> dict[str, float]:
+    """Mean squares of the motion by its mark in derivatives' names."""
+    motion = {"alpha": record.alpha, "beta": record.beta, **{n: record.motion[n] for n in ("p", "q", "r")}}
+    made = {}
+    for name, x in motion.items():
+        good = record.usable & np.isfinite(x)
+        made[name] = float(np.mean(detrend(x[good]) ** 2)) if good.any() else 0.0
+    return made
+
+
+def refused(result: MethodResult, whys: Mapping[str, str]) -> MethodResult:
+    """The numbers are kept for comparison, but are no estimates."""
+
+    def judged(p: ParamEstimate) -> ParamEstimate:
+        if p.name not in whys or p.status is not Status.ESTIMATED:
+            return p
+        return ParamEstimate(p.name, p.value, p.sd, Status.UNESTIMATED, whys[p.name])
+
+    made = tuple(judged(p) for p in result.parameters)
     if result.status == "ok" and not any(p.status is Status.ESTIMATED for p in made):
-        result = replace(result, status="not_applicable", why=why)
-    return replace(result, parameters=made, quasi_steady=own)
+        first = next(p.why for p in made if p.why)
+        result = replace(result, status="not_applicable", why=first)
+    return replace(result, parameters=made, quasi_steady=tuple(judged(p) for p in result.quasi_steady))
 
 
-def _refused(p: ParamEstimate, why: str) -> ParamEstimate:
-    return ParamEstimate(p.name, p.value, p.sd, Status.UNESTIMATED, why)
+def coupling(record: FlightRecord, axes: Axes) -> dict[str, float]:
+    """By how much least squares' derivatives differ where the other axis's motion may move the coefficient too.
+
+    Sideslip, its rates and surfaces in the longitudinal equations, and the contrary, as far as they move beyond their
+    noise.
+    """
+    c, m = record.coefficients, record.motion
+    longitudinal = {"alpha_vane": record.alpha, "q": c.qhat, "elevator": m["elevator"]}
+    lateral = {"beta_vane": record.beta, "p": c.phat, "r": c.rhat}
+    lateral |= {n: m[n] for n in ("aileron", "rudder") if record.has(n)}
+    if not record.has("beta_vane", "p", "r"):
+        return {}
+    found: dict[str, float] = {}
+    for equation in equations(record, axes):
+        others = longitudinal if equation.parameters[0] in LATERAL else lateral
+        more = [x for n, x in others.items() if _moves(record, n)]
+        if not more:
+            continue
+        try:
+            own, _ = regress(record, equation)
+            both, _ = regress(record, replace(equation, regressors=np.column_stack([equation.regressors, *more])))
+        except (NotIdentifiable, np.linalg.LinAlgError):
+            continue
+        k = len(equation.parameters)
+        found |= dict(zip(equation.parameters, (both.estimate[:k] - own.estimate[:k]).tolist(), strict=True))
+    return found
 
 
-def _energy(x: Array) -> float:
-    return float(np.mean(detrend(x) ** 2))
+def _moves(record: FlightRecord, name: str) -> bool:
+    """Whether a signal's motion stands out of its noise."""
+    x = record.motion[name]
+    good = record.usable & np.isfinite(x)
+    noise = record.noise.get(name, 0.0)
+    return bool(good.any() and np.mean(detrend(x[good]) ** 2) > EXCITED * noise**2 + LEAST)

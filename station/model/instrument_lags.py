@@ -298,6 +298,9 @@ class _Fit(Likelihood):
             for kind, each in (("lag", fall * x * x), ("filter", fall * x * x), ("scale", 1.0)):
                 if (head, kind) in keys:
                     made[keys.index((head, kind))] = float((share * each / (1 + x * x)).sum())
+            if (force, "scale") in keys:
+                # The row has the heave twice, by the vane and by the force, which it subtracts.
+                made[keys.index((force, "scale"))] = -float((share / (1 + x * x)).sum())
         return made
 
     def _gust(self, values: Mapping[Key, float], told: bool) -> float:

@@ -19,6 +19,7 @@ from station.estimation.results import (
     EquationFit,
     MethodResult,
     blocked,
+    completed,
     equations,
     inflation_of,
     judge,
@@ -45,12 +46,13 @@ def method_i(record: FlightRecord, axes: Axes) -> MethodResult:
                 raise NotIdentifiable(why)
             fit, inflation = regress(record, equation)
         except NotIdentifiable as refusal:
-            parameters += _refused(equation, status, why, refusal)
+            parameters += completed(_refused(equation, status, why, refusal), equation)
             continue
         m = len(equation.parameters)
         if status is Status.ESTIMATED:
             status, why = worded(of_equation(fit.r2))
-        parameters += judge(record, equation.parameters, fit.estimate[:m], fit.se_coloured[:m], inflation, status, why)
+        made = judge(record, equation.parameters, fit.estimate[:m], fit.se_coloured[:m], inflation, status, why)
+        parameters += completed(made, equation)
         fits[equation.name] = EquationFit(fit.r2, fit.s)
     settings = {
         "regressors": ["alpha", "q c/2V", "elevator", "1"],
@@ -82,7 +84,7 @@ def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
                 found = published.recursive_fourier(x, z, record.dt, published.grid(lines))
             except NotIdentifiable as refusal:
                 if mine:
-                    parameters += _refused(equation, status, why, refusal)
+                    parameters += completed(_refused(equation, status, why, refusal), equation)
                 continue
             history[label][equation.name] = {
                 "parameters": list(equation.parameters),
@@ -95,7 +97,8 @@ def method_sidpac(record: FlightRecord, axes: Axes) -> MethodResult:
                 residual = z - x @ last
                 fits[equation.name] = EquationFit(published.r_squared(x, z, last), float(np.std(residual)))
                 inflation = inflation_of(x)
-                parameters += judge(record, equation.parameters, last, found.se[-1], inflation, status, why)
+                made = judge(record, equation.parameters, last, found.se[-1], inflation, status, why)
+                parameters += completed(made, equation)
     first, step, count = published.GRID_36
     settings = {
         "frequencies_hz": [first, step, first + step * (count - 1)],

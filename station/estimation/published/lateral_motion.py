@@ -17,11 +17,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
 from station.estimation.published.filter_error import filter_error, steady_gain
 from station.estimation.published.output_error import Convergence, OutputFit
-from station.estimation.results import LATERAL_SURFACES, equations, excited, inflation_of, judge, unknown
+from station.estimation.results import (
+    LATERAL_FORCES,
+    LATERAL_SURFACES,
+    completed,
+    equations,
+    excited,
+    inflation_of,
+    judge,
+)
 from station.numerics.differentiation import derivative
 from station.numerics.regression import NotIdentifiable, smoothed_start
 from station.rows import ParamEstimate, Status
@@ -149,14 +156,14 @@ def lateral_filter_error(record: FlightRecord) -> tuple[tuple[ParamEstimate, ...
     amplitudes = left * math.sqrt(record.dt)
     first = np.concatenate([theta[used], amplitudes])
     fit = filter_error(predict, share, influence, z, np.mean(noise**2, axis=0), first, count, SETTLED)
-    return _judged(record, fit, used, still), fit, {"process_noise_lateral": fit.estimate[count:].tolist()}
+    return _judged(record, fit, used), fit, {"process_noise_lateral": fit.estimate[count:].tolist()}
 
 
 def _start(record: FlightRecord, used: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Equation error's parameters (3, TERMS), and what it leaves of roll and yaw acceleration, (2,)."""
     theta, left = np.zeros((3, TERMS)), np.zeros(3)
-    for i, equation in enumerate(e for e in equations(record, "wind") if e.name in ("CY", "Cl", "Cn")):
-        x = equation.regressors[:, used[i, 1:]]
+    for i, equation in enumerate(e for e in equations(record, "wind") if e.name in LATERAL_FORCES):
+        x = equation.regressors
         good = np.isfinite(x).all(axis=1) & np.isfinite(equation.measured)
         full = np.column_stack([np.ones(good.sum()), x[good]])
         found, *_ = np.linalg.lstsq(full, equation.measured[good])
@@ -168,22 +175,14 @@ def _start(record: FlightRecord, used: NDArray[np.bool_]) -> tuple[Array, Array]
     return theta, left[1:] * moment / inertia
 
 
-def _judged(
-    record: FlightRecord, fit: OutputFit, used: NDArray[np.bool_], still: list[str]
-) -> tuple[ParamEstimate, ...]:
+def _judged(record: FlightRecord, fit: OutputFit, used: NDArray[np.bool_]) -> tuple[ParamEstimate, ...]:
     status, why = (Status.ESTIMATED, "") if fit.converged else (
         Status.INVALID, f"not converged in {fit.iterations} iterations")  # fmt: skip
     errors = np.maximum(fit.se_white, fit.se_coloured)
     at = np.cumsum(used).reshape(used.shape) - 1
     made: list[ParamEstimate] = []
-    for i, equation in enumerate(e for e in equations(record, "wind") if e.name in ("CY", "Cl", "Cn")):
-        inflation = inflation_of(equation.regressors[:, used[i, 1:]])
-        k = 0
-        for j, name in enumerate(LATERAL[5 * i : 5 * i + 5], start=1):
-            if not used[i, j]:
-                made += unknown([name], Status.UNESTIMATED, f"no {' or '.join(still)} input")
-                continue
-            value, error = fit.estimate[[at[i, j]]], errors[[at[i, j]]]
-            made += judge(record, [name], value, error, inflation[[k]], status, why)
-            k += 1
+    for i, equation in enumerate(e for e in equations(record, "wind") if e.name in LATERAL_FORCES):
+        inflation, own = inflation_of(equation.regressors), at[i, 1:][used[i, 1:]]
+        found = judge(record, equation.parameters, fit.estimate[own], errors[own], inflation, status, why)
+        made += completed(found, equation)
     return tuple(made)
