@@ -14,6 +14,20 @@ from scipy.io import loadmat
 
 ATTAS_BOOM: Final = (13.080, -0.010, -0.027)
 """m from the CG: of the flow vanes and the airspeed in the elevator, aileron and rudder records."""
+ATTAS_IMU: Final = (-1.010, 0.886, 0.103)
+"""m from the CG: of the accelerometers, in all its records, whose columns are called "at CG": the book's programs move
+them from there, and only so the elevator's lift and moment have the tail's arm."""
+ATTAS_FRAME: Final = {
+    "wing_area": 64.0, "span": 21.5, "chord": 3.159, "mass": 17631.0, "ixx": 133367.0, "iyy": 252687.0, "izz": 359593.0,
+    "ixz": 11442.0, "thrust_pitch_arm": -0.652,
+}  # fmt: skip
+ATTAS_KNOWN: Final = {
+    "fAttasElv1": {"CL_alpha": 5.382, "CL_q": 2 * 3.75, "CL_de": 0.470, "Cm_alpha": -0.975, "Cm_q": 2 * -11.6,
+                   "Cm_de": -1.414},
+    "fAttasElv2": {"CL_alpha": 5.373, "CL_q": 2 * 3.49, "CL_de": 0.461, "Cm_alpha": -0.925, "Cm_q": 2 * -11.8,
+                   "Cm_de": -1.394},
+}  # fmt: skip
+"""By least squares made apart from the station, moments about the book's reference point, 2 cm behind the CG; c/2V."""
 _ATTAS: Final = {
     "ax [m/s2]": 2, "ay [m/s2]": 3, "az [m/s2]": 4, "p [deg/s]": 7, "q [deg/s]": 8, "r [deg/s]": 9,
     "phi [deg]": 10, "theta [deg]": 11, "psi [deg]": 12, "alpha_vane [deg]": 13, "beta_vane [deg]": 14,
@@ -84,14 +98,16 @@ def dasmat(name: str, noise: float = 0.0, seed: int = 1) -> dict[str, np.ndarray
     return made
 
 
+COURSE: Final = {"CL_alpha": 5.7434, "CL_de": 0.69612, "Cm_alpha": -0.5626, "Cm_q": 2 * -8.79415, "Cm_de": -1.1642}
+"""PH-LAB's as its course has them, CZ turned round; per c/2V. CZ_q, -5.6629 per c/V, holds the lift by alphadot."""
 DHC2_SPEED: Final = 50.0
 """m/s; the record has the lateral velocity and no airspeed: any stands for it."""
 DHC2: Final = {
     "p": (-5.820, -0.665, -0.278), "r": (1.782, -0.712, 1.410), "da": (-16.434, -0.428, -0.447),
-    "dr": (0.434, -2.824, 2.657), "v": (-0.097, 0.0084, -0.180),
+    "dr": (0.4435, -2.824, 2.657), "v": (-0.097, 0.0084, -0.180),
 }  # fmt: skip
 """What the record was made with: roll and yaw acceleration (rad/s2) and side force (m/s2) by each, per rad/s, rad and
-m/s (Jategaonkar 2015, table 5.1; the record itself obeys them to 2 %, the rudder's roll, or better)."""
+m/s: its own columns, whose states and accelerations have no measurement noise, obey these to their last digit."""
 UNSTABLE_SPEED: Final = 44.5695
 """m/s"""
 UNSTABLE: Final = {"w": (-1.4249, 0.2163), "q": (-1.4768, -3.7067), "de": (-6.2632, -12.784)}
@@ -123,6 +139,15 @@ def unstable() -> dict[str, np.ndarray]:
         "airspeed [m/s]": np.full(n, UNSTABLE_SPEED),
         "altitude [m]": np.zeros(n),
     }  # fmt: skip
+
+
+def fdata(path: Path) -> dict[str, np.ndarray]:
+    """Channels of a SIDPAC file that equation error is made of."""
+    rows = loadmat(path)["fdata"]
+    picked = {"time [s]": 1, "airspeed [ft/s]": 2, "alpha_vane [deg]": 4, "p [deg/s]": 5, "q [deg/s]": 6,
+              "r [deg/s]": 7, "ax [g]": 11, "ay [g]": 12, "az [g]": 13, "elevator [deg]": 14, "altitude [ft]": 30,
+              "qdot [deg/s2]": 43}  # fmt: skip
+    return {title: rows[:, n - 1] for title, n in picked.items()}
 
 
 def write_csv(columns: dict[str, np.ndarray], path: Path) -> Path:

@@ -20,7 +20,7 @@ from station.identification.angle_consistency import consistency
 from station.identification.cross_axis import coupling, drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
-from station.identification.instrument_bias import biases
+from station.identification.instrument_bias import biases, matters
 from station.identification.instrument_table import instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.model_structure import Comparison, structures
@@ -74,9 +74,9 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     instruments = (ready.mistaken or instrument_table(ready.record)) if examined else None
     contradiction = ""
     if not ready.refusal:
-        if instruments is not None:
-            wrong, contradiction = biases(ready.record, instruments, request.axes)
-            results = {n: with_more_error(r, wrong, ready.record) for n, r in results.items()}
+        wrong, words = biases(ready.record, instruments, request.axes)
+        contradiction = words if matters(wrong, results.values()) else ""
+        results = {n: with_more_error(r, wrong, ready.record) for n, r in results.items()}
         across, whys = coupling(ready.record, request.axes), drowned(ready.record)
         results = {n: refused(with_more_error(r, across, ready.record), whys) for n, r in results.items()}
     if ready.mistaken:

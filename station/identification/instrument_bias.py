@@ -2,27 +2,31 @@
 
 A vane that is late by T reads alpha - T alphadot, and with the angle of attack go its derivatives: the rate derivative
 takes up T 2V/c of the angle's. No residual shows it, but the instruments show it among themselves, before any
-aerodynamics (instrument_table.py). Least squares on the record as it is, and with its signals as their instruments'
-lags and scales would have them, differ by what that does; the standard errors of every method hold the difference.
+aerodynamics (instrument_table.py). A surface has no instrument to be held against but the moment that it makes: where
+this follows the record later than a sample, what is recorded is the actuator's command, or badly in time. Least squares
+on the record as it is, and with its signals as these lags and scales would have them, differ by what they do; the
+standard errors of every method hold the difference.
 
-Source: Morelli 1995 (data compatibility before identification); Klein and Morelli 2006, sections 9.4 and 10.2.
+Source: Klein and Morelli 2006, sections 9.4 (time skews), 10.2 (data compatibility).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from station.estimation.flight_record import FlightRecord, flow_angles
-from station.estimation.results import Axes, equations, regress
+from station.estimation.results import Axes, Equation, MethodResult, equations, regress
 from station.identification.instrument_table import InstrumentTable
 from station.model.coefficients import coefficients
 from station.numerics.regression import NotIdentifiable
+from station.rows import Status
 
 Array = NDArray[np.float64]
 
@@ -32,10 +36,43 @@ LATE_S: Final = 0.02
 """A lag that is no error of an instrument: unsteady upwash and the vane on its spring make it as late."""
 REGRESSED: Final = ("alpha_vane", "q", "az", "ax", "airspeed", "beta_vane", "p", "r", "ay")
 """What the equations are made of; velocities over ground are not in them."""
+SURFACES: Final = {"Cm": ("elevator", "de"), "Cl": ("aileron", "da"), "Cn": ("rudder", "dr")}
+"""The coefficient that shows a surface best, and its mark there."""
+LONGEST_S: Final = 0.3
+"""Of a surface's lag: slower actuators do not control an aircraft."""
+STEP_S: Final = 0.01
 
 
-def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, tuple[float, float]]:
-    """Lag (s) and scale, beyond what the profile says, of each instrument that the others contradict."""
+@dataclass(frozen=True, slots=True)
+class Error:
+    """Of a signal, beyond what the profile says: reported `late` (s, negative: early), or a surface that follows what
+    is recorded with a time constant `follows` (s); times `scale`."""
+
+    late: float = 0.0
+    scale: float = 1.0
+    follows: float = 0.0
+
+    def undone(self, x: Array, t_s: Array) -> Array:
+        """The signal `x` (n,) at `t_s` as it was."""
+        good = np.isfinite(x)
+        if self.late:
+            moved = CubicSpline(t_s[good], x[good], extrapolate=False)(t_s + self.late)
+            x = np.where(good, moved, np.nan)
+        if self.follows:
+            keep = np.exp(-(t_s[1] - t_s[0]) / self.follows)
+            whole = np.interp(t_s, t_s[good], x[good])
+            x = np.where(good, lfilter([1 - keep], [1, -keep], whole - whole[0]) + whole[0], np.nan)
+        return np.asarray(x / self.scale)
+
+    def worded(self, name: str) -> str:
+        parts = [f"{abs(1e3 * self.late):.0f} ms {'late' if self.late > 0 else 'early'}"] if self.late else []
+        parts += [f"scale {self.scale:.3g}"] if self.scale != 1.0 else []
+        parts += [f"ahead of its moment by a lag of {1e3 * self.follows:.0f} ms"] if self.follows else []
+        return f"{name} {' and '.join(parts)}"
+
+
+def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, Error]:
+    """Each instrument that the others contradict."""
     scale_known = record.aircraft.uncertainty.vane_scale
     found = {}
     for row in table.rows:
@@ -47,35 +84,86 @@ def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, tupl
             share = row.scale.value / row.stated.get("scale", 1.0)
             scale = share if abs(share - 1) > max(SURE * row.scale.sd / row.scale.value, scale_known) else 1.0
         if row.signal in REGRESSED and (lag, scale) != (0.0, 1.0):
-            found[row.signal] = lag, scale
+            found[row.signal] = Error(lag, scale)
     return found
 
 
-def undone(record: FlightRecord, errors: Mapping[str, tuple[float, float]]) -> FlightRecord:
-    """The record with its signals as they were before those lags and scales."""
-    motion = dict(record.motion)
-    for name, (lag, scale) in errors.items():
-        x = motion[name]
-        good = np.isfinite(x)
-        moved = CubicSpline(record.t_s[good], x[good], extrapolate=False)(record.t_s + lag)
-        motion[name] = np.where(good, moved, np.nan) / scale
+def out_of_time(record: FlightRecord, axes: Axes) -> dict[str, Error]:
+    """Each surface whose moment follows what is recorded late, or early, by more than a sample."""
+    found = {}
+    for equation in equations(record, axes):
+        surface, mark = SURFACES.get(equation.name, ("", ""))
+        name = f"{equation.name}_{mark}"
+        if name not in equation.parameters or not np.isfinite(equation.measured[record.usable]).any():
+            continue
+        error = _timed(record, equation, surface, equation.parameters.index(name))
+        if error is not None:
+            found[surface] = error
+    return found
+
+
+def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> Error | None:
+    good = record.usable & np.isfinite(equation.regressors).all(axis=1) & np.isfinite(equation.measured)
+    if good.sum() < len(equation.parameters) + 2:
+        return None
+    z = equation.measured[good] - equation.measured[good].mean()
+
+    def moved(error: Error) -> Array:
+        x = equation.regressors.copy()
+        x[:, at] = error.undone(record.motion[surface], record.t_s)
+        return x
+
+    def left(error: Error) -> float:
+        x = moved(error)[good]
+        x = np.where(np.isfinite(x), x, np.nanmean(x, axis=0))
+        x = x - x.mean(axis=0)
+        estimate = np.linalg.lstsq(x, z, rcond=None)[0]
+        return float(np.mean((z - x @ estimate) ** 2))
+
+    steps = np.arange(STEP_S, LONGEST_S + STEP_S / 2, STEP_S)
+    tried = [Error(), *(Error(late=s) for s in (*steps, *-steps)), *(Error(follows=s) for s in steps)]
+    best = min(tried, key=left)
+    size = abs(best.late) + best.follows
+    if size <= max(LATE_S, record.dt):
+        return None
+    x = moved(best)
+    x = np.column_stack([x, np.gradient(x[:, at], record.dt)])
+    try:
+        fit, _ = regress(record, replace(equation, regressors=x))
+    except (NotIdentifiable, np.linalg.LinAlgError):
+        return None
+    sd = abs(fit.se_coloured[len(equation.parameters)] / fit.estimate[at])
+    return best if size > SURE * sd else None
+
+
+def undone(record: FlightRecord, errors: Mapping[str, Error]) -> FlightRecord:
+    """The record with its signals as they were."""
+    motion = {**record.motion, **{n: e.undone(record.motion[n], record.t_s) for n, e in errors.items()}}
     alpha, beta = flow_angles(motion, record.aircraft)
     made = coefficients(motion, record.airframe, alpha, record.dt)
     return replace(record, motion=motion, alpha=alpha, beta=beta, coefficients=made)
 
 
-def biases(record: FlightRecord, table: InstrumentTable | str, axes: Axes) -> tuple[dict[str, float], str]:
-    """By how much each derivative differs by the instruments that the others contradict, and these in words."""
-    errors = {} if isinstance(table, str) else contradicted(record, table)
+def biases(record: FlightRecord, table: InstrumentTable | str | None, axes: Axes) -> tuple[dict[str, float], str]:
+    """By how much each derivative differs by the signals that the others contradict, and these in words."""
+    errors = contradicted(record, table) if isinstance(table, InstrumentTable) else {}
+    # Of the others, for a late gyro is an early surface.
+    errors |= out_of_time(undone(record, errors) if errors else record, axes)
     if not errors:
         return {}, ""
     before, after = _estimates(record, axes), _estimates(undone(record, errors), axes)
-    words = []
-    for name, (lag, scale) in errors.items():
-        parts = [f"{abs(1e3 * lag):.0f} ms {'late' if lag > 0 else 'early'}"] if lag else []
-        parts += [f"scale {scale:.3g}"] if scale != 1.0 else []
-        words.append(f"{name} {' and '.join(parts)}")
-    return {n: after[n] - x for n, x in before.items() if n in after}, "; ".join(words)
+    words = "; ".join(error.worded(name) for name, error in errors.items())
+    return {n: after[n] - x for n, x in before.items() if n in after}, words
+
+
+def matters(wrong: Mapping[str, float], results: Iterable[MethodResult]) -> bool:
+    """Whether any estimate is wrong by more than half its standard error."""
+    return any(
+        abs(wrong.get(p.name, 0.0)) > 0.5 * p.sd
+        for result in results
+        for p in result.parameters
+        if p.status is Status.ESTIMATED
+    )
 
 
 def _estimates(record: FlightRecord, axes: Axes) -> dict[str, float]:

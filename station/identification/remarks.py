@@ -96,8 +96,8 @@ def about_contradiction(words: str) -> list[str]:
     if not words:
         return []
     return [
-        f"against the other instruments {words}: the standard errors hold what that does to derivatives; stated in the "
-        "profile under [instruments] (a vane's scale by its upwash), it is undone"
+        f"against the other signals {words}: the standard errors hold what that does to derivatives; stated in the "
+        "profile under [instruments] (a vane's scale by its upwash, a surface's lag as a negative one), it is undone"
     ]
 
 
