@@ -103,8 +103,9 @@ COURSE: Final = {"CL_alpha": 5.7434, "CL_de": 0.69612, "Cm_alpha": -0.5626, "Cm_
 DHC2_SPEED: Final = 50.0
 """m/s; the record has the lateral velocity and no airspeed: any stands for it."""
 DHC2: Final = {
-    "p": (-5.820, -0.665, -0.278), "r": (1.782, -0.712, 1.410), "da": (-16.434, -0.428, -0.447),
-    "dr": (0.4435, -2.824, 2.657), "v": (-0.097, 0.0084, -0.180),
+    "p": (-5.81996, -0.664906, -0.278403), "r": (1.78187, -0.711906, 1.40995),
+    "da": (-16.433794, -0.428722, -0.447117), "dr": (0.443456, -2.824319, 2.657059),
+    "v": (-0.096877, 0.008438, -0.179944),
 }  # fmt: skip
 """What the record was made with: roll and yaw acceleration (rad/s2) and side force (m/s2) by each, per rad/s, rad and
 m/s: its own columns, whose states and accelerations have no measurement noise, obey these to their last digit."""

@@ -16,16 +16,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from station.numerics.differentiation import differentiate
+from station.numerics.differentiation import derivative, differentiate
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
+SMOOTHED_S: Final = 0.025
+"""Step of a record up to which a rate is differentiated by SIDPAC's rule, which then loses up to 1.4 % at 1 Hz; of
+20 Hz it would lose 5 %, of 10 Hz 20 %."""
 Quantity = Any
 """A number, or an array of the record's length."""
 Vector = tuple[Quantity, ...]
@@ -223,7 +226,9 @@ def signal(motion: Mapping[str, Array], name: str, n: int) -> Array:
 def acceleration(motion: Mapping[str, Array], name: str, rate: Array, dt: float) -> Array:
     """pdot, qdot or rdot as measured; differentiated from its rate where the record has nothing of it."""
     column = motion.get(name)
-    return differentiate(rate, dt) if column is None or not np.isfinite(column).any() else column
+    if column is not None and np.isfinite(column).any():
+        return column
+    return differentiate(rate, dt) if dt <= SMOOTHED_S else derivative(rate, dt)
 
 
 def at_centre_of_gravity(

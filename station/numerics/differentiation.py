@@ -3,7 +3,8 @@
     derivative       five points, fourth order: right to (omega dt)^4/30, 0.002 % at 1 Hz of 50 Hz. The rule wherever
                      noise is dealt with elsewhere: weighted, or smoothed.
     differentiate    five points, least-squares parabola: 0.57 (omega dt)^2 too small, 0.9 % at 1 Hz of 50 Hz, with a
-                     quarter of the noise. SIDPAC's rule, for coefficients of a record that method I regresses.
+                     quarter of the noise. SIDPAC's rule, for coefficients of a record of 40 Hz or more that method I
+                     regresses.
     central          three points, 0.17 (omega dt)^2 too small: live, one tick late; transforms undo the loss by
                      spectra.central_difference_factor.
 

@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from real_aircraft import frame, known_of_dhc2, known_of_unstable, profile, regression, sides
+from real_aircraft import actuated, frame, known_of_dhc2, known_of_unstable, profile, regression, sides
 from real_records import (
     ATTAS_BOOM,
     ATTAS_FRAME,
@@ -116,13 +116,15 @@ def attas_records(station: Station) -> None:
 
 
 def simulations(station: Station) -> None:
-    air = {"density": atmosphere(2000.0)[2]}
-    for part, names in (("de3211_1", LONGITUDINAL), ("dr3211_1", LATERAL)):
-        known = regression(sides(dasmat(part), frame("citation") | air))
-        for noise in (0.0, 1.0):
-            result = station.identify(dasmat(part, noise), "citation")
-            words = "with noise laid over it" if noise else "as it is"
-            show(f"DASMAT {part}, {words}; known by least squares without noise", result, known, names)
+    body = frame("citation") | {"density": atmosphere(2000.0)[2]}
+    cases = ("de3211_1", "elevator", "Cm", LONGITUDINAL), ("dr3211_1", "rudder", "Cn", LATERAL)
+    for part, surface, moment, names in cases:
+        known = regression(sides(actuated(dasmat(part), body, surface, moment), body))
+        for noise, aircraft, words in ((0.0, "citation", "as it is"), (1.0, "citation", "with noise laid over it"),
+                                       (1.0, "citation_actuated", "with noise, and the actuators' lag stated")):  # fmt: skip
+            result = station.identify(dasmat(part, noise), aircraft)
+            show(f"DASMAT {part}, {words}; known by least squares without noise, actuators followed", result, known,
+                 names)  # fmt: skip
     show("DHC-2 with process noise; known from its making", station.identify(dhc2(), "dhc2"), known_of_dhc2(), LATERAL)
     show("unstable aircraft under feedback; known from its making", station.identify(unstable(), "unstable"),
          known_of_unstable(), LONGITUDINAL)  # fmt: skip
@@ -148,14 +150,23 @@ def citation_in_flight(station: Station) -> None:
         show(f"PH-LAB, {start} to {end} s, {air}; known: its course's values", result, COURSE, LONGITUDINAL)
 
 
+PARTS = {
+    "attas": attas_records,
+    "simulations": simulations,
+    "peers": records_of_nasa_and_dlr,
+    "phlab": citation_in_flight,
+}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all if left out")
     parser.add_argument("--listing", action="store_true", help="print what identify prints, too")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         station = Station(Path(name), given.listing)
-        for part in (attas_records, simulations, records_of_nasa_and_dlr, citation_in_flight):
-            part(station)
+        for part in given.parts or PARTS:
+            PARTS[part](station)
 
 
 if __name__ == "__main__":
