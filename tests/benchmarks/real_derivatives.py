@@ -117,14 +117,17 @@ def attas_records(station: Station) -> None:
 
 def simulations(station: Station) -> None:
     body = frame("citation") | {"density": atmosphere(2000.0)[2]}
-    cases = ("de3211_1", "elevator", "Cm", LONGITUDINAL), ("dr3211_1", "rudder", "Cn", LATERAL)
-    for part, surface, moment, names in cases:
-        known = regression(sides(actuated(dasmat(part), body, surface, moment), body))
-        for noise, aircraft, words in ((0.0, "citation", "as it is"), (1.0, "citation", "with noise laid over it"),
-                                       (1.0, "citation_actuated", "with noise, and the actuators' lag stated")):  # fmt: skip
-            result = station.identify(dasmat(part, noise), aircraft)
-            show(f"DASMAT {part}, {words}; known by least squares without noise, actuators followed", result, known,
-                 names)  # fmt: skip
+    known = regression(sides(actuated(dasmat("de3211_1"), body, "elevator", "Cm"), body))
+    words = "DASMAT, elevator 3-2-1-1, {}; known by least squares without noise, actuators followed"
+    for noise, aircraft, how in ((0.0, "citation", "as it is"), (1.0, "citation", "with noise laid over it"),
+                                 (1.0, "citation_actuated", "with noise, the actuators' lag stated")):  # fmt: skip
+        result = station.identify(dasmat("de3211_1", noise), aircraft)
+        show(words.format(how), result, known, LONGITUDINAL)
+    for aircraft, how in (("citation", ""), ("citation_actuated", ", the actuators' lag stated")):
+        clean = station.identify(dasmat("dr3211_1"), aircraft)["methods"]["II"]["parameters"]
+        known = {n: p["estimate"] for n, p in clean.items() if p["estimate"] is not None}
+        result = station.identify(dasmat("dr3211_1", 1.0), aircraft)
+        show(f"DASMAT, rudder 3-2-1-1, with noise laid over it{how}; known: II without noise", result, known, LATERAL)
     show("DHC-2 with process noise; known from its making", station.identify(dhc2(), "dhc2"), known_of_dhc2(), LATERAL)
     show("unstable aircraft under feedback; known from its making", station.identify(unstable(), "unstable"),
          known_of_unstable(), LONGITUDINAL)  # fmt: skip
