@@ -247,7 +247,7 @@ def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: 
     A method that takes the vane's for the angle of attack at the CG is biased by gusts, and its residuals do not show
     by how much: the error includes the distance from `witness`, which corrects the gust's part, and the witness's own.
     Twice the error then covers the true value in 96 to 100 % of the flights (24 each of both Twin Otters, calm air to
-    10 ft/s), without it in as little as 0 %. Parameters that the witness has no valid number for keep their errors. A
+    10 ft/s), without it in as little as 0 %. Parameters that the witness has no number for keep their errors. A
     parameter whose two standard errors then exceed its size, by the result or by the `aircraft`, is not significant and
     unestimated. `called`: the witness's name.
     """

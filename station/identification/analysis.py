@@ -17,12 +17,13 @@ from station.estimation.published.cross_spectra import VaneSpectra
 from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
-from station.identification.cross_axis import coupling, drowned, refused
+from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
 from station.identification.instrument_bias import biases, matters
 from station.identification.instrument_table import instrument_table
 from station.identification.kinematics import kinematics
+from station.identification.left_out import left_out, mostly_gusts
 from station.identification.model_structure import Comparison, structures
 from station.identification.plausibility import hint
 from station.identification.preparation import Prepared, prepare
@@ -77,8 +78,9 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
         wrong, words = biases(ready.record, instruments, request.axes)
         contradiction = words if matters(wrong, results.values()) else ""
         results = {n: with_more_error(r, wrong, ready.record) for n, r in results.items()}
-        across, whys = coupling(ready.record, request.axes), drowned(ready.record)
-        results = {n: refused(with_more_error(r, across, ready.record), whys) for n, r in results.items()}
+        lacking = left_out(ready.record, request.axes)
+        whys = {**mostly_gusts(ready.record, results, instruments), **drowned(ready.record)}
+        results = {n: refused(with_more_error(r, lacking, ready.record), whys) for n, r in results.items()}
     if ready.mistaken:
         results = {name: _invalid(result, ready.mistaken) for name, result in results.items()}
     best = _recommended(results, level)

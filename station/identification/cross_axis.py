@@ -1,6 +1,5 @@
-"""What the other axis's motion puts into derivatives. A sensor that is turned by two degrees shows a thirtieth of the
-lateral motion as longitudinal, or the contrary; an aircraft is not quite symmetric, and what keeps it straight answers
-the manoeuvre. Where an axis hardly moves by itself, that is most of what there is."""
+"""Derivatives of an axis that hardly moves by itself: a sensor that is turned by two degrees shows a thirtieth of the
+lateral motion as longitudinal, or the contrary, and that is then most of what there is."""
 
 from __future__ import annotations
 
@@ -13,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend
 
-from station.conventions import LATERAL
-from station.estimation.acceptance import EXCITED
 from station.estimation.flight_record import FlightRecord
 from station.estimation.lateral_derivatives import ATTENUATED
-from station.estimation.results import LATERAL_FORCES, Axes, MethodResult, equations, regress
-from station.numerics.regression import NotIdentifiable
+from station.estimation.results import LATERAL_FORCES, MethodResult
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -86,39 +82,3 @@ def refused(result: MethodResult, whys: Mapping[str, str]) -> MethodResult:
         first = next(p.why for p in made if p.why)
         result = replace(result, status="not_applicable", why=first)
     return replace(result, parameters=made, quasi_steady=tuple(judged(p) for p in result.quasi_steady))
-
-
-def coupling(record: FlightRecord, axes: Axes) -> dict[str, float]:
-    """By how much least squares' derivatives differ where the other axis's motion may move the coefficient too.
-
-    Sideslip, its rates and surfaces in the longitudinal equations, and the contrary, as far as they move beyond their
-    noise.
-    """
-    c, m = record.coefficients, record.motion
-    longitudinal = {"alpha_vane": record.alpha, "q": c.qhat, "elevator": m["elevator"]}
-    lateral = {"beta_vane": record.beta, "p": c.phat, "r": c.rhat}
-    lateral |= {n: m[n] for n in ("aileron", "rudder") if record.has(n)}
-    if not record.has("beta_vane", "p", "r"):
-        return {}
-    found: dict[str, float] = {}
-    for equation in equations(record, axes):
-        others = longitudinal if equation.parameters[0] in LATERAL else lateral
-        more = [x for n, x in others.items() if _moves(record, n)]
-        if not more:
-            continue
-        try:
-            own, _ = regress(record, equation)
-            both, _ = regress(record, replace(equation, regressors=np.column_stack([equation.regressors, *more])))
-        except (NotIdentifiable, np.linalg.LinAlgError):
-            continue
-        k = len(equation.parameters)
-        found |= dict(zip(equation.parameters, (both.estimate[:k] - own.estimate[:k]).tolist(), strict=True))
-    return found
-
-
-def _moves(record: FlightRecord, name: str) -> bool:
-    """Whether a signal's motion stands out of its noise."""
-    x = record.motion[name]
-    good = record.usable & np.isfinite(x)
-    noise = record.noise.get(name, 0.0)
-    return bool(good.any() and np.mean(detrend(x[good]) ** 2) > EXCITED * noise**2 + LEAST)

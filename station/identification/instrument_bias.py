@@ -12,6 +12,7 @@ Source: Klein and Morelli 2006, sections 9.4 (time skews), 10.2 (data compatibil
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -25,6 +26,8 @@ from station.estimation.flight_record import FlightRecord, flow_angles
 from station.estimation.results import Axes, Equation, MethodResult, equations, regress
 from station.identification.instrument_table import InstrumentTable
 from station.model.coefficients import coefficients
+from station.model.instrument_lags import FILTERS_S
+from station.numerics.differentiation import derivative
 from station.numerics.regression import NotIdentifiable
 from station.rows import Status
 
@@ -138,22 +141,50 @@ def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> E
 
 def undone(record: FlightRecord, errors: Mapping[str, Error]) -> FlightRecord:
     """The record with its signals as they were."""
-    motion = {**record.motion, **{n: e.undone(record.motion[n], record.t_s) for n, e in errors.items()}}
+    return _of_motion(
+        record, {**record.motion, **{n: e.undone(record.motion[n], record.t_s) for n, e in errors.items()}}
+    )
+
+
+def _of_motion(record: FlightRecord, motion: Mapping[str, Array]) -> FlightRecord:
     alpha, beta = flow_angles(motion, record.aircraft)
     made = coefficients(motion, record.airframe, alpha, record.dt)
     return replace(record, motion=motion, alpha=alpha, beta=beta, coefficients=made)
 
 
+def filtered(record: FlightRecord, errors: Mapping[str, Error]) -> dict[str, float]:
+    """Lags (s), stated or in `errors`, of signals that are so late that they may come through a filter instead."""
+    late = {n: e.late for n, e in errors.items()}
+    for name, instrument in record.aircraft.instruments.items():
+        late[name] = late.get(name, 0.0) + instrument.latency
+    return {n: x for n, x in late.items() if x > FILTERS_S and n in REGRESSED and n in record.motion}
+
+
 def biases(record: FlightRecord, table: InstrumentTable | str | None, axes: Axes) -> tuple[dict[str, float], str]:
-    """By how much each derivative differs by the signals that the others contradict, and these in words."""
+    """By how much each derivative is wrong by the signals that the others contradict, and these in words.
+
+    A lag that was undone as a delay may be that of a filter: by how much derivatives differ is part of it.
+    """
     errors = contradicted(record, table) if isinstance(table, InstrumentTable) else {}
     # Of the others, for a late gyro is an early surface.
     errors |= out_of_time(undone(record, errors) if errors else record, axes)
-    if not errors:
+    late = filtered(record, errors)
+    if not (errors or late):
         return {}, ""
-    before, after = _estimates(record, axes), _estimates(undone(record, errors), axes)
-    words = "; ".join(error.worded(name) for name, error in errors.items())
-    return {n: after[n] - x for n, x in before.items() if n in after}, words
+    mended = undone(record, errors)
+    before, after = _estimates(record, axes), _estimates(mended, axes)
+    other = _estimates(through_filters(mended, late), axes) if late else after
+    wrong = {n: math.hypot(after[n] - x, other.get(n, after[n]) - after[n]) for n, x in before.items() if n in after}
+    return wrong, "; ".join(error.worded(name) for name, error in errors.items())
+
+
+def through_filters(record: FlightRecord, late: Mapping[str, float]) -> FlightRecord:
+    """The record whose signals, late by `late` (s) and moved back by it, had come through first-order lags instead."""
+    motion = dict(record.motion)
+    for name, lag in late.items():
+        seen = Error(late=-lag).undone(motion[name], record.t_s)
+        motion[name] = seen + lag * derivative(seen, record.dt)
+    return _of_motion(record, motion)
 
 
 def matters(wrong: Mapping[str, float], results: Iterable[MethodResult]) -> bool:

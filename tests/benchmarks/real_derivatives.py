@@ -116,7 +116,7 @@ def attas_records(station: Station) -> None:
 
 
 def simulations(station: Station) -> None:
-    body = frame("citation") | {"density": atmosphere(2000.0)[2]}
+    body = frame("citation") | {"density": atmosphere(2000.0)[2], "tables": 1.0}
     known = regression(sides(actuated(dasmat("de3211_1"), body, "elevator", "Cm"), body))
     words = "DASMAT, elevator 3-2-1-1, {}; known by least squares without noise, actuators followed"
     for noise, aircraft, how in ((0.0, "citation", "as it is"), (1.0, "citation", "with noise laid over it"),

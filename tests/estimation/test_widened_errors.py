@@ -39,13 +39,14 @@ def test_an_error_holds_the_distance_from_the_witness_and_the_witness_s_own() ->
     found = widened(MethodResult("ok", "", mine), MethodResult("ok", "", theirs), "split")
     assert found.parameters[0].sd == pytest.approx(1.3)  # 0.3, 0.4, 1.2
     assert found.parameters[0].value == 5.0
-    assert found.parameters[1] == mine[1]
-    assert found.statistical == {"CL_alpha": 0.3, "CY_da": 0.008}
+    # A collinear one has a wide error, and that says so.
+    assert found.parameters[1].sd == pytest.approx(math.hypot(4.0, 20.0, 1.0))
+    assert found.statistical == {"CL_alpha": 0.3, "CL_q": 4.0, "CY_da": 0.008}
     assert found.parameters[2].sd == pytest.approx(math.hypot(0.008, 0.043, 0.003))
     assert found.parameters[3:] == mine[3:]
     # Its status goes by the error that it has then: 2 x 0.044 is more than 0.042.
     judged = widened(MethodResult("ok", "", mine), MethodResult("ok", "", theirs), "split", AIRCRAFT)
-    assert [p.status for p in judged.parameters[:3]] == [Status.ESTIMATED, Status.ESTIMATED, Status.UNESTIMATED]
+    assert [p.status for p in judged.parameters[:3]] == [Status.ESTIMATED, Status.UNESTIMATED, Status.UNESTIMATED]
     assert judged.parameters[2].why == "not significant: 2 sigma > estimate and profile value"
     alone = widened(MethodResult("ok", "", mine[2:3]), MethodResult("ok", "", theirs[2:]), "split", AIRCRAFT)
     assert (alone.status, alone.why) == ("not_applicable", "not significant: 2 sigma > estimate and profile value")
