@@ -36,6 +36,7 @@ from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.differentiation import central
 from station.numerics.lagrange import cubic
+from station.numerics.regression import attenuation
 from station.numerics.second_order import inverse_terms
 from station.numerics.spectra import Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
@@ -376,7 +377,7 @@ class Lateral:
             of, is_estimated = spectra.fitted, refused[0] is Status.ESTIMATED
             doubt = np.hypot(model[e], self._airframe[int(self.mass_recorded), e] * of.value[e])
             share = np.where([n in still for n in SPOKEN], 0.0, noise * of.inflation[e])
-            doubt = np.hypot(doubt, _attenuation(of.inverse[e], share, of.value[e]))
+            doubt = np.hypot(doubt, attenuation(of.inverse[e], share, of.value[e]))
             columns = (of.value[e], of.error[e], doubt, noise * of.inflation[e], of.inflation[e])
             each = zip(names, SPOKEN, *[x.tolist() for x in columns], strict=True)
             for name, regressor, value, error, wrong, attenuated, inflation in each:
@@ -388,16 +389,6 @@ class Lateral:
                     value = sd = math.nan
                 found.append(ParamEstimate(name, value, sd, *said))
         return tuple(found)
-
-
-def _attenuation(inverse: Array, share: Array, value: Array) -> Array:
-    """What noise in the regressors does to the derivatives (PARAMETERS,): each shrinks by its own noise's `share` of
-    what the regressor has for itself, and what it loses goes to those that it moves along with (Fuller 1987).
-
-    `inverse`: of the normal matrix M with the noise N in it. The true ones are (M - N)^-1 M value.
-    """
-    lost = inverse * (share / np.maximum(np.diag(inverse), 1e-300))
-    return np.asarray(np.linalg.solve(np.eye(len(value)) - lost, lost @ value))
 
 
 @cache

@@ -6,8 +6,8 @@ comes near the stall, and change with speed. Least squares with such a term and 
 does; the standard errors of every method hold the difference. Source: Klein and Morelli 2006, section 5.4 (which terms
 a model needs).
 
-Gusts: wing and tail meet them one after the other, and later than the vane. Without a tail in the profile no method
-knows when; where most of the angle of attack is gust, that is what the derivatives would be of.
+Gusts: wing and tail meet them one after the other, and later than the vane. Without a tail in the profile, or by a vane
+that is late itself, no method knows when; where most of the angle of attack is gust, derivatives would be of that.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from station.conventions import LATERAL, LONGITUDINAL, LONGITUDINAL_BODY
 from station.estimation.acceptance import EXCITED
 from station.estimation.flight_record import FlightRecord
 from station.estimation.results import Axes, Equation, MethodResult, equations, regress
+from station.identification.instrument_bias import contradicted, filtered
 from station.identification.instrument_table import MOSTLY, InstrumentTable
 from station.model.instrument_lags import GUST_HZ
 from station.numerics.regression import Fit, NotIdentifiable
@@ -90,11 +91,15 @@ def mostly_gusts(
     record: FlightRecord, results: Mapping[str, MethodResult], instruments: InstrumentTable | str | None
 ) -> dict[str, str]:
     """Why no longitudinal derivative can be had, by their names, where gusts move the angle of attack more than the
-    aircraft does and no method knows what the tail makes of them; empty if one can."""
+    aircraft does and no method knows when wing and tail meet them; empty if one can."""
     if not isinstance(instruments, InstrumentTable) or not math.isfinite(instruments.gust_sd):
         return {}
-    if any(n in results and results[n].status == "ok" for n in KNOW_GUSTS):
+    if "alpha_vane" in filtered(record, contradicted(record, instruments)):
+        lacking, mend = "the vane is too late to show when they come", "move the elevator more"
+    elif any(n in results and results[n].status == "ok" for n in KNOW_GUSTS):
         return {}
+    else:
+        lacking, mend = "no method knows when the tail meets them", "move the elevator more, or state unsteady.tail_arm"
     good = record.usable & np.isfinite(record.alpha)
     low, high = GUST_HZ
     if good.mean() < MOSTLY or 1 / record.dt <= 2 * high:
@@ -105,8 +110,5 @@ def mostly_gusts(
     share = (instruments.gust_sd / float(np.nanmean(record.motion["airspeed"]))) ** 2 / max(energy, LEAST)
     if share <= MOST:
         return {}
-    why = (
-        f"most of the angle of attack is gusts ({instruments.gust_sd:.2f} m/s), and the profile has no tail that meets "
-        "them later: move the elevator more, or state unsteady.tail_arm"
-    )
+    why = f"most of the angle of attack is gusts ({instruments.gust_sd:.2f} m/s), and {lacking}: {mend}"
     return dict.fromkeys((*LONGITUDINAL, *LONGITUDINAL_BODY), why)

@@ -37,6 +37,11 @@ PLACE_M: Final = 0.3
 LAG_SD: Final = 1.0
 SCALE_SD: Final = 0.3
 """Prior standard deviations: of a lag, s, and of the logarithm of a scale."""
+TURNED: Final = 0.0087
+"""rad: by which sensors are out of line with their axes, half a degree: what they then show of other axes' motion."""
+ACROSS: Final[Mapping[str, tuple[str, ...]]] = {
+    "p": ("q", "r"), "q": ("p", "r"), "r": ("p", "q"), "alpha_vane": ("beta_vane",), "beta_vane": ("alpha_vane",),
+}  # fmt: skip
 ATTITUDE_DRIFT: Final = 0.0035
 """rad: by which an attitude's error changes over a record: 0.2 deg of a vertical gyro or AHRS."""
 GRAVITY: Final = 0.02
@@ -108,6 +113,8 @@ class _Fit(Likelihood):
     """The search for the parameters, and their errors."""
 
     slopes: NDArray[np.complex128]
+    _root: NDArray[np.complex128]
+    """Of the rows' covariance (lines, rows, rows), which the slopes are divided by."""
     information: Array
     scores: Array
 
@@ -178,6 +185,7 @@ class _Fit(Likelihood):
                 low, high = {"lag": (-furthest, furthest), "filter": (0.0, LAGS_S)}.get(key[1], (-np.inf, np.inf))
                 values[key] = float(np.clip(x + dx, low, high))
             self.information, self.slopes = information, slopes
+            self._root = np.asarray(root, dtype=np.complex128)
             self.scores = 2 * np.einsum("skrp,skr->sp", slopes.conj(), white).real
             if np.max(np.abs(step) / sd) < SETTLED:
                 break
@@ -259,12 +267,31 @@ class _Fit(Likelihood):
         clocks = CLOCK_S * inverse @ self.information[:, held]
         made = inverse @ spread @ inverse
         made = made * np.outer(scatter := self._scatter(inverse, made), scatter)
-        made = made + np.outer(moved, moved) + clocks @ clocks.T
+        turned = inverse @ self._turned()
+        made = made + np.outer(moved, moved) + clocks @ clocks.T + turned @ turned.T
         made[held, held] = CLOCK_S**2
         for n, (i, kind) in enumerate(keys):
             if i in FLOW and kind == ("lag" if (i, "lag") in keys else "filter"):
                 made[n, n] += (PLACE_M / self.speed) ** 2
         return np.asarray(made)
+
+    def _turned(self) -> Array:
+        """Products of the slopes with what a sensor TURNED to one other axis adds to the rows, (keys, turns)."""
+        made = []
+        for i, others in ACROSS.items():
+            terms = [t for t in self.model.terms if t.instrument == i]
+            for other in others:
+                readings = next((t.readings for t in self.model.terms if t.instrument == other), None)
+                if not terms or readings is None:
+                    continue
+                e = np.zeros((len(self.stretches), len(self.rows), len(self.omega)), complex)
+                for t in terms:
+                    for s, stretch in enumerate(self.stretches):
+                        shown = stretch.transform(t.factor * TURNED * readings, 0.0, t.order)[t.order]
+                        e[s, self.rows[t.row]] += shown
+                white = np.linalg.solve(self._root[None], np.moveaxis(e, 1, 2)[..., None])[..., 0]
+                made.append(2 * np.einsum("skrp,skr->p", self.slopes.conj(), white).real)
+        return np.array(made).T if made else np.zeros((self.slopes.shape[-1], 1))
 
     def _scatter(self, inverse: Array, covariance: Array) -> Array:
         """By how much the segments' own estimates scatter beyond `covariance`, in standard deviations, at least 1."""

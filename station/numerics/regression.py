@@ -168,3 +168,13 @@ def invert(m: Array, n: int, inverse: Array) -> bool:
         for j in range(n):
             inverse[i, j] = work[i, n + j] * scale[i] * scale[j]
     return True
+
+
+def attenuation(inverse: Array, share: Array, value: Array) -> Array:
+    """What noise in the regressors does to least squares' parameters (m,): each shrinks by its own noise's `share` of
+    what the regressor has for itself, and what it loses goes to those that it moves along with (Fuller 1987).
+
+    `inverse`: of the normal matrix M with the noise N in it. The true ones are (M - N)^-1 M value.
+    """
+    lost = inverse * (share / np.maximum(np.diag(inverse), 1e-300))
+    return np.asarray(np.linalg.solve(np.eye(len(value)) - lost, lost @ value))
