@@ -378,13 +378,12 @@ class Lateral:
             doubt = np.hypot(model[e], self._airframe[int(self.mass_recorded), e] * of.value[e])
             share = np.where([n in still for n in SPOKEN], 0.0, noise * of.inflation[e])
             doubt = np.hypot(doubt, attenuation(of.inverse[e], share, of.value[e]))
-            columns = (of.value[e], of.error[e], doubt, noise * of.inflation[e], of.inflation[e])
-            each = zip(names, SPOKEN, *[x.tolist() for x in columns], strict=True)
-            for name, regressor, value, error, wrong, attenuated, inflation in each:
+            columns = [x.tolist() for x in (of.value[e], of.error[e], doubt, noise * of.inflation[e], of.inflation[e])]
+            for name, regressor, value, error, wrong, lost, inflation in zip(names, SPOKEN, *columns, strict=True):
                 sd, said, is_still = math.hypot(error, wrong), refused, regressor in still
                 if is_estimated:
                     code = of_estimate(value, sd, self._known[name], inflation)
-                    said = _said(code, regressor, is_still, attenuated > ATTENUATED)
+                    said = _said(code, regressor, is_still, lost > ATTENUATED)
                 if is_still:
                     value = sd = math.nan
                 found.append(ParamEstimate(name, value, sd, *said))
@@ -397,6 +396,5 @@ def _said(code: int, regressor: str, is_still: bool, is_attenuated: bool) -> tup
     if is_still:
         return Status.UNESTIMATED, f"no {regressor} input"
     if is_attenuated:
-        why = f"attenuated: noise is over {ATTENUATED:.0%} of what {regressor} has beyond the other regressors"
-        return Status.UNESTIMATED, why
+        return Status.UNESTIMATED, f"attenuated: over {ATTENUATED:.0%} of {regressor} beyond the others is noise"
     return worded(code)

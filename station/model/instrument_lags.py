@@ -114,7 +114,9 @@ class _Fit(Likelihood):
 
     slopes: NDArray[np.complex128]
     _root: NDArray[np.complex128]
-    """Of the rows' covariance (lines, rows, rows), which the slopes are divided by."""
+    """Of the rows' covariance (lines, rows, rows), which the slopes are divided by,"""
+    _white: NDArray[np.complex128]
+    """and the residuals (segments, lines, rows)."""
     information: Array
     scores: Array
 
@@ -185,7 +187,7 @@ class _Fit(Likelihood):
                 low, high = {"lag": (-furthest, furthest), "filter": (0.0, LAGS_S)}.get(key[1], (-np.inf, np.inf))
                 values[key] = float(np.clip(x + dx, low, high))
             self.information, self.slopes = information, slopes
-            self._root = np.asarray(root, dtype=np.complex128)
+            self._root, self._white = np.asarray(root, np.complex128), np.asarray(white, np.complex128)
             self.scores = 2 * np.einsum("skrp,skr->sp", slopes.conj(), white).real
             if np.max(np.abs(step) / sd) < SETTLED:
                 break
@@ -267,31 +269,37 @@ class _Fit(Likelihood):
         clocks = CLOCK_S * inverse @ self.information[:, held]
         made = inverse @ spread @ inverse
         made = made * np.outer(scatter := self._scatter(inverse, made), scatter)
-        turned = inverse @ self._turned()
-        made = made + np.outer(moved, moved) + clocks @ clocks.T + turned @ turned.T
+        made = made + np.outer(moved, moved) + clocks @ clocks.T + self._turned(inverse)
         made[held, held] = CLOCK_S**2
         for n, (i, kind) in enumerate(keys):
             if i in FLOW and kind == ("lag" if (i, "lag") in keys else "filter"):
                 made[n, n] += (PLACE_M / self.speed) ** 2
         return np.asarray(made)
 
-    def _turned(self) -> Array:
-        """Products of the slopes with what a sensor TURNED to one other axis adds to the rows, (keys, turns)."""
-        made = []
-        for i, others in ACROSS.items():
+    def _turned(self, inverse: Array) -> Array:
+        """Covariance by sensors TURNED to other axes, as far as the record does not show that they are not."""
+        shown, readings = [], {t.instrument: t.readings for t in self.model.terms}
+        for i, other in ((i, other) for i, others in ACROSS.items() for other in others):
             terms = [t for t in self.model.terms if t.instrument == i]
-            for other in others:
-                readings = next((t.readings for t in self.model.terms if t.instrument == other), None)
-                if not terms or readings is None:
-                    continue
-                e = np.zeros((len(self.stretches), len(self.rows), len(self.omega)), complex)
-                for t in terms:
-                    for s, stretch in enumerate(self.stretches):
-                        shown = stretch.transform(t.factor * TURNED * readings, 0.0, t.order)[t.order]
-                        e[s, self.rows[t.row]] += shown
-                white = np.linalg.solve(self._root[None], np.moveaxis(e, 1, 2)[..., None])[..., 0]
-                made.append(2 * np.einsum("skrp,skr->p", self.slopes.conj(), white).real)
-        return np.array(made).T if made else np.zeros((self.slopes.shape[-1], 1))
+            if terms and other in readings:
+                shown.append(self._whitened([(t.row, t.factor * TURNED * readings[other], t.order) for t in terms]))
+        if not shown:
+            return np.zeros_like(inverse)
+        turns = np.array(shown)
+        apart = 2 * np.einsum("skrp,tskr->pt", self.slopes.conj(), turns).real
+        known = 2 * np.einsum("askr,bskr->ab", turns.conj(), turns).real - apart.T @ inverse @ apart
+        posterior = np.linalg.inv(known + np.eye(len(turns)))
+        mean = posterior @ (2 * np.einsum("tskr,skr->t", turns.conj(), self._white).real)
+        moved = inverse @ apart
+        return np.asarray(moved @ (posterior + np.outer(mean, mean)) @ moved.T)
+
+    def _whitened(self, parts: Sequence[tuple[str, Array, int]]) -> NDArray[np.complex128]:
+        """Of rows, what is added to them (n,) and its order; over the rows' covariance, (segments, lines, rows)."""
+        e = np.zeros((len(self.stretches), len(self.omega), len(self.rows)), complex)
+        for row, x, order in parts:
+            for s, stretch in enumerate(self.stretches):
+                e[s, :, self.rows[row]] += stretch.transform(x, 0.0, order)[order]
+        return np.asarray(np.linalg.solve(self._root[None], e[..., None])[..., 0], dtype=np.complex128)
 
     def _scatter(self, inverse: Array, covariance: Array) -> Array:
         """By how much the segments' own estimates scatter beyond `covariance`, in standard deviations, at least 1."""
