@@ -127,8 +127,8 @@ def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> E
     tried = [Error(), *(Error(late=s) for s in (*steps, *-steps)), *(Error(follows=s) for s in steps)]
     best = min(tried, key=left)
     size = abs(best.late) + best.follows
-    if size <= max(LATE_S, record.dt):
-        return None
+    if not max(LATE_S, record.dt) < size < LONGEST_S - STEP_S / 2:
+        return None  # in time, or no best one among those tried
     x = moved(best)
     x = np.column_stack([x, np.gradient(x[:, at], record.dt)])
     try:
