@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from station.numerics.differentiation import derivative
 from station.numerics.lagrange import cubic
 
 Array = NDArray[np.float64]
@@ -112,12 +111,19 @@ def passed(omega: Array, band: tuple[float, float]) -> Array:
     return out
 
 
-def integral(x: Array, dt: float) -> Array:
+def rate(x: Array, s: Setting) -> Array:
+    """d/dt of a series, by its transform: at ten samples a second central differences of fourth order lose a tenth at
+    1.3 Hz."""
+    return back(1j * s.omega * transform(x, s), s)
+
+
+def integral(x: Array, s: Setting) -> Array:
+    """Over time, 0 at the first sample."""
+    slope = rate(x, s)
     out = np.zeros_like(x)
-    np.cumsum(0.5 * dt * (x[..., 1:] + x[..., :-1]), axis=-1, out=out[..., 1:])
+    np.cumsum(0.5 * s.dt * (x[..., 1:] + x[..., :-1]), axis=-1, out=out[..., 1:])
     # Euler-Maclaurin: the trapezium's error is dt2/12 of the change of slope.
-    slope = derivative(x, dt)
-    return out - dt**2 / 12 * (slope - slope[..., :1])
+    return out - s.dt**2 / 12 * (slope - slope[..., :1])
 
 
 Places = tuple[NDArray[np.int64], Array]
@@ -130,7 +136,7 @@ def places_of(speed: Array, v0: Array, s: Setting) -> tuple[Places | None, Place
     if s.dt > _FAST_ENOUGH_S:
         return None, None
     n = s.n
-    run = integral(speed / v0 - 1, 1.0)
+    run = integral(speed / v0 - 1, s) / s.dt
     run = run - run[..., -1:] * np.linspace(0, 1, n)  # both begin and end together
     at = np.arange(n, dtype=np.float64)
     distance = at + run

@@ -35,11 +35,11 @@ from station.diagnosis.processing import (
     integral,
     passed,
     places_of,
+    rate,
     transform,
     without_line,
 )
 from station.model import coefficients
-from station.numerics.differentiation import derivative
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
 from station.profile import Aircraft, Boom
@@ -182,20 +182,20 @@ def _stages(
 def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     theta, q, v = x["theta"], x["q"], x["airspeed"]
     imu = aircraft.imu_at(s.imu)
-    qdot = derivative(q, s.dt)
+    qdot = rate(q, s)
     p, r = x.get("p", 0.0), x.get("r", 0.0)
     # Roll and yaw acceleration matter to these two axes only where the imu is beside the plane of symmetry.
-    pdot, rdot = (derivative(x[n], s.dt) if imu[1] and n in x else 0.0 for n in ("p", "r"))
+    pdot, rdot = (rate(x[n], s) if imu[1] and n in x else 0.0 for n in ("p", "r"))
     ax, _, az = coefficients.specific_force_at_cg((x["ax"], 0.0, x["az"]), (p, q, r), (pdot, qdot, rdot), imu)
     bank = x.get("phi")
     turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
     level = 1.0 if bank is None else np.cos(bank)
     cos, sin = np.cos(theta), np.sin(theta)
-    climb = integral(az * cos * level - ax * sin + G0, s.dt)
-    along = integral(ax * cos + az * sin * level, s.dt)
+    climb = integral(az * cos * level - ax * sin + G0, s)
+    along = integral(ax * cos + az * sin * level, s)
     down = without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
     out = np.zeros((*q.shape[:-1], 3, s.n))
-    out[..., THETA, :] = theta - integral(turned, s.dt)
+    out[..., THETA, :] = theta - integral(turned, s)
     out[..., DOWN, :] = down - climb
     ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
     if ground is not None:
