@@ -41,6 +41,8 @@ SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
 well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
 LEAST_KNOWN: Final = 0.5
+UNSEEN: Final = 1e-9
+"""Information of an effect that shows nowhere, per its unit squared: that the equations can be solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +251,7 @@ class Problem:
         penalty = np.concatenate([np.zeros(effects), np.ones(len(pick) - effects)])
         gradient = normal.gradient[pick] + penalty * np.concatenate([np.zeros(effects), s.a])
         at = np.ix_(pick, pick)
-        own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen[at]))
+        own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen[at])) + UNSEEN * np.eye(len(pick))
         for share in SUBTRACTED:
             matrix = normal.seen[at] - share * normal.noise[at] + own
             scale = 1 / np.sqrt(np.abs(np.diag(matrix)) + 1e-30)

@@ -38,6 +38,10 @@ SLOW_S: Final = 0.3
 """Correlation time of the slow part of a sensor's noise."""
 FAST_S: Final = 0.025
 """Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
+REPEATED: Final = 0.2
+"""Share of samples that repeat the one before, from which a signal is rounded coarsely."""
+ROUNDED: Final = 1e-9
+"""Of a signal's range: smaller steps are a file's rounding."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
 """Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
 TRIM_SD: Final = (0.02, 0.01, 0.01)
@@ -291,8 +295,17 @@ def white_noise(name: str, record: Record) -> float:
     """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
     if record.dt > FAST_S or name in record.held or name == "thrust":
         return stated_noise(name, record)
-    rough = float(np.median(np.abs(np.diff(record.signals[name], 4)))) / 0.6745 / math.sqrt(70.0)
-    return max(rough, 0.1 * stated_noise(name, record))
+    x = record.signals[name]
+    rough = float(np.median(np.abs(np.diff(x, 4)))) / 0.6745 / math.sqrt(70.0)
+    return max(rough, quantum(x) / math.sqrt(12.0), 0.1 * stated_noise(name, record))
+
+
+def quantum(x: Array) -> float:
+    """The step of a signal that a recorder has rounded so far that values repeat, where the middle of its differences
+    says nothing of its noise; else 0."""
+    steps = np.abs(np.diff(x))
+    there = steps[steps > ROUNDED * float(np.ptp(x))]
+    return float(np.quantile(there, 0.05)) if 0 < len(there) < (1 - REPEATED) * len(steps) else 0.0
 
 
 def stated_noise(name: str, record: Record) -> float:

@@ -31,9 +31,9 @@ STEP_S: Final = 0.04
 SMALL: Final = 1e-4
 """Its size, relative to 1 rad, 1 rad/s, or g and the speed: small enough to be linear, far above rounding."""
 SENSORS: Final = (
-    "theta", "q", "ax", "az", "v_down", "v_along", "airspeed", "alpha_vane", "elevator", "thrust",
+    "theta", "q", "ax", "az", "v_down", "v_along", "airspeed", "dynamic_pressure", "alpha_vane", "elevator", "thrust",
 )  # fmt: skip
-"""Airspeed and dynamic pressure are one sensor's."""
+"""What the airspeed shows the dynamic pressure shows too: they are one sensor's, but for noise of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,7 @@ def trim_of(record: Record, setting: Setting) -> Trim:
     speed = float(mean["airspeed"][0])
     sizes = {"ax": 10.0, "az": 10.0, "v_down": speed, "v_along": speed, "airspeed": speed}
     sizes["thrust"] = max(setting.thrust, 1.0)
+    sizes["dynamic_pressure"] = float(mean["dynamic_pressure"][0])
     moved = {name: np.repeat(x[None], len(sensors) + 1, 0) for name, x in mean.items()}
     given = np.empty((len(sensors), len(lines)), dtype=complex)
     for k, name in enumerate(sensors):

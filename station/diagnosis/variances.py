@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.manoeuvre import FAST_S, MISSED, Manoeuvre, white_noise
+from station.diagnosis.measured_record import Record
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -31,6 +32,8 @@ LEVEL_SD: Final = 1.5
 LEAST_MISSED: Final = (0.01, 0.01, 0.2, 0.005, 0.002)
 """Of MISSED: no linear model is better than a hundredth, no parabolic polar than a fifth of what moves, no vane than
 half a hundredth (its friction), no surface's sensor than a five-hundredth."""
+LEAST_OWN: Final = 0.1
+"""Of the airspeed's noise, that the dynamic pressure has of its own."""
 LEAST_GUST: Final = 3e-5
 """rad: below any vane's noise."""
 LOOSE: Final = 1e-3
@@ -67,10 +70,19 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
     rows = []
     for m in manoeuvres:
         sd = np.array([white_noise(s, m.record) for s in m.trim.sensors])
+        sd[m.trim.sensors.index("dynamic_pressure")] = _own_pressure_noise(m.record)
         at = m.trim.sensors.index("thrust")
         sd[at] = (RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE) * max(m.setting.thrust, 1.0)
         rows.append(np.concatenate([sd**2, SLOW_SHARE * sd**2]))
     return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(LEAST_MISSED))
+
+
+def _own_pressure_noise(record: Record) -> float:
+    """Pa of the dynamic pressure's noise that is not the airspeed's."""
+    x = record.signals
+    shared = 2 * float(x["dynamic_pressure"].mean() / x["airspeed"].mean()) * white_noise("airspeed", record)
+    alone = white_noise("dynamic_pressure", record) ** 2 - shared**2
+    return math.sqrt(max(alone, (LEAST_OWN * shared) ** 2))
 
 
 def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:

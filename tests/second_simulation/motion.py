@@ -235,7 +235,8 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     gu, gv, gw = at(head, place), at(side, place), at(up, place)
     ua, va, wa = u + gu, v + gv, w + gw
     speed = math.sqrt(ua * ua + va * va + wa * wa)
-    inertial = math.atan2(w, u)
+    # A gust along the path turns the flow of the aircraft's own motion.
+    inertial = math.atan2(w, ua)
     alpha, beta = math.atan2(wa, ua), math.asin(va / speed)
     pressure = 0.5 * c.rho * speed * speed
     force = pressure * AREA
