@@ -44,6 +44,8 @@ LEAST: Final = 1e-12
 
 def left_out(record: FlightRecord, axes: Axes) -> dict[str, float]:
     """By how much each derivative differs with the terms that its equation lacks and the record shows."""
+    if not np.isfinite(record.alpha).any():
+        return {}
     c, m = record.coefficients, record.motion
     longitudinal = {"alpha_vane": record.alpha, "q": c.qhat, "elevator": m["elevator"]}
     lateral = {"beta_vane": record.beta, "p": c.phat, "r": c.rhat}
