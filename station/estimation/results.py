@@ -7,7 +7,7 @@ excited) or `invalid` (the record or the model cannot give it).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
@@ -200,11 +200,18 @@ def with_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodRe
 
 def with_more_error(result: MethodResult, more: Mapping[str, float], record: FlightRecord) -> MethodResult:
     """Standard errors that hold, in quadrature, what is known to be wrong with the derivatives named."""
+    return with_errors_of(result, more, record, math.hypot)
+
+
+def with_errors_of(
+    result: MethodResult, more: Mapping[str, float], record: FlightRecord, joined: Callable[[float, float], float]
+) -> MethodResult:
+    """Standard errors `joined` with others, of the derivatives named."""
     if not more:
         return result
 
     def wider(p: ParamEstimate) -> ParamEstimate:
-        return _with_error(p, math.hypot(p.sd, more.get(p.name, 0.0)), record.aircraft)
+        return _with_error(p, joined(p.sd, more[p.name]), record.aircraft) if p.name in more else p
 
     made = tuple(wider(p) for p in result.parameters)
     own = {p.name: p.sd for p in result.parameters if p.name in more and math.isfinite(p.sd)}

@@ -17,13 +17,14 @@ from station.estimation.published.cross_spectra import VaneSpectra
 from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
+from station.identification.by_input import by_input, misled
 from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
 from station.identification.instrument_bias import biases, matters
-from station.identification.instrument_table import instrument_table
+from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import kinematics
-from station.identification.left_out import left_out, mostly_gusts
+from station.identification.left_out import KNOW_GUSTS, left_out, mostly_gusts
 from station.identification.model_structure import Comparison, structures
 from station.identification.plausibility import hint
 from station.identification.preparation import Prepared, prepare
@@ -75,12 +76,7 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     instruments = (ready.mistaken or instrument_table(ready.record)) if examined else None
     contradiction = ""
     if not ready.refusal:
-        wrong, words = biases(ready.record, instruments, request.axes)
-        contradiction = words if matters(wrong, results.values()) else ""
-        results = {n: with_more_error(r, wrong, ready.record) for n, r in results.items()}
-        lacking = left_out(ready.record, request.axes)
-        whys = {**mostly_gusts(ready.record, results, instruments), **drowned(ready.record)}
-        results = {n: refused(with_more_error(r, lacking, ready.record), whys) for n, r in results.items()}
+        results, contradiction = _with_doubts(results, ready, instruments)
     if ready.mistaken:
         results = {name: _invalid(result, ready.mistaken) for name, result in results.items()}
     best = _recommended(results, level)
@@ -104,6 +100,23 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
         record=ready.record,
         flown=flown,
     )
+
+
+def _with_doubts(
+    results: dict[str, MethodResult], ready: Prepared, instruments: InstrumentTable | str | None
+) -> tuple[dict[str, MethodResult], str]:
+    """Errors, but the published ones, that hold what no residual shows, refusals where nothing is left, and the signals
+    that the others contradict, in words where that matters."""
+    record, axes = ready.record, ready.request.axes
+    published = [n for n, m in METHODS.items() if m.as_published]
+    knows_gusts = any(n in results and results[n].status == "ok" for n in KNOW_GUSTS)
+    wrong, words = biases(record, instruments, axes)
+    contradiction = words if matters(wrong, results.values()) else ""
+    whys = {**mostly_gusts(record, results, instruments), **drowned(record)}
+    results = misled(results, by_input(record, axes, longitudinal=not knows_gusts), record, published)
+    for more in (wrong, left_out(record, axes)):
+        results = {n: r if n in published else with_more_error(r, more, record) for n, r in results.items()}
+    return {n: refused(r, whys) for n, r in results.items()}, contradiction
 
 
 def _spectra(wanted: tuple[str, ...], ready: Prepared) -> VaneSpectra | str | None:

@@ -1,0 +1,97 @@
+"""How far gusts mislead least squares, as the pilot's input shows it.
+
+What moves the aircraft beside its surfaces, a gust that the vane does not show at its time or one that differs along
+the span, moves the regressors too: they answer it, and least squares take the answer for the derivative. In roll that
+leaves a third of Cl_p in turbulence, with a small residual error. The surfaces' own history is no answer to the gusts
+but for feedback, so that regressors projected on it give estimates without that (instrumental variables): how far these
+are says how wrong the others may be. Source: Söderström and Stoica 1989, System identification, chapter 8.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import matmul_toeplitz
+from scipy.signal import correlate
+
+from station.conventions import LATERAL
+from station.estimation.flight_record import FlightRecord
+from station.estimation.results import Axes, Equation, MethodResult, equations, excited, with_errors_of
+from station.numerics.regression import NotIdentifiable, least_squares
+
+Array = NDArray[np.float64]
+
+SURFACES: Final = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+HISTORY_S: Final = 3.0
+"""Of a surface that the motion is projected on: a short period, or a Dutch roll."""
+STEP_S: Final = 0.1
+"""Between its values: a tenth of the fastest motion's period."""
+ROWS: Final = 4
+"""Rows for each of these values, at least."""
+
+
+class Shown(NamedTuple):
+    """Of one derivative."""
+
+    value: float
+    """By the surfaces' history, and its standard error by coloured residuals,"""
+    error: float
+    apart: float
+    """and least squares less that."""
+
+
+def by_input(record: FlightRecord, axes: Axes, *, longitudinal: bool) -> dict[str, Shown]:
+    """Each derivative of the lateral equations, and where asked for of the `longitudinal` ones."""
+    found: dict[str, Shown] = {}
+    for equation in equations(record, axes):
+        if longitudinal or equation.parameters[0] in LATERAL:
+            try:
+                found |= _projected(record, equation)
+            except (NotIdentifiable, np.linalg.LinAlgError):
+                continue
+    return found
+
+
+def _projected(record: FlightRecord, equation: Equation) -> dict[str, Shown]:
+    x, z = equation.regressors, equation.measured
+    good = record.usable & np.isfinite(x).all(axis=1) & np.isfinite(z)
+    moved = [SURFACES[mark] for mark in SURFACES if f"{equation.name}_{mark}" in equation.parameters]
+    moved = [name for name in moved if excited(record, (name,))]
+    late = np.arange(0.0, HISTORY_S, max(STEP_S, record.dt))
+    if not moved or good.sum() < ROWS * len(late) * len(moved):
+        return {}
+    whole = {name: np.interp(record.t_s, record.t_s[good], record.motion[name][good]) for name in moved}
+    history = np.column_stack([np.interp(record.t_s - s, record.t_s, u) for u in whole.values() for s in late])[good]
+    regressors = np.column_stack([x[good] - x[good].mean(axis=0), np.ones(good.sum())])
+    history = np.column_stack([history - history.mean(axis=0), np.ones(good.sum())])
+    projected = history @ np.linalg.lstsq(history, regressors, rcond=None)[0]
+    inverse = np.linalg.inv(projected.T @ projected)
+    value = inverse @ projected.T @ z[good]
+    rest = z[good] - regressors @ value
+    alike = correlate(rest, rest)[len(rest) - 1 :] / len(rest)
+    scores = projected.T @ matmul_toeplitz(alike, projected, check_finite=False)
+    error = np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse), 0.0))
+    apart = least_squares(regressors, z[good]).estimate - value
+    columns = (value.tolist(), error.tolist(), apart.tolist())
+    return {name: Shown(*row) for name, row in zip(equation.parameters, zip(*columns, strict=True), strict=False)}
+
+
+def misled(
+    results: Mapping[str, MethodResult], shown: Mapping[str, Shown], record: FlightRecord, but: Iterable[str] = ()
+) -> dict[str, MethodResult]:
+    """Results whose errors, but for those of the methods `but`, are no smaller than what the input shows."""
+    if not shown:
+        return dict(results)
+    made = {}
+    for name, result in results.items():
+        least = {
+            p.name: math.hypot(p.value - of.value, of.error, of.apart)
+            for p in (*result.parameters, *result.quasi_steady)
+            if (of := shown.get(p.name)) is not None and math.isfinite(p.value)
+        }
+        made[name] = result if name in but else with_errors_of(result, least, record, lambda sd, more: max(sd, more))
+    return made
