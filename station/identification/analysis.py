@@ -24,7 +24,7 @@ from station.identification.identified import Identification
 from station.identification.instrument_bias import biases, matters
 from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import kinematics
-from station.identification.left_out import KNOW_GUSTS, left_out, mostly_gusts
+from station.identification.left_out import knows_gusts, left_out, mostly_gusts
 from station.identification.model_structure import Comparison, structures
 from station.identification.plausibility import hint
 from station.identification.preparation import Prepared, prepare
@@ -108,14 +108,13 @@ def _with_doubts(
     """Errors, but the published ones, that hold what no residual shows, refusals where nothing is left, and the signals
     that the others contradict, in words where that matters."""
     record, axes = ready.record, ready.request.axes
-    published = [n for n, m in METHODS.items() if m.as_published]
-    knows_gusts = any(n in results and results[n].status == "ok" for n in KNOW_GUSTS)
+    as_they_are = [n for n, m in METHODS.items() if m.as_published or (m.angle == "none" and not m.live)]
     wrong, words = biases(record, instruments, axes)
     contradiction = words if matters(wrong, results.values()) else ""
-    whys = {**mostly_gusts(record, results, instruments), **drowned(record)}
-    results = misled(results, by_input(record, axes, longitudinal=not knows_gusts), record, published)
+    whys = {**mostly_gusts(record, instruments), **drowned(record)}
+    results = misled(results, by_input(record, axes, longitudinal=not knows_gusts(record)), record, as_they_are)
     for more in (wrong, left_out(record, axes)):
-        results = {n: r if n in published else with_more_error(r, more, record) for n, r in results.items()}
+        results = {n: r if n in as_they_are else with_more_error(r, more, record) for n, r in results.items()}
     return {n: refused(r, whys) for n, r in results.items()}, contradiction
 
 

@@ -10,7 +10,7 @@ are says how wrong the others may be. Source: Söderström and Stoica 1989, Syst
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy.signal import correlate
 
 from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
-from station.estimation.results import Axes, Equation, MethodResult, equations, excited, with_errors_of
+from station.estimation.results import Axes, Equation, MethodResult, airframe_errors, equations, excited, with_errors_of
 from station.numerics.regression import NotIdentifiable, least_squares
 
 Array = NDArray[np.float64]
@@ -81,17 +81,18 @@ def _projected(record: FlightRecord, equation: Equation) -> dict[str, Shown]:
 
 
 def misled(
-    results: Mapping[str, MethodResult], shown: Mapping[str, Shown], record: FlightRecord, but: Iterable[str] = ()
+    results: Mapping[str, MethodResult], shown: Mapping[str, Shown], record: FlightRecord, but: Collection[str] = ()
 ) -> dict[str, MethodResult]:
-    """Results whose errors, but for those of the methods `but`, are no smaller than what the input shows."""
-    if not shown:
-        return dict(results)
+    """Results whose errors, but for those of the methods `but`, are no smaller than what the input shows; what mass and
+    inertia add is in both."""
     made = {}
     for name, result in results.items():
-        least = {
-            p.name: math.hypot(p.value - of.value, of.error, of.apart)
-            for p in (*result.parameters, *result.quasi_steady)
-            if (of := shown.get(p.name)) is not None and math.isfinite(p.value)
-        }
-        made[name] = result if name in but else with_errors_of(result, least, record, lambda sd, more: max(sd, more))
+        least: dict[str, float] = {}
+        every = (*result.parameters, *result.quasi_steady)
+        for p, share in zip(every, airframe_errors(record, every), strict=True):
+            of = shown.get(p.name)
+            if of is not None and math.isfinite(p.value):
+                error = math.hypot(p.value - of.value, of.error, of.apart, share)
+                least |= {p.name: error} if error > p.sd else {}
+        made[name] = result if name in but else with_errors_of(result, least, record, max)
     return made

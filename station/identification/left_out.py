@@ -13,7 +13,6 @@ that is late itself, no method knows when; where most of the angle of attack is 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -24,7 +23,7 @@ from scipy.signal import butter, detrend, sosfiltfilt
 from station.conventions import LATERAL, LONGITUDINAL, LONGITUDINAL_BODY
 from station.estimation.acceptance import EXCITED
 from station.estimation.flight_record import FlightRecord
-from station.estimation.results import Axes, Equation, MethodResult, equations, regress
+from station.estimation.results import Axes, Equation, equations, regress
 from station.identification.instrument_bias import contradicted, filtered
 from station.identification.instrument_table import MOSTLY, InstrumentTable
 from station.model.instrument_lags import GUST_HZ
@@ -36,8 +35,6 @@ SURE: Final = 3.0
 """Standard errors, of coloured residuals, by which a term that is left out stands out."""
 MOST: Final = 0.5
 """Share of the gusts in the energy of the angle of attack above which most of it is gust."""
-KNOW_GUSTS: Final = ("physical", "split+gust")
-"""Methods that tell wing and tail when a gust arrives."""
 LEAST: Final = 1e-12
 """Energy of a signal that stands still."""
 
@@ -89,16 +86,20 @@ def _moves(record: FlightRecord, name: str) -> bool:
     return bool(good.any() and np.mean(detrend(x[good]) ** 2) > EXCITED * noise**2 + LEAST)
 
 
-def mostly_gusts(
-    record: FlightRecord, results: Mapping[str, MethodResult], instruments: InstrumentTable | str | None
-) -> dict[str, str]:
+def knows_gusts(record: FlightRecord) -> bool:
+    """Whether there is what tells when a gust arrives: a boom, the tail behind it, attitude and path."""
+    aircraft = record.aircraft
+    return aircraft.boom is not None and aircraft.unsteady.tail_arm > 0 and record.has("theta", "v_down")
+
+
+def mostly_gusts(record: FlightRecord, instruments: InstrumentTable | str | None) -> dict[str, str]:
     """Why no longitudinal derivative can be had, by their names, where gusts move the angle of attack more than the
     aircraft does and no method knows when wing and tail meet them; empty if one can."""
     if not isinstance(instruments, InstrumentTable) or not math.isfinite(instruments.gust_sd):
         return {}
     if "alpha_vane" in filtered(record, contradicted(record, instruments)):
         lacking, mend = "the vane is too late to show when they come", "move the elevator more"
-    elif any(n in results and results[n].status == "ok" for n in KNOW_GUSTS):
+    elif knows_gusts(record):
         return {}
     else:
         lacking, mend = "no method knows when the tail meets them", "move the elevator more, or state unsteady.tail_arm"
