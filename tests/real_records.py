@@ -68,6 +68,19 @@ def attas(name: str) -> dict[str, np.ndarray]:
     return made
 
 
+def attas_stall(start: float = 0.0, end: float = 120.0) -> dict[str, np.ndarray]:
+    """Of its quasi-steady stall, between two times (s). The vane is the boom's here too: against pitch rate, attitude
+    and accelerations it sits 15 m ahead, as in the elevator records. Altitude in m, thrust of both engines, mass less
+    the fuel used since the elevator records."""
+    columns = np.loadtxt(record("attas/fAttas_qst01.asc"))
+    columns = columns[(columns[:, 0] >= start - 1e-6) & (columns[:, 0] <= end + 1e-6)]
+    made = {"time [s]": np.round(columns[:, 0] - columns[0, 0], 6)}
+    made |= {title.replace("[ft]", "[m]"): columns[:, n - 1] for title, n in _ATTAS.items()}
+    made["thrust [N]"] = columns[:, 36] + columns[:, 37]
+    made["mass [kg]"] = 17631.0 - (columns[:, 38] - 499.0)
+    return made
+
+
 def phlab(start: float = -np.inf, end: float = np.inf) -> dict[str, np.ndarray]:
     """Of the Cessna Citation PH-LAB, between two times of its own axis (s): 10 Hz. Its normal acceleration is in g,
     upwards and without gravity, and its altitude rate in ft/min upwards."""

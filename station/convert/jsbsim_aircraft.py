@@ -77,6 +77,8 @@ def _about(aircraft: Aircraft) -> str:
             "unsteady lift and the tail's late gust and downwash: the derivatives are their steady limits, so that the "
             "short period is less damped and slower or faster by what the lags make"
         )
+    if aircraft.separation.alpha_star is not None:
+        lost.append("the flow that leaves the wing: the lift is that of attached flow at every angle of attack")
     if any(n.endswith("_gust") for n in aircraft.derivatives):
         lost.append("derivatives with respect to the gust's part of the angle of attack")
     if aircraft.instruments or any(aircraft.imu_offset):

@@ -13,12 +13,15 @@ from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone
 from station.model.flying_qualities import Condition, Qualities, qualities
+from station.numerics.separation import steady
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
 _STEP = 0.1
 """Over what share of a standard deviation the derivatives' slopes are taken."""
+_BESIDE = 1e-4
+"""rad: the lift curve is straight over as little."""
 
 
 def posterior(problem: Problem, e: Estimate, alpha: float) -> Array:
@@ -46,6 +49,11 @@ def local(aircraft: Aircraft, alpha: float) -> dict[str, float]:
     made = {n: aircraft.value(n) for n in DERIVATIVES}
     for c in ("CL", "Cm"):
         made[f"{c}_alpha"] += 2 * aircraft.value(f"{c}_alpha2") * alpha + 3 * aircraft.value(f"{c}_alpha3") * alpha**2
+    if aircraft.separation.alpha_star is not None:
+        (below, less), (above, more) = (steady(aircraft.separation, alpha + k * _BESIDE) for k in (-1, 1))
+        lift = (more * (alpha + _BESIDE) - less * (alpha - _BESIDE)) / (2 * _BESIDE)
+        made["CL_alpha"] += aircraft.value("CL_alpha") * (lift - 1)
+        made["Cm_alpha"] -= aircraft.separation.Cm_X * (above - below) / (2 * _BESIDE)
     return made
 
 

@@ -111,6 +111,7 @@ def _effect_json(e: Effect) -> dict[str, Any]:
         "confounded_with": list(e.alternatives),
         "separate_by": e.term.separate_by if e.alternatives else "",
         "suspect": e.suspect,
+        "constants": [{"name": c.free.name, "value": c.value, "ci95": list(c.ci95)} for c in e.constants],
     }
 
 

@@ -4,13 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Final, Literal, NamedTuple, Protocol
+
+import numpy as np
 
 from station.conventions import from_si
 from station.diagnosis.effects import Term
+from station.diagnosis.free_parameters import Free, moved
 from station.profile import Aircraft
 
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
+
+
+class Constant(NamedTuple):
+    """A constant of an effect, fitted with it: a free parameter, by how many prior standard deviations it is moved, and
+    what the profile then has."""
+
+    free: Free
+    x: float
+    value: float
+    ci95: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +41,13 @@ class Effect:
     """The evidence in words."""
     suspect: bool = False
     """Whether what remains unexplained may have made it."""
+    constants: tuple[Constant, ...] = ()
+    """What else the fit says of it."""
+
+    def onto(self, aircraft: Aircraft) -> Aircraft:
+        """The aircraft with the effect in it."""
+        aircraft = self.term.extend(aircraft, self.value)
+        return moved(aircraft, [c.free for c in self.constants], np.array([c.x for c in self.constants]))
 
     @property
     def ci95(self) -> tuple[float, float]:

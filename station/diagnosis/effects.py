@@ -15,6 +15,7 @@ from typing import Final
 
 from station.conventions import G0, from_si
 from station.diagnosis.profile_changes import (
+    ATTACHED,
     Extend,
     backlash,
     bias,
@@ -31,6 +32,7 @@ from station.diagnosis.profile_changes import (
     inertia,
     pitot_gain,
     sensor_lag,
+    separation,
     speed_lift,
     thrust_arm,
     unchanged,
@@ -87,6 +89,8 @@ class Term:
     """The series of residuals.SERIES that it changes."""
     null: float = 0.0
     """The value that changes nothing."""
+    probes: tuple[float, ...] = ()
+    """Values from which it is tried: its effect is so bent that no small change from nothing shows it."""
     searched: bool = True
     """Whether it is a candidate of the search; others are seen before, or are found with the model in error."""
     aerodynamic: bool = False
@@ -122,6 +126,15 @@ class Term:
         x = from_si(value, self.shown)
         return self.sentence.format(value=f"{x:+.3g}{unit}", size=f"{abs(x):.3g}{unit}")
 
+    def at_end(self, value: float) -> bool:
+        """Whether it is at an end of what is physical: something else then is the matter."""
+        return not self.low < value < self.high
+
+    @property
+    def tried(self) -> tuple[Term, ...]:
+        """The effect as a linear model tries it: by a small change, or by one to each of its probes."""
+        return tuple(replace(self, step=x - self.null) for x in self.probes) or (self,)
+
     @property
     def of_vane(self) -> bool:
         """Whether it is an error of what the alpha vane shows."""
@@ -145,9 +158,15 @@ _DEG: Final = math.radians(1)
 _RARE: Final = 4.0
 """An attitude that is integrated and levelled has no scale to be wrong: one case in eight of gyro and attitude apart,
 where turbulence leaves the two alike."""
+_BENT: Final = 10.0
+"""Flow may leave the wing at any of ten angles (twice the logarithm of that, 4.6), and sharpness, lag, return and
+moment are fitted with it, which noise pays for with about 1 each."""
 _LEAST_SHARE: Final = 0.02
 """Of the distance to the vane or to the tail: no drawing says better where on them a gust is met."""
 DOUBLE_UPWASH: Final = "alpha_vane.double_upwash"
+
+_STALLS: Final = tuple(math.radians(x) for x in (4, 6, 8, 10, 12, 14, 16, 18, 20, 22))
+"""Angles of attack at which flow may leave the wing, closer to each other than it takes it to leave (2/a1)."""
 
 _ALL: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
 _BY_VANE: Final = ("alpha_vane", "lift", "moment", "drag")
@@ -246,6 +265,10 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("aero.alpha_squared", "CL", "1", "1", -60, 60, 1.5,
          "Lift is nonlinear in the angle of attack: CL has a term of {value} alpha2.",
          "doublets of two amplitudes, or at two trims", derivative("CL_alpha2"), ("lift",), aerodynamic=True),
+    Term("aero.separation", "CL", "rad", "deg", 0.03, 0.9, 3e-3,
+         "The flow leaves the wing: half of it is gone at {size} of angle of attack.",
+         "a stall, entered and left slowly", separation, ("lift",), null=ATTACHED, probes=_STALLS, price=_BENT,
+         aerodynamic=True, applies=lambda a: a.separation.alpha_star is None),
     Term("aero.speed_terms", "CL", "1", "1", -3, 3, 0.1, "Lift depends on speed itself: CL_V = {value}.",
          "a slow speed change at constant elevator", speed_lift, ("lift",), aerodynamic=True),
     Term("aero.unsteady_lift", "CL Cm", "1", "%", -1, 4, 0.2,

@@ -17,12 +17,12 @@ UNIT_OF: Final[Mapping[str, str]] = {
     "flexure": "deg/g", "mode_frequency": "Hz", "mode_length": "m", "gust_span": "m", "gust_span_tail": "m",
     "tail_arm": "m", "downwash_delay": "s", "reference_chord": "m", "time_constant": "s",
     "rate_limit": "rad/s", "position_limit": "rad", "latency": "s", "lag": "s", "reference_speed": "m/s",
-    "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
+    "alpha_star": "rad", "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""
 _OF_UNCERTAINTY: Final = {
     "downwash_delay": "s", "vane_x": "s", "vane_delay": "s", "vane_zero": "rad", "theta_zero": "rad", "q_zero": "rad/s",
-    "ax_zero": "m/s2", "az_zero": "m/s2", "drift": "m/s",
+    "ax_zero": "m/s2", "az_zero": "m/s2", "drift": "m/s", "alpha_star": "rad",
 }  # fmt: skip
 """The same in its section `uncertainty`, whose other values are relative."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,6 +20,7 @@ from station.diagnosis.profile_changes import (
     indicial_amplitude,
     indicial_rate,
     inertia,
+    of_separation,
     unsteady,
     vane_dynamics,
     zero_lift_drag,
@@ -31,6 +32,7 @@ PRIOR_SHARE: Final = 0.10
 """Standard deviation of a derivative, as a share of it, where the profile states none."""
 
 
+SEPARATION: Final = "aero.separation"
 UNKNOWN_LEAD_M: Final = 3.0
 """m: a boom's length, where the profile gives none."""
 SCATTER: Final = {"CL_q": 0.25, "CL_de": 0.15}
@@ -50,6 +52,10 @@ class Free:
     extend: Extend
     step: float = 0.3
     """Over how many standard deviations its slope is taken."""
+    of: str = ""
+    """The effect that it is a constant of: it changes nothing without that."""
+    read: Callable[[Aircraft], float] | None = None
+    """Its value in a profile, of an effect's constants."""
 
     @property
     def of_noise(self) -> bool:
@@ -137,7 +143,21 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         Free("induced drag", u.induced_drag, _induced),
         Free("thrust scale", u.thrust, gain("thrust")),
     ]
-    return [f for f in found if f.sd > 0]
+    return [f for f in (*found, *_of_separation(aircraft)) if f.sd > 0]
+
+
+def _of_separation(aircraft: Aircraft) -> list[Free]:
+    """Constants of the flow that leaves the wing, by the profile, or where it has none, of the one that is found."""
+    u, there = aircraft.uncertainty, aircraft.separation.alpha_star is not None
+    of = "" if there else SEPARATION
+    return [
+        *([Free("alpha_star", u.alpha_star, of_separation("alpha_star"))] if there else []),
+        Free("a1", u.a1, of_separation("a1", relative=True), of=of, read=lambda a: a.separation.a1),
+        Free("tau1", u.tau1, of_separation("tau1"), of=of, read=lambda a: a.separation.tau1),
+        Free("tau2", u.tau2, of_separation("tau2"), of=of, read=lambda a: a.separation.tau2),
+        Free("CD_X", u.CD_X, of_separation("CD_X"), of=of, read=lambda a: a.separation.CD_X),
+        Free("Cm_X", u.Cm_X, of_separation("Cm_X"), of=of, read=lambda a: a.separation.Cm_X),
+    ]
 
 
 def moved(aircraft: Aircraft, frees: Sequence[Free], a: NDArray[np.float64]) -> Aircraft:

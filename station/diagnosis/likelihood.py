@@ -179,18 +179,20 @@ class Problem:
         here = moved(self.aircraft, self.frees, s.a)
         moves = []
         for t in terms:
-            h = t.step if s.values.get(t.id, 0.0) + t.step <= t.high else -t.step
-            moves.append((extended(here, {**s.values, t.id: s.values.get(t.id, 0.0) + h}), h, True))
+            at = s.values.get(t.id, t.null)
+            h = t.step if at + t.step <= t.high else -t.step
+            moves.append((extended(here, {**s.values, t.id: at + h}), h, True))
         return self._slopes(s, moves)
 
     def free_slopes(self, s: State, rough: bool = False) -> list[Slopes]:
         """Per prior standard deviation of each free parameter and drift, by manoeuvre."""
-        moves = []
-        for i, f in enumerate(self.frees):
-            there = s.a.copy()
-            there[i] += f.step
-            moves.append((self.aircraft_at(s.values, there), f.step, f.of_noise and not rough))
-        made = self._slopes(s, moves)
+        made = self._slopes(
+            s,
+            [
+                None if f.of and f.of not in s.values else self._moved(s, i, f.of_noise and not rough)
+                for i, f in enumerate(self.frees)
+            ],
+        )
         craft, first, count = self.aircraft_at(s.values, s.a), len(self.frees), len(self.manoeuvres)
         out = []
         for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
@@ -202,16 +204,37 @@ class Problem:
             out.append(Slopes(bins, steady, none).after(own))
         return out
 
-    def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float, bool]]) -> list[Slopes]:
-        """By finite differences: each aircraft, how far it is moved, and whether the noise depends on that."""
+    def renewed(self, s: State, slopes: Sequence[Slopes]) -> list[Slopes]:
+        """Slopes of the free parameters, of which the constants of the state's own effects are made anew."""
+        own = np.array([i for i, f in enumerate(self.frees) if f.of in s.values], dtype=np.int64)
+        if not len(own):
+            return list(slopes)
+        made = [Slopes(x.bins.copy(), x.steady.copy(), x.response.copy()) for x in slopes]
+        fresh = self._slopes(s, [self._moved(s, i, True) for i in own.tolist()])
+        for there, here in zip(made, fresh, strict=True):
+            there.bins[own], there.steady[own], there.response[own] = here.bins, here.steady, here.response
+        return made
+
+    def _moved(self, s: State, i: int, of_noise: bool) -> tuple[Aircraft, float, bool]:
+        """For `_slopes`, one free parameter moved, in prior standard deviations."""
+        there = s.a.copy()
+        there[i] += self.frees[i].step
+        return self.aircraft_at(s.values, there), self.frees[i].step, of_noise
+
+    def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float, bool] | None]) -> list[Slopes]:
+        """By finite differences: each aircraft, how far it is moved, and whether the noise depends on that; None moves
+        nothing."""
         out = []
         drifts = s.a[len(self.frees) :] * self.drift_sd
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
-            bins = np.empty((len(moves), *z.bins.shape), dtype=complex)
-            steady = np.empty((len(moves), len(z.steady)))
+            bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
+            steady = np.zeros((len(moves), len(z.steady)))
             response = np.zeros((len(moves), *r.shape), dtype=complex)
-            for i, (craft, h, of_noise) in enumerate(moves):
+            for i, move in enumerate(moves):
+                if move is None:
+                    continue
+                craft, h, of_noise = move
                 there = m.differences(craft, float(drifts[k])).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -206,6 +207,11 @@ class Manoeuvre:
             LIFT: TRIM_SD[0] ** 2, MOMENT: TRIM_SD[1] ** 2, DRAG: TRIM_SD[2] ** 2,
         }  # fmt: skip
         return np.sqrt([of[j] for j in s.judged])
+
+    def missing(self, response: Complex, shares: Mapping[str, float]) -> Array:
+        """(series,) what misses `shares` of MISSED leave out of each series judged, over what moves in it."""
+        each = self._missing(response, np.abs(response), EVERY) * [shares.get(name, 0.0) for name in MISSED]
+        return np.asarray(np.sqrt((np.abs(each) ** 2).sum(-1).mean(0)) / np.maximum(self.motion(response), 1e-12))
 
     def motion(self, response: Complex) -> Array:
         """(series,) root mean square of what moves in each series judged: the signal at its head, the coefficient."""

@@ -19,8 +19,9 @@ from station.rows import UsageError
 Array = NDArray[np.float64]
 
 NEEDED: Final = ("alpha_vane", "q", "theta", "ax", "az", "airspeed", "elevator")
-OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "p", "r", "thrust")
-"""Used where they are there throughout; without velocity the motion is integrated from the accelerometers."""
+OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "p", "r", "thrust", "altitude")
+"""Used where they are there throughout; without velocity the motion is integrated from the accelerometers, and its mean
+and slope are those of the altitude."""
 SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
@@ -179,6 +180,8 @@ def _piece(
         s: fresh for s in ("v_down", "v_north", "v_east") if s in signals and len(fresh := held_samples(signals[s]))
     }
     _along(signals)
+    if "v_down" in signals:
+        signals.pop("altitude", None)
     if "v_north" in held:
         held["v_along"] = held["v_north"]
     if "v_along" not in signals:

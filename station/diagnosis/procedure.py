@@ -11,15 +11,14 @@ import numpy as np
 
 from station.diagnosis import judge
 from station.diagnosis.checks import first_seen
-from station.diagnosis.diagnosis_result import Effect, Gain, Verdict, by_reduction, verdict_of
+from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
-from station.diagnosis.free_parameters import DERIVATIVES
+from station.diagnosis.free_parameters import DERIVATIVES, Free
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
-from station.diagnosis.manoeuvre import HEADS, Manoeuvre, manoeuvre
+from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, describe_missing
-from station.diagnosis.residuals import SERIES
-from station.diagnosis.search import LEAST_SHARE, WHOLE, Found, changes, search
+from station.diagnosis.search import LEAST_SHARE, WHOLE, Found, search, whole_changes
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.3
@@ -104,9 +103,10 @@ def diagnose(
     not_named: tuple[Effect, ...] = ()
     if not confirmed:
         # What does not lower the error of data held out is no finding, but where instruments contradict each other.
-        not_named = tuple(e for e in effects if not _contradicts(e))
-        found = _less(found, problem, [e.term.id for e in not_named])
-        effects, gain, _ = _measured(found, problem, kept, remaining, _contradicts)
+        every = effects
+        found, effects, gain = _confirmed(found, problem, kept, remaining, effects)
+        named = {e.term.id for e in effects}
+        not_named = tuple(e for e in every if e.term.id not in named)
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     remarks = [
         f"turbulence in {m.record.name}: vertical gust of {g:.2f} m/s standard deviation"
@@ -140,19 +140,15 @@ def diagnose(
 
 
 def _drowned(e: Estimate, problem: Problem, remaining: RemainingResidual) -> tuple[str, ...]:
-    """Effects that change a force by less than what the model misses of it, and show in no instrument against another:
-    any error of the model's structure may look like them."""
+    """Effects that change no series by more than is missed there, of a force by the model or of a sensor by any effect:
+    any error of structure may look like them."""
     missed = dict(remaining.missed)
-    values = np.array(list(e.state.values.values()))
-    if not missed or not len(values):
+    if not missed or not e.state.values:
         return ()
-    judged = [SERIES[j] for j in problem.manoeuvres[0].setting.judged]
-    shares = changes(problem, e.state, e.slopes)[: len(values)] * np.abs(values)[:, None]
-    limits = np.array([max(missed.get(n, 0.0), LEAST_SHARE) if n in HEADS else LEAST_SHARE for n in judged])
-    # What both manoeuvres miss of a sensor of the air, or of a surface, is missed of the forces too.
-    limits[[n in HEADS for n in judged]] = np.maximum(
-        limits[[n in HEADS for n in judged]], max(missed.get("alpha_vane", 0.0), missed.get("elevator", 0.0))
-    )
+    shares = whole_changes(problem, e.state, [BY_ID[i] for i in e.state.values])
+    limits = np.full(shares.shape[1], LEAST_SHARE)
+    for m, response in zip(problem.manoeuvres, e.state.responses, strict=True):
+        limits = np.maximum(limits, m.missing(response, missed))
     return tuple(i for i, row in zip(e.state.values, shares, strict=True) if not (row > limits).any())
 
 
@@ -185,6 +181,31 @@ def _measured(
     return effects, gain, gain.low > 0 if gain is not None else not remaining.present
 
 
+def _confirmed(
+    found: Found, problem: Problem, kept: Sequence[Manoeuvre], remaining: RemainingResidual, effects: Sequence[Effect]
+) -> tuple[Found, tuple[Effect, ...], Gain | None]:
+    """Of effects that together do not lower the error of what is held out: those without which it is more, if they do;
+    else what instruments say of each other."""
+    sure = {e.term.id for e in effects if _contradicts(e)}
+    doubtful = [i for i in found.accepted.state.values if i not in sure]
+    if kept and len(doubtful) > 1:
+        whole = problem.aircraft_at(found.accepted.state.values, found.accepted.state.a)
+        idle = []
+        for name in doubtful:
+            fewer = _less(found, problem, [name]).accepted
+            gain = judge.gain(problem.aircraft_at(fewer.state.values, fewer.state.a), whole, kept)
+            if gain is None or gain.low <= 0:
+                idle.append(name)
+        if len(idle) < len(doubtful):
+            rest = _less(found, problem, idle)
+            named, gain, confirmed = _measured(rest, problem, kept, remaining)
+            if confirmed:
+                return rest, named, gain
+    found = _less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
+    named, gain, _ = _measured(found, problem, kept, remaining, _contradicts)
+    return found, named, gain
+
+
 def _contradicts(e: Effect) -> bool:
     """Whether gyro, attitude and velocity say so among themselves, beyond doubt."""
     return set(e.term.target.split()) <= INERTIAL and (e.reduction or 0.0) > BEYOND_DOUBT
@@ -193,7 +214,7 @@ def _contradicts(e: Effect) -> bool:
 def _with(aircraft: Aircraft, effects: Sequence[Effect]) -> Aircraft:
     """The profile with effects in it."""
     for e in effects:
-        aircraft = e.term.extend(aircraft, e.value)
+        aircraft = e.onto(aircraft)
     return aircraft
 
 
@@ -213,10 +234,18 @@ def _gain(before: tuple[Aircraft, ...], after: tuple[Aircraft, ...], kept: Seque
     return max(there, key=lambda g: g.low, default=None)
 
 
+def _constant(aircraft: Aircraft, free: Free, x: float, sd: float) -> Constant:
+    """As the profile will have it; `x` and `sd` in prior standard deviations."""
+    assert free.read is not None
+    low, value, high = (free.read(free.extend(aircraft, free.sd * (x + k * sd))) for k in (-1.96, 0.0, 1.96))
+    return Constant(free, x, value, (low, high))
+
+
 def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
     """The accepted effects, and what is beyond its prior; the strongest evidence first."""
     accepted = found.accepted
     sd = np.sqrt(np.diag(accepted.solved.covariance))
+    first = len(accepted.state.values)
     out = []
     for k, (name, value) in enumerate(accepted.state.values.items()):
         term = BY_ID[name]
@@ -228,8 +257,12 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
         same = term.same_value(problem.aircraft)
         if same is not None and abs(value - same[1]) < 1.96 * error:
             alternatives = (same[0], *alternatives)
-        out.append(Effect(term, value, error, without.cost - accepted.cost, alternatives))
-    first = len(accepted.state.values)
+        constants = tuple(
+            _constant(problem.aircraft, f, float(accepted.state.a[i]), float(sd[first + i]))
+            for i, f in enumerate(problem.frees)
+            if f.of == name
+        )
+        out.append(Effect(term, value, error, without.cost - accepted.cost, alternatives, constants=constants))
     for i, free in enumerate(problem.frees):
         x, error = float(accepted.state.a[i]), float(sd[first + i])
         if abs(x) < BEYOND or error > 0.5 * abs(x):

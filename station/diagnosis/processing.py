@@ -174,6 +174,17 @@ def _cubic(x: Array, whole: NDArray[np.int64], part: Array, out: Array) -> None:
             out[i, j] = cubic(x[i, k - 1], x[i, k], x[i, k + 1], x[i, k + 2], f)
 
 
+def sinking_line(altitude: Array, down: Array, s: Setting) -> Array:
+    """The line (..., n) by which a vertical speed that was integrated is off: its integral then is the way down that
+    the altitude shows, but for where that begins."""
+    t = np.linspace(-1.0, 1.0, s.n)
+    off = integral(down, s) + altitude
+    bent = np.polynomial.polynomial.polyfit(t, off.reshape(-1, s.n).T, 2)
+    half = 0.5 * (s.n - 1) * s.dt
+    line = (bent[1][:, None] + 2 * bent[2][:, None] * t) / half
+    return np.asarray(line.reshape(off.shape))
+
+
 def without_line(x: Array) -> Array:
     out: Array = signal.detrend(x, axis=-1)
     return out

@@ -184,5 +184,28 @@ def indicial_rate(*fields: str) -> Extend:
     return _indicial("b", SLOWEST, *fields)
 
 
+ATTACHED: Final = to_si(50, "deg")
+"""Angle of attack beyond which flow that leaves the wing is met by no flight that is diagnosed."""
+
+
+def separation(a: Aircraft, x: float) -> Aircraft:
+    """The flow leaves the wing at x; from ATTACHED on it does not."""
+    if x >= ATTACHED:
+        return a
+    return a.model_copy(update={"separation": a.separation.model_copy(update={"alpha_star": x})})
+
+
+def of_separation(field: str, relative: bool = False) -> Extend:
+    """Add to a constant of the separation, or to its logarithm; none of them is negative but those of CD and Cm."""
+
+    def change(a: Aircraft, x: float) -> Aircraft:
+        old = getattr(a.separation, field)
+        made = old * math.exp(x) if relative else old + x
+        made = max(0.0, made) if field.startswith("tau") else made
+        return a.model_copy(update={"separation": a.separation.model_copy(update={field: made})})
+
+    return change
+
+
 def thrust_arm(a: Aircraft, x: float) -> Aircraft:
     return a.model_copy(update={"thrust_pitch_arm": a.thrust_pitch_arm + x})

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import fft, signal
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
+from station.diagnosis.attached_flow import attached_along
 from station.diagnosis.corrections import corrected, instrument_of
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
@@ -36,12 +37,14 @@ from station.diagnosis.processing import (
     passed,
     places_of,
     rate,
+    sinking_line,
     transform,
     without_line,
 )
 from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
+from station.numerics.separation import lift_left
 from station.profile import Aircraft, Boom
 from station.simulation.boom import NO_BOOM
 
@@ -118,7 +121,7 @@ class _Flow(NamedTuple):
     """The difference VANE."""
 
 
-_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "p", "r", "v_down", "v_along")
+_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "p", "r", "v_down", "v_along", "altitude")
 
 
 def series(
@@ -193,7 +196,10 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     cos, sin = np.cos(theta), np.sin(theta)
     climb = integral(az * cos * level - ax * sin + G0, s)
     along = integral(ax * cos + az * sin * level, s)
-    down = without_line(climb) if s.rebuilt else _between(x["v_down"], climb, s.held.get("v_down"))
+    if s.rebuilt:
+        down = without_line(climb) if "altitude" not in x else climb - sinking_line(x["altitude"], climb, s)
+    else:
+        down = _between(x["v_down"], climb, s.held.get("v_down"))
     out = np.zeros((*q.shape[:-1], 3, s.n))
     out[..., THETA, :] = theta - integral(turned, s)
     out[..., DOWN, :] = down - climb
@@ -324,6 +330,11 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
     else:
         cd_model = value("CD_0") + value("CD_V") * faster + value("CD_alpha") * alpha
+    if (leaving := aircraft.separation).alpha_star is not None:
+        along = attached_along(alpha, leaving, leaving.alpha_star, chord / motion.mean_speed, s)
+        cl_model = cl_model - cl_slope * (1 - lift_left(along)) * alpha
+        cm_model = cm_model + leaving.Cm_X * (1 - along)
+        cd_model = cd_model + leaving.CD_X * (1 - along)
 
     return np.stack([cl - cl_model, cm - cm_model, cd - cd_model], axis=-2)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -57,7 +57,7 @@ class Found:
     """Deviance reduction, effect and value, the largest first."""
     tried: dict[frozenset[str], Estimate]
     slopes: Sequence[Slopes]
-    """Of every effect, at `null`'s first fit, by manoeuvre."""
+    """Of every effect that is not bent, at `null`'s first fit, by manoeuvre."""
 
     @property
     def reduction(self) -> float:
@@ -84,19 +84,25 @@ class _Refits:
         def slopes(s: State) -> tuple[list[Slopes], Sequence[Term]]:
             if not terms:
                 return free, terms
-            return [f.after(e) for f, e in zip(free, p.effect_slopes(s, terms), strict=True)], terms
+            return [f.after(e) for f, e in zip(p.renewed(s, free), p.effect_slopes(s, terms), strict=True)], terms
 
         # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
         rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
         beaten = min(rivals, default=math.inf) + CONFOUNDED
         found = p.estimate(p.relevelled(p.state(start, a, self.null.state.levels)), REFITS, slopes, beaten=beaten)
-        if any(abs(found.state.values[i]) < self._least.get(i, 0.0) for i in ids):
+        if any(self._is_nothing(t, found.state) for t in terms):
             found = replace(found, cost=math.inf)
         if before is not None and before.cost < found.cost:
             found = before
         if ids:
             self.done[key] = found
         return found
+
+    def _is_nothing(self, t: Term, s: State) -> bool:
+        """Whether an effect is of a size that is not judged."""
+        value = s.values[t.id]
+        small = abs(value - t.null) < self._least.get(t.id, 0.0)
+        return small or t.at_end(value) or bool(t.probes and whole_changes(self.problem, s, [t]).max() < LEAST_SHARE)
 
     def of_size(self, size: int) -> list[Estimate]:
         found = [e for ids, e in self.done.items() if len(ids) == size and math.isfinite(e.cost)]
@@ -108,6 +114,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     progress("fitting the aircraft")
     null = problem.null()
     progress(f"screening {len(terms)} effects")
+    terms = [x for t in terms for x in t.tried]
     slopes = problem.effect_slopes(null.state, terms)
     refits = _Refits(problem, null, least_judged(problem, null.state, terms, slopes))
     singles = _one_and_two(problem, refits, terms, slopes, progress)
@@ -119,6 +126,8 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
             for e in refits.of_size(len(accepted.state.values))
             if frozenset(e.state.ids) != frozenset(accepted.state.ids) and e.cost - accepted.cost < CONFOUNDED
         )
+    plain = [k for k, t in enumerate(terms) if not t.probes]
+    slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
     return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes)
 
 
@@ -132,7 +141,7 @@ def _one_and_two(
     """Refit the hopeful among single effects and pairs; every effect alone by the linear model."""
     null = refits.null
     singles, starts = _screened(problem, null, terms, slopes)
-    for _, ids, values, a in starts[1][:SINGLES]:
+    for _, ids, values, a in _hopeful(starts[1], SINGLES):
         refits.add(ids, values, a)
     # What hides an effect is far from its prior, and far from where the equations are straight: seen from the profile.
     if (near := _nearer(problem, null)) is not None:
@@ -154,7 +163,7 @@ def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress:
         if size > 1 and len(accepted.state.values) == size - 1:
             progress(f"{size} effects")
             made = problem.effect_slopes(accepted.state, _own_first(accepted.state, terms))
-            for _, ids, values, a in _screened(problem, accepted, terms, made)[1][1][:MORE]:
+            for _, ids, values, a in _hopeful(_screened(problem, accepted, terms, made)[1][1], MORE):
                 refits.add(ids, values, a)
         best = _contended(problem, refits, size, accepted.cost)[:1]
         steps = size - len(accepted.state.values)
@@ -198,7 +207,7 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
         for value, (name, error) in zip(
             whole.state.values.values(), zip(whole.state.ids, sd, strict=False), strict=True
         ):
-            if abs(value) < SIGNIFICANT * error:
+            if abs(value - BY_ID[name].null) < SIGNIFICANT * error or BY_ID[name].at_end(value):
                 weakest, least = name, 0.0
         if least > ASKED:
             return whole
@@ -219,12 +228,21 @@ def changes(problem: Problem, s: State, slopes: Sequence[Slopes]) -> Array:
     return found
 
 
+def whole_changes(problem: Problem, s: State, terms: Sequence[Term]) -> Array:
+    """(effects, series) by how much of what moves in each series effects of a state change it, all of them."""
+    # A bent effect changes where it is by more than it did on the way there.
+    whole = [replace(t, step=t.null - s.values[t.id]) for t in terms]
+    return changes(problem, s, problem.effect_slopes(s, whole)) * np.abs([[t.step] for t in whole])
+
+
 def least_judged(problem: Problem, s: State, terms: Sequence[Term], slopes: Sequence[Slopes]) -> dict[str, float]:
     """The sizes below which effects, of `slopes`, are not judged, SI."""
     tick = LEAST_TIME * max(m.record.dt for m in problem.manoeuvres)
     shares = changes(problem, s, slopes).max(-1)
 
     def least(t: Term, share: float) -> float:
+        if t.probes:
+            return t.least
         noise = max(m.noise(t.target) for m in problem.manoeuvres) if t.least_in_noise else 0.0
         return max(t.least, tick if t.unit == "s" else 0.0, t.least_in_noise * noise, LEAST_SHARE / max(share, 1e-12))
 
@@ -256,22 +274,40 @@ def _screened(
     schur = matrix[:n, :n] - matrix[:n, free] @ solved[:, :n]
     right = gradient[:n] - matrix[:n, free] @ solved[:, n]
     found: dict[int, list[Start]] = {1: [], 2: []}
-    values = np.array([*s.values.values()] + [0.0] * (n - m))
+    values = np.array([s.values.get(t.id, t.null) for t in every])
 
     def start(picked: tuple[int, ...]) -> Start:
         pick = np.array([*range(m), *picked])
-        x = -np.linalg.lstsq(schur[np.ix_(pick, pick)], right[pick], rcond=1e-10)[0]
-        ids = tuple(every[i].id for i in pick)
+        part, slope = schur[np.ix_(pick, pick)], right[pick]
+        # A bent effect is as large as its probe: of others the linear model says nothing.
+        bent = np.array([i >= m and bool(every[i].probes) for i in pick])
+        x = np.where(bent, [every[i].step for i in pick], 0.0)
+        rest = np.flatnonzero(~bent)
+        if len(rest):
+            x[rest] = -np.linalg.lstsq(part[np.ix_(rest, rest)], (slope + part @ x)[rest], rcond=1e-10)[0]
+        there = {every[i].id: float(v) for i, v in zip(pick, values[pick] + x, strict=True)}
         moved = -solved[:, n] - solved[:, pick] @ x
-        there = dict(zip(ids, (values[pick] + x).tolist(), strict=True))
-        return float(-right[pick] @ x), ids, there, s.a + moved
+        return float(-(2 * slope + part @ x) @ x), tuple(there), there, s.a + moved
 
-    found[1] = sorted((start((m + j,)) for j in range(n - m)), key=lambda f: (-f[0], f[1]))
+    found[1] = _best(start((m + j,)) for j in range(n - m))
     if not m:
-        pairs = (start((i, j)) for i, j in itertools.combinations(range(n), 2))
-        found[2] = sorted(pairs, key=lambda f: (-f[0], f[1]))
+        couples = itertools.combinations(range(n), 2)
+        found[2] = _best(start((i, j)) for i, j in couples if every[i].id != every[j].id)
     singles = [(gain, ids[-1], there[ids[-1]]) for gain, ids, there, _ in found[1]]
     return singles, found
+
+
+def _hopeful(starts: Sequence[Start], count: int) -> list[Start]:
+    """The first `count`, and what is too bent for the linear model to tell how much it gains."""
+    return [s for k, s in enumerate(starts) if k < count or BY_ID[s[1][-1]].probes]
+
+
+def _best(starts: Iterable[Start]) -> list[Start]:
+    """The best first, each set of effects once."""
+    made: dict[frozenset[str], Start] = {}
+    for start in sorted(starts, key=lambda f: (-f[0], f[1])):
+        made.setdefault(frozenset(start[1]), start)
+    return list(made.values())
 
 
 def _nearer(problem: Problem, null: Estimate) -> Estimate | None:

@@ -17,6 +17,7 @@ from station.profile.aircraft import (
     Indicial,
     Inertia,
     Instrument,
+    Separation,
     Unsteady,
 )
 from station.profile.card import Card, Doublet, Fault, Flight, Manoeuvre, Multisine, Pilot, Pulse, Sweep, ThreeTwoOneOne
@@ -93,6 +94,7 @@ __all__ = [
     "RadiansPerSecond",
     "Rig",
     "Seconds",
+    "Separation",
     "SerialDevice",
     "SquareMetres",
     "StreamProfile",

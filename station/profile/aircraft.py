@@ -163,6 +163,25 @@ class Unsteady(Frozen):
     """Wing's upwash at the vane after entering a sharp-edged gust."""
 
 
+class Separation(Frozen):
+    """How the flow leaves the wing: of CL_alpha alpha, ((1 + sqrt X)/2)^2 is left, where X, the share of the chord with
+    attached flow, is 0.5 (1 - tanh(a1 (alpha - tau2 c/V alphadot - alpha_star))) behind a lag of tau1 c/V (Kirchhoff;
+    Goman and Khrabrov 1994)."""
+
+    alpha_star: Radians | None = None
+    """Angle of attack at which the flow has left half of the chord; without one it stays attached."""
+    a1: Annotated[float, Positive] = 20.0
+    """How sharply it does, per rad."""
+    tau1: float = Field(default=10.0, ge=0)
+    """Lag of X, in chords travelled."""
+    tau2: float = Field(default=10.0, ge=0)
+    """How much later the flow comes back, in chords travelled: counts while the angle of attack falls."""
+    CD_X: float = 0.0
+    """Drag of separated flow: CD has CD_X (1 - X)."""
+    Cm_X: float = 0.0
+    """Pitching moment of separated flow: Cm has Cm_X (1 - X)."""
+
+
 class Drag(Frozen):
     """CD = zero_lift + induced CL^2."""
 
@@ -231,6 +250,7 @@ class Aircraft(Frozen):
     """Nose-up moment per newton of thrust, m."""
     drag: Drag | None = None
     unsteady: Unsteady = Unsteady(memory=False)
+    separation: Separation = Separation()
     uncertainty: Uncertainty = Uncertainty()
     elevator: Actuator = Actuator()
     aileron: Actuator = Actuator()

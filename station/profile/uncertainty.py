@@ -76,6 +76,18 @@ class Uncertainty(Frozen):
     """Of the drag's part that goes with lift squared."""
     thrust: float = Field(default=0.05, ge=0)
     """Of the thrust, recorded or not: an engine deck's."""
+    alpha_star: Radians = math.radians(2.0)
+    """Of the angle of attack at which the flow leaves the wing, where the profile has one."""
+    a1: float = Field(default=0.5, ge=0)
+    """Of how sharply it does, of the logarithm."""
+    tau1: float = Field(default=15.0, ge=0)
+    """Of the lag of the separation, chords travelled."""
+    tau2: float = Field(default=15.0, ge=0)
+    """Of how much later the flow comes back, chords travelled."""
+    CD_X: float = Field(default=0.2, ge=0)
+    """Of the drag of separated flow."""
+    Cm_X: float = Field(default=0.1, ge=0)
+    """Of its pitching moment."""
     vane_zero: Radians = math.radians(0.15)
     """Of the vane's zero, rigged with a protractor."""
     theta_zero: Radians = math.radians(0.1)

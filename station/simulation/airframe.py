@@ -13,6 +13,7 @@ from station.conventions import G0
 from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Indicial
 from station.rows import ProfileError
+from station.simulation import stalling
 
 _SUPPORTED: Final = frozenset(
     {f"{c}_{x}" for c in ("CL", "Cm") for x in ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "gust")}
@@ -68,6 +69,19 @@ class Constants(NamedTuple):
     """How far ahead of the CG the wing does, m."""
     downwash: float
     downwash_delay: float
+    separates: float
+    """1: the flow leaves the wing, 0: it stays attached at every angle of attack."""
+    alpha_star: float
+    sharpness: float
+    """a1, per rad."""
+    separation_lag: float
+    """tau1, chords travelled."""
+    return_delay: float
+    """tau2, the same."""
+    cl_lost_trim: float
+    """CL that the separation takes in trim."""
+    cd_separated: float
+    cm_separated: float
     actuator_lag: float
     actuator_rate: float
     actuator_limit: float
@@ -111,9 +125,13 @@ def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float) -> tuple[
     cm = v("Cm_0") + v("Cm_V") * ratio + v("Cm_alpha") * alpha + v("Cm_de") * de
     cl += v("CL_alpha2") * alpha**2 + v("CL_alpha3") * alpha**3
     cm += v("Cm_alpha2") * alpha**2 + v("Cm_alpha3") * alpha**3
+    attached, left = stalling.steady(aircraft.separation, alpha)
+    cl -= v("CL_alpha") * (1.0 - left) * alpha
+    cm += aircraft.separation.Cm_X * (1.0 - attached)
+    behind = aircraft.separation.CD_X * (1.0 - attached)
     if aircraft.drag is not None:
-        return cl, aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl, cm
-    return cl, v("CD_0") + v("CD_V") * ratio + v("CD_alpha") * alpha, cm
+        return cl, aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl + behind, cm
+    return cl, v("CD_0") + v("CD_V") * ratio + v("CD_alpha") * alpha + behind, cm
 
 
 _TRIMMED: Final = 1e-9
@@ -183,7 +201,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         if name[:2] in ("CL", "CD", "Cm") and name not in _SUPPORTED and derivative.value != 0:
             raise ProfileError(f"aircraft {aircraft.name}: derivatives.{name}: the simulation has no such term")
     trim = find_trim(aircraft, speed, height)
-    v, unsteady, drag = aircraft.value, aircraft.unsteady, aircraft.drag
+    v, unsteady, drag, leaving = aircraft.value, aircraft.unsteady, aircraft.drag, aircraft.separation
     return Constants(
         mass=aircraft.inertia.mass,
         iyy=iyy,
@@ -228,6 +246,14 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         gust_edge=aircraft.gust_edge,
         downwash=unsteady.downwash,
         downwash_delay=unsteady.downwash_delay,
+        separates=float(leaving.alpha_star is not None),
+        alpha_star=leaving.alpha_star or 0.0,
+        sharpness=leaving.a1,
+        separation_lag=leaving.tau1,
+        return_delay=leaving.tau2,
+        cl_lost_trim=v("CL_alpha") * (1.0 - stalling.steady(leaving, trim.alpha)[1]) * trim.alpha,
+        cd_separated=leaving.CD_X,
+        cm_separated=leaving.Cm_X,
         actuator_lag=aircraft.elevator.time_constant,
         actuator_rate=aircraft.elevator.rate_limit,
         actuator_limit=aircraft.elevator.position_limit,

@@ -27,6 +27,7 @@ from station.numerics.atmosphere import (
     atmosphere,
 )
 from station.simulation.airframe import Constants, Tables
+from station.simulation.stalling import lift_left
 from station.simulation.trigonometry import arctangent, sine_cosine
 
 U, W, Q, THETA, DISTANCE, HEIGHT, ELEVATOR, THRUST, LAGS = range(9)
@@ -75,6 +76,8 @@ class Met(NamedTuple):
     """Where the elevator was a step ago, rad."""
     command: float
     """Where it is commanded, rad."""
+    attached: float
+    """Share of the wing's chord along which the flow is attached."""
 
 
 class Flow(NamedTuple):
@@ -174,11 +177,16 @@ def rates(c: Constants, tables: Tables, x: NDArray[np.float64], met: Met, dx: ND
         cm = c.cm_alpha * wing + c.cm_q * qhat
     from_gust = alpha - alpha_inertial
     square, cube = alpha**2 - c.trim_alpha**2, alpha**3 - c.trim_alpha**3
+    if c.separates > 0.0:
+        cl += c.cl_lost_trim - c.cl_alpha * (1.0 - lift_left(met.attached)) * alpha
+        cm += c.cm_separated * (1.0 - met.attached)
     cl += c.cl_trim + c.cl_v * faster + c.cl_de * de + c.cl_gust * from_gust
     cl += c.cl_alpha2 * square + c.cl_alpha3 * cube
     cm += c.cm_trim + c.cm_v * faster + c.cm_de * de + c.cm_gust * from_gust
     cm += c.cm_alpha2 * square + c.cm_alpha3 * cube
     cd = c.cd_0 + c.cd_v * speed / c.reference_speed + c.cd_alpha * alpha + c.cd_induced * cl * cl
+    if c.separates > 0.0:
+        cd += c.cd_separated * (1.0 - met.attached)
 
     cos_a, sin_a = ua / speed, wa / speed
     force = pressure * c.area

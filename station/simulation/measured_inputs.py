@@ -19,7 +19,19 @@ from station.simulation.airframe import constants, indicial_tables
 from station.simulation.boom import NO_BOOM, vane_constants
 from station.simulation.gusts import ALONG, STEP, UP, Field
 from station.simulation.installed import Installed
-from station.simulation.motion import COLUMNS, DISTANCE, DT, INCIDENCE, Flown, Memory, advance, memory_of
+from station.simulation.motion import (
+    ALPHA,
+    ATTACHED,
+    COLUMNS,
+    DISTANCE,
+    DT,
+    INCIDENCE,
+    Flown,
+    Memory,
+    advance,
+    memory_of,
+    steadily_attached,
+)
 from station.simulation.pilot import hands
 from station.simulation.three_degrees import HANDS_OFF, elevator_backlash, reach, site
 
@@ -118,6 +130,8 @@ class MeasuredFlight:
         memory = memory_of(x, ring, tables, float(self._elevator[0]), self._flown.hands)
         memory.wake[DISTANCE, 0] = -reach(self._aircraft)[0]
         memory.wake[INCIDENCE, 0] = start.alpha - c.trim_alpha + met
+        memory.last[ALPHA] += met
+        memory.last[ATTACHED] = steadily_attached(c, memory.last[ALPHA])
         return memory
 
 

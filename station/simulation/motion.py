@@ -16,6 +16,7 @@ from station.simulation.airframe import Constants, Tables
 from station.simulation.boom import VaneConstants, bending, flow_angle, second_order_step, settle, upwash_step
 from station.simulation.gusts import ALONG, SIDEWAYS, UP, Field, gust_at
 from station.simulation.pilot import RATE_HZ, Hands, asked, ring
+from station.simulation.stalling import BRIEF, attached
 
 DT: Final = 1.0 / RATE_HZ
 EVERY: Final = RATE_HZ // TICK_HZ
@@ -75,8 +76,9 @@ DONE, NEWEST, AT_TAIL = range(3)
 """Memory.marks: steps done, last entry of the wake, entry of the wake whose downwash is at the tail."""
 DISTANCE, INCIDENCE = range(2)
 """Memory.wake: where the wing was, m, and its incidence from trim there, rad."""
-INERTIAL, GUST, SURFACE = range(3)
-"""Memory.last: inertial and leading-edge gust incidence and the elevator's surface at the last step, rad."""
+INERTIAL, GUST, SURFACE, ALPHA, TURNING, ATTACHED = range(6)
+"""Memory.last: inertial and leading-edge gust incidence and the elevator's surface at the last step, rad; angle of
+attack (rad) and its rate (rad/s) there; the share of the wing's chord along which the flow is attached."""
 
 
 class Memory(NamedTuple):
@@ -95,7 +97,7 @@ class Memory(NamedTuple):
     beta_vane: NDArray[np.float64]
     boom: NDArray[np.float64]
     last: NDArray[np.float64]
-    """(3,)."""
+    """(6,)."""
     asked: NDArray[np.float64]
     """pilot.ring's."""
 
@@ -111,7 +113,7 @@ def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: flo
         np.zeros(3),
         np.zeros(3),
         np.zeros(3),
-        np.array([0.0, 0.0, surface]),
+        np.array([0.0, 0.0, surface, math.atan2(x[eq.W], x[eq.U]), 0.0, 1.0]),
         ring(hands),
     )
 
@@ -129,6 +131,8 @@ def at_rest(c: Constants, tables: Tables, behind: float, field: Field, hands: Ha
     memory = memory_of(x, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * DT)), tables, c.trim_elevator, hands)
     memory.wake[DISTANCE, 0] = -behind
     memory.wake[INCIDENCE, 0] = met
+    memory.last[ALPHA] += met
+    memory.last[ATTACHED] = steadily_attached(c, memory.last[ALPHA])
     return memory
 
 
@@ -171,18 +175,38 @@ def stage_rates(
     )
     marks = memory.marks
     past, entry = _downwash_source(memory.wake, marks[NEWEST], marks[AT_TAIL], tail - c.downwash_delay * x[eq.U])
-    met = eq.Met(air, gust, side, past, memory.last[SURFACE], command)
+    met = eq.Met(air, gust, side, past, memory.last[SURFACE], command, memory.last[ATTACHED])
     return eq.rates(c, flown.tables, x, met, dx), gust, entry
 
 
+def steadily_attached(c: Constants, alpha: float) -> float:
+    """Share of the chord along which the flow is attached when the angle of attack (rad) has lasted."""
+    return float(attached(alpha, c.sharpness, c.alpha_star)) if c.separates > 0.0 else 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _separate(c: Constants, last: NDArray[np.float64], alpha: float, speed: float) -> None:
+    """The flow along the wing goes on by a step, at an angle of attack (rad) and airspeed."""
+    brief = min(DT / BRIEF, 1.0)
+    last[TURNING] += brief * ((alpha - last[ALPHA]) / DT - last[TURNING])
+    last[ALPHA] = alpha
+    chords = DT * speed / c.chord
+    late = c.return_delay * c.chord / speed * min(last[TURNING], 0.0)
+    towards = attached(alpha - late, c.sharpness, c.alpha_star)
+    share = 1.0 - math.exp(-chords / c.separation_lag) if c.separation_lag > 0.0 else 1.0
+    last[ATTACHED] += share * (towards - last[ATTACHED])
+
+
 @njit(cache=True, error_model="numpy", inline="always")
-def remember(memory: Memory, distance: float, wing: float) -> None:
-    """A step begins: the wing, of incidence `wing` from trim, is at that distance."""
+def remember(c: Constants, memory: Memory, distance: float, flow: eq.Flow) -> None:
+    """A step begins, with the wing at that distance."""
     memory.marks[DONE] += 1
     memory.marks[NEWEST] += 1
     at = memory.marks[NEWEST] % memory.wake.shape[1]
     memory.wake[DISTANCE, at] = distance
-    memory.wake[INCIDENCE, at] = wing
+    memory.wake[INCIDENCE, at] = flow.wing
+    if c.separates > 0.0:
+        _separate(c, memory.last, flow.alpha, flow.airspeed)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -255,7 +279,7 @@ def advance(
                 vanes = vanes_now(c.indicial_chord, flown.tables, flown.vane, memory, field, moving, flow)
                 if k % every == 0:
                     record(flown, marks[DONE] * DT, x, slope, flow, gust, vanes, out[k // every])
-                remember(memory, x[eq.DISTANCE], flow.wing)
+                remember(c, memory, x[eq.DISTANCE], flow)
             for i in range(n):
                 total[i] += WEIGHTS[stage] * slope[i]
                 trial[i] = x[i] + AHEAD[stage] * slope[i]

@@ -271,7 +271,7 @@ def advance_lateral(
                 vanes = vanes_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
                 record(flown, marks[DONE] * DT, x, slope.along, flow, gust, vanes, out[k])
                 _record_lateral(flown.site, marks[DONE] * DT, now, slope, flow, seen, out[k])
-                remember(memory, x[eq.DISTANCE], flow.wing)
+                remember(c, memory, x[eq.DISTANCE], flow)
             for i in range(n):
                 total.along[i] += WEIGHTS[stage] * slope.along[i]
                 trial.along[i] = x[i] + AHEAD[stage] * slope.along[i]

@@ -27,6 +27,7 @@ ASKED = {
     22: "dynamic_pressure.scale", 23: "dynamic_pressure.lag", 24: "elevator.lag", 25: "elevator.scale",
     26: "elevator.nonlinearity", 27: "elevator.backlash", 29: "aero.icing", 30: "aero.downwash_lag",
     31: "gust.tail_penetration", 32: "aero.unsteady_lift", 33: "aero.speed_terms", 34: "aero.alpha_squared",
+    35: "aero.separation",
     36: "thrust.moment", 41: "velocity.stale", 42: "velocity.delay", 43: "theta.bias", 44: "stream.dropout",
     46: "elevator.sign", 47: "elevator.unit", 48: "alpha_vane.double_upwash",
 }  # fmt: skip

@@ -130,6 +130,7 @@ def aircraft_keys() -> str:
         ("`[drag]`", aircraft.Drag),
         ("`[unsteady]`", aircraft.Unsteady),
         ("`[unsteady.lift_motion]` and the other indicial responses", aircraft.Indicial),
+        ("`[separation]`", aircraft.Separation),
         ("`[uncertainty]`", uncertainty.Uncertainty),
         ("`[elevator]`, `[aileron]`, `[rudder]`", aircraft.Actuator),
         ("`[instruments.SIGNAL]`", aircraft.Instrument),

@@ -30,7 +30,7 @@ def derivative(c: ac.Constants, x: np.ndarray, command: float | None = None, gus
     dx = np.zeros_like(x)
     responses = ac.Tables(*(tables or (NO_LAG, NO_LAG)), NO_LAG, NO_LAG)
     asked = c.trim_elevator if command is None else command
-    met = eq.Met(eq.air_at(c, x[eq.HEIGHT]), eq.Gust(*gust), 0.0, past, x[eq.ELEVATOR], asked)
+    met = eq.Met(eq.air_at(c, x[eq.HEIGHT]), eq.Gust(*gust), 0.0, past, x[eq.ELEVATOR], asked, 1.0)
     return dx, eq.rates(c, responses, x, met, dx)
 
 

@@ -1,0 +1,39 @@
+"""Flow that leaves the wing: the share of the chord along which it is attached, and the lift that this leaves.
+
+A thin wing whose flow leaves it at the share X of its chord has ((1 + sqrt X)/2)^2 of the lift of attached flow
+(Kirchhoff's flow past a plate). X follows the angle of attack along half a hyperbolic tangent, and late (Goman and
+Khrabrov 1994, Journal of Aircraft 31; Fischenberg 1995, AIAA 95-3439; Jategaonkar 2015, chapter 12):
+
+    tau1 c/V dX/dt + X = 0.5 (1 - tanh(a1 (alpha - tau2 c/V alphadot - alpha_star)))
+
+tau2 counts while alpha falls only: flow comes back later than it left.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from station.profile import Separation
+
+BRIEF: Final = 0.05
+"""s: the rate of the angle of attack is that behind a lag of this length, as it is flown."""
+
+
+def attached(alpha: Any, sharpness: float, alpha_star: float) -> Any:
+    """X without delay: the share of the chord, 1 well below `alpha_star` (rad); `sharpness`: a1, per rad."""
+    return 0.5 * (1.0 - np.tanh(sharpness * (alpha - alpha_star)))
+
+
+def lift_left(x: Any) -> Any:
+    """Of the lift of attached flow."""
+    return 0.25 * (1.0 + np.sqrt(x)) ** 2
+
+
+def steady(separation: Separation, alpha: float) -> tuple[float, float]:
+    """Share of the chord along which flow is attached, and of the lift that is left, at a lasting `alpha` (rad)."""
+    if separation.alpha_star is None:
+        return 1.0, 1.0
+    x = float(attached(alpha, separation.a1, separation.alpha_star))
+    return x, float(lift_left(x))
