@@ -24,9 +24,7 @@ SETS = {"A": "twin_otter_martos", "B": "twin_otter"}
 SEEDS = int(os.environ.get("STATION_SEEDS", "200"))
 FIRST = int(os.environ.get("STATION_FIRST_SEED", "7000"))
 DOUBLET = {"kind": "doublet", "start": "2 s", "width": "1.3 s", "amplitude": "3.5 deg"}
-EXACT = Uncertainty.model_validate(
-    {name: "0 s" if name in ("downwash_delay", "vane_x", "vane_delay") else 0.0 for name in Uncertainty.model_fields}
-)
+EXACT = Uncertainty.model_validate(dict.fromkeys(Uncertainty.model_fields, 0.0), context="si")
 """Every constant is right."""
 MULTISINE = {"kind": "multisine", "start": "0 s", "duration": "30 s", "amplitude": "2 deg"}
 
