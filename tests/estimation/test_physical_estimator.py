@@ -24,9 +24,7 @@ from station.simulation.sensors import STANDARD
 
 DT = 0.02
 NAMES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
-EXACT = Uncertainty.model_validate(
-    {name: "0 s" if name in ("downwash_delay", "vane_x", "vane_delay") else 0.0 for name in Uncertainty.model_fields}
-)
+EXACT = Uncertainty.model_validate(dict.fromkeys(Uncertainty.model_fields, 0.0), context="si")
 """Every constant is right."""
 
 
