@@ -135,14 +135,16 @@ def partly_judged(found: Result) -> bool:
     return len(found.not_judged) > 1
 
 
-_FORCES: Final = ("lift", "moment", "drag")
+_OF_THE_MODEL: Final = {"lift": "lift", "moment": "moment", "drag": "drag", "elevator": "what the elevator does"}
+"""A surface is compared with nothing but the model: what is missed in step with it may be either's."""
 
 
 def missed_words(missed: Mapping[str, float]) -> list[str]:
-    """What is missed though every parameter is free: of forces by the aircraft's model, of signals by any effect."""
+    """What is missed though every parameter is free: by the aircraft's model, or of signals by any effect."""
 
     def shares(of_forces: bool) -> str:
-        return ", ".join(f"{100 * v:.2g} % of {n}" for n, v in missed.items() if (n in _FORCES) == of_forces)
+        own = {n: v for n, v in missed.items() if (n in _OF_THE_MODEL) == of_forces}
+        return ", ".join(f"{100 * v:.2g} % of {_OF_THE_MODEL.get(n, n)}" for n, v in own.items())
 
     out = []
     if forces := shares(True):
