@@ -293,7 +293,10 @@ class Problem:
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
-        there = self.state(values, s.a + solved.step[e:], s.levels)
+        try:
+            there = self.state(values, s.a + solved.step[e:], s.levels)
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            return None
         return there if there.q < s.q else None
 
     def null(self) -> Estimate:

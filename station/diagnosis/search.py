@@ -89,7 +89,13 @@ class _Refits:
         # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
         rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
         beaten = min(rivals, default=math.inf) + CONFOUNDED
-        found = p.estimate(p.relevelled(p.state(start, a, self.null.state.levels)), REFITS, slopes, beaten=beaten)
+        try:
+            here = p.relevelled(p.state(start, a, self.null.state.levels))
+        except np.linalg.LinAlgError:  # the linear model's start is so far off that its noise cannot be told
+            if before is None:
+                before = self.done[key] = replace(self.null, cost=math.inf)
+            return before
+        found = p.estimate(here, REFITS, slopes, beaten=beaten)
         if any(self._is_nothing(t, found.state) for t in terms):
             found = replace(found, cost=math.inf)
         if before is not None and before.cost < found.cost:

@@ -111,8 +111,9 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
         # vane scaled down, or a boom that bends with the load, would seem to leave less of a gust to explain.
         vane, lift = rows.index(VANE), rows.index(LIFT)
         at, load = trim.sensors.index("alpha_vane"), trim.sensors.index("az")
-        by_load = out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
-        out[:, vane, -1] = out[:, vane, at] - by_load
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a candidate far beyond any aircraft
+            by_load = out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
+            out[:, vane, -1] = out[:, vane, at] - by_load
     return out
 
 

@@ -94,6 +94,14 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
     return made
 
 
+def _root(covariance: Complex) -> Complex:
+    """Cholesky factors; not a number where variances are beyond what numbers hold."""
+    try:
+        return np.asarray(np.linalg.cholesky(covariance))
+    except np.linalg.LinAlgError:
+        return np.full_like(covariance, np.nan)
+
+
 def fitted(
     bins: Sequence[Complex], columns: Sequence[Complex], counts: Sequence[Array], start: Levels, prior: Levels,
     stiffness: Array, frozen: int | None = None,
@@ -122,7 +130,7 @@ def fitted(
         total, gradient, fisher = float((stiff * (x - centre) ** 2).sum()), stiff * (x - centre), np.diag(stiff)
         for b, z, n, pick in zip(columns, bins, counts, picks, strict=True):
             v = np.exp(x[pick])
-            root = np.linalg.cholesky((b * v) @ np.conj(b.swapaxes(-1, -2)))
+            root = _root((b * v) @ np.conj(b.swapaxes(-1, -2)))
             if whole:
                 both = np.linalg.solve(root, np.concatenate([z, b], axis=-1))
                 w, own = both[..., : z.shape[-1]], both[..., z.shape[-1] :]
@@ -148,7 +156,7 @@ def fitted(
             if there <= here:
                 break
             step *= SHORTENED
-        if there > here:
+        if not there <= here:
             break
         gained, x = here - there, trial
         if gained < DONE:
