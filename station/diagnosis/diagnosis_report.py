@@ -148,6 +148,9 @@ def _unexplained(found: Diagnosis) -> str:
         low, high = remaining.band_hz
         where = f"{', '.join(remaining.signals)} from {low:.2f} to {high:.2f} Hz"
         said.append(f"The remaining residual is not noise: {where}.")
+    if remaining.strained:
+        far = ", ".join(f"{name} {x:+.1f}" for name, x in remaining.strained)
+        said.append(f"Parameters are fitted far beyond the profile's stated doubt (in its standard deviations): {far}.")
     numbers = f"Most unlikely band: log p {remaining.log_p:.1f} (limit {remaining.log_p_limit:.1f})."
     return f"<h2>Unexplained</h2><p>{text(' '.join(said))}</p>{_note(numbers)}"
 

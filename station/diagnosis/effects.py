@@ -127,8 +127,9 @@ class Term:
         return self.sentence.format(value=f"{x:+.3g}{unit}", size=f"{abs(x):.3g}{unit}")
 
     def at_end(self, value: float) -> bool:
-        """Whether it is at an end of what is physical: something else then is the matter."""
-        return not self.low < value < self.high
+        """Whether it is at an end of what is physical, and would go on: something else then is the matter. Where nothing
+        of a thing is left (-100 %) is no such end."""
+        return value >= self.high or (value <= self.low and self.low != -1.0)
 
     @property
     def tried(self) -> tuple[Term, ...]:

@@ -33,6 +33,10 @@ PRIOR_SHARE: Final = 0.10
 
 
 SEPARATION: Final = "aero.separation"
+BEYOND: Final = 3.0
+"""Prior standard deviations from which a derivative, or a zero, is itself named: no handbook is that wrong."""
+OF_ZERO: Final = {"q bias": "q.bias"}
+"""Free zeros that are named as effects; the others are of every day."""
 UNKNOWN_LEAD_M: Final = 3.0
 """m: a boom's length, where the profile gives none."""
 SCATTER: Final = {"CL_q": 0.25, "CL_de": 0.15}

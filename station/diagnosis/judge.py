@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
+from scipy.stats import chi2
 
 from station.diagnosis.diagnosis_result import Gain
-from station.diagnosis.free_parameters import free_parameters
+from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO, free_parameters
 from station.diagnosis.likelihood import Estimate, Problem, State
 from station.diagnosis.manoeuvre import MISSED, Manoeuvre
 from station.diagnosis.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, THETA, VANE
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 FALSE_ALARM: Final = 2e-4
 """Chance of a false alarm of the residual test, over everything that it looks at."""
+FAR_OFF: Final = 2.0
+"""Prior standard deviations from which a parameter is told among those that are far."""
 LEVEL_DOF: Final = 200
 """Independent values that a sensor's noise level is estimated from, which is as uncertain as that."""
 MUCH: Final = 1.3
@@ -55,10 +58,14 @@ class RemainingResidual:
     """log p of each series as a whole."""
     log_p_limit: float
     """Beyond which a residual remains unexplained: the more tests, the further out."""
+    strained: tuple[tuple[str, float], ...] = ()
+    """Free parameters, and where they are in prior standard deviations, the farthest first, where all together are
+    further from the profile than its stated doubt allows: another aircraft's profile, or an effect that none of the
+    catalogue is."""
 
     @property
     def present(self) -> bool:
-        return bool(self.missed) or self.log_p < self.log_p_limit
+        return bool(self.missed) or self.log_p < self.log_p_limit or bool(self.strained)
 
 
 def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidual:
@@ -90,7 +97,18 @@ def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidua
         signals = SIGNALS_OF[SERIES.index(name)] if name in SERIES else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit)
+    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, _strained(problem, s))
+
+
+def _strained(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:
+    """Free parameters far from the profile, where their squares sum to more than chance allows; what is itself named
+    for being far is not counted."""
+    there = [(f.name, float(x)) for f, x in zip(problem.frees, s.a, strict=False)]
+    named = (*DERIVATIVES, *OF_ZERO)
+    there = [(n, x) for n, x in there if abs(x) < BEYOND or n not in named]
+    if chi2.logsf(sum(x * x for _, x in there), len(there)) > math.log(FALSE_ALARM):
+        return ()
+    return tuple(sorted(((n, x) for n, x in there if abs(x) > FAR_OFF), key=lambda x: -abs(x[1])))
 
 
 def _missed(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:

@@ -13,7 +13,11 @@ from station.diagnosis import judge
 from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
+<<<<<<< HEAD
 from station.diagnosis.free_parameters import DERIVATIVES, Free
+=======
+from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO
+>>>>>>> 98d601d (Diagnosis: what strains the profile as a whole is unexplained; no effect at the end of its range)
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
@@ -27,10 +31,6 @@ INERTIAL: Final = frozenset(("q", "theta", "v_north", "v_east", "v_down"))
 """Signals that are compared with each other without aerodynamics, and without the air."""
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
-BEYOND: Final = 3.0
-"""Prior standard deviations from which a derivative, or a zero, is itself named: no handbook is that wrong."""
-OF_ZERO: Final = {"q bias": "q.bias"}
-"""Free zeros that are named as effects; the others are of every day."""
 MOST_FAR_OFF: Final = 2
 """Derivatives beyond, from which the profile may be another aircraft's."""
 
@@ -113,6 +113,9 @@ def diagnose(
         for m, g in zip(made, gusty, strict=True)
         if g > NOTABLE_GUST
     ]
+    if remaining.strained:
+        far = ", ".join(f"{name} by {x:+.1f}" for name, x in remaining.strained)
+        remarks.append(f"fitted far beyond the profile's stated doubt, in its standard deviations: {far}")
     remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if drowned:
         remarks.append(f"not named, for what the model misses is larger: {', '.join(drowned)}")

@@ -65,7 +65,8 @@ class Found:
 
 
 class _Refits:
-    """Candidates refitted so far, each once; those of a size that is not judged cost infinitely much."""
+    """Candidates refitted so far, each once; those of a size that is not judged, or not physical, cost infinitely
+    much."""
 
     def __init__(self, problem: Problem, null: Estimate, least: Mapping[str, float]) -> None:
         self.problem, self.null, self._least = problem, null, least
