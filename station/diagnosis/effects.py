@@ -127,7 +127,7 @@ class Term:
         return self.sentence.format(value=f"{x:+.3g}{unit}", size=f"{abs(x):.3g}{unit}")
 
     def at_end(self, value: float) -> bool:
-        """Whether it is at an end of what is physical, and would go on: something else then is the matter. Where nothing
+        """Whether it is at an end of what is physical, and would go on: something else then is the matter. That nothing
         of a thing is left (-100 %) is no such end."""
         return value >= self.high or (value <= self.low and self.low != -1.0)
 

@@ -13,11 +13,7 @@ from station.diagnosis import judge
 from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
-<<<<<<< HEAD
-from station.diagnosis.free_parameters import DERIVATIVES, Free
-=======
-from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO
->>>>>>> 98d601d (Diagnosis: what strains the profile as a whole is unexplained; no effect at the end of its range)
+from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO, Free
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
