@@ -18,7 +18,7 @@ from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, describe_missing
-from station.diagnosis.search import LEAST_SHARE, WHOLE, Found, search, whole_changes
+from station.diagnosis.search import ASKED, LEAST_SHARE, SIGNIFICANT, WHOLE, Found, search, whole_changes
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.3
@@ -198,7 +198,8 @@ def _confirmed(
         if len(idle) < len(doubtful):
             rest = _less(found, problem, idle)
             named, gain, confirmed = _measured(rest, problem, kept, remaining)
-            if confirmed:
+            sound = rest.reduction > ASKED * len(rest.accepted.state.values)
+            if confirmed and sound and all(abs(e.value - e.term.null) > SIGNIFICANT * e.sd for e in named):
                 return rest, named, gain
     found = _less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
     named, gain, _ = _measured(found, problem, kept, remaining, _contradicts)
