@@ -266,7 +266,7 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("aero.alpha_squared", "CL", "1", "1", -60, 60, 1.5,
          "Lift is nonlinear in the angle of attack: CL has a term of {value} alpha2.",
          "doublets of two amplitudes, or at two trims", derivative("CL_alpha2"), ("lift",), aerodynamic=True),
-    Term("aero.separation", "CL", "rad", "deg", 0.03, 0.9, 3e-3,
+    Term("aero.separation", "CL", "rad", "deg", 0.06, 0.9, 3e-3,
          "The flow leaves the wing: half of it is gone at {size} of angle of attack.",
          "a stall, entered and left slowly", separation, ("lift",), null=ATTACHED, probes=_STALLS, price=_BENT,
          aerodynamic=True, applies=lambda a: a.separation.alpha_star is None),

@@ -103,6 +103,8 @@ def diagnose(
         found, effects, gain = _confirmed(found, problem, kept, remaining, effects)
         named = {e.term.id for e in effects}
         not_named = tuple(e for e in every if e.term.id not in named)
+        # What the fitted manoeuvres ask for is unexplained once it is taken out.
+        remaining = judge.remaining_residual(problem, found.accepted)
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     remarks = [
         f"turbulence in {m.record.name}: vertical gust of {g:.2f} m/s standard deviation"
@@ -199,11 +201,16 @@ def _confirmed(
             rest = _less(found, problem, idle)
             named, gain, confirmed = _measured(rest, problem, kept, remaining)
             sound = rest.reduction > ASKED * len(rest.accepted.state.values)
-            if confirmed and sound and all(abs(e.value - e.term.null) > SIGNIFICANT * e.sd for e in named):
+            if confirmed and sound and all(_told(e) for e in named):
                 return rest, named, gain
     found = _less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
     named, gain, _ = _measured(found, problem, kept, remaining, _contradicts)
     return found, named, gain
+
+
+def _told(e: Effect) -> bool:
+    """Whether it is significant, and of a size that is physical."""
+    return abs(e.value - e.term.null) > SIGNIFICANT * e.sd and not e.term.at_end(e.value)
 
 
 def _contradicts(e: Effect) -> bool:

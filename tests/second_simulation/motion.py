@@ -235,8 +235,9 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     gu, gv, gw = at(head, place), at(side, place), at(up, place)
     ua, va, wa = u + gu, v + gv, w + gw
     speed = math.sqrt(ua * ua + va * va + wa * wa)
-    # A gust along the path turns the flow of the aircraft's own motion.
-    inertial = math.atan2(w, ua)
+    inertial = math.atan2(w, u)
+    # A gust along the path turns the flow of the aircraft's own motion, at each place when it is there.
+    turn = math.atan2(w, ua) - inertial
     alpha, beta = math.atan2(wa, ua), math.asin(va / speed)
     pressure = 0.5 * c.rho * speed * speed
     force = pressure * AREA
@@ -246,11 +247,12 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     for k in range(2):
         moved += c.motion_a[k] * x[WAKE + k]
         dx[WAKE + k] = speed / CHORD * c.motion_b[k] * (inertial - x[WAKE + k])
-    wing = moved + edge
+    wing = moved + edge + turn
     behind = c.tail_arm + speed * h.downwash_late
     wash = c.downwash * passed(places, values, newest, place - behind)
     met = at(up, place - c.tail_arm * (1 + h.tail_late)) / speed
-    tail = inertial + q * c.tail_arm / speed + met - wash
+    turn_tail = math.atan2(w, u + at(head, place - c.tail_arm)) - inertial
+    tail = inertial + turn_tail + q * c.tail_arm / speed + met - wash
     qhat, arm = q * CHORD / (2 * speed), c.tail_arm / CHORD
     whole = c.tail_slope * (1 - c.downwash)
     cl_wing = c.cl[0] + (c.cl[1] - whole) * wing + h.alpha2 * alpha * alpha + h.speed * (speed / c.speed - 1)
@@ -301,13 +303,13 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     for k in range(3):
         dx[SURF + k] = min(max((command[k] - x[SURF + k]) / c.actuator, -1.05), 1.05)
     # The vanes: the boom's own motion, the air that it meets, and the flow that the wing turns.
-    bu, bw, bv = ua, w - q * c.boom, v + r * c.boom
     ahead = place + c.boom * (1 + h.gust_early)
+    bu, bw, bv = u + at(head, ahead), w - q * c.boom, v + r * c.boom
     turned = inertial * (1 - c.upwash_a[0] - c.upwash_a[1])
     for k in range(2):
         turned += c.upwash_a[k] * x[TURN + k]
         dx[TURN + k] = speed / CHORD * c.upwash_b[k] * (inertial - x[TURN + k])
-    turned += at(upwash_field, place + 0.25 * CHORD) / speed
+    turned += at(upwash_field, place + 0.25 * CHORD) / speed + turn
     bend = h.flexure * fz
     if h.mode > 0:
         wn = 2 * math.pi * 8.0
