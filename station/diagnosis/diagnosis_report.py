@@ -163,7 +163,7 @@ def _not_named(found: Diagnosis) -> str:
 def _next(found: Diagnosis) -> str:
     confounded = [e for e in found.named if e.alternatives]
     advice = [f"{e.term.id} or {', '.join(e.alternatives)}: {e.term.separate_by}." for e in confounded]
-    if found.remaining.present:
+    if found.remaining.in_signals:
         advice.append(
             f"Unexplained in {found.remaining.series}: repeat the manoeuvre in calm air, at another amplitude and "
             "at another speed: whether it goes with time, distance, amplitude or load shows what it is."

@@ -64,8 +64,13 @@ class RemainingResidual:
     catalogue is."""
 
     @property
+    def in_signals(self) -> bool:
+        """Whether a residual is no noise, or something is missed."""
+        return bool(self.missed) or self.log_p < self.log_p_limit
+
+    @property
     def present(self) -> bool:
-        return bool(self.missed) or self.log_p < self.log_p_limit or bool(self.strained)
+        return self.in_signals or bool(self.strained)
 
 
 def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidual:
@@ -103,7 +108,7 @@ def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidua
 def _strained(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:
     """Free parameters far from the profile, where their squares sum to more than chance allows; what is itself named
     for being far is not counted."""
-    there = [(f.name, float(x)) for f, x in zip(problem.frees, s.a, strict=False)]
+    there = [(f.name, float(x)) for f, x in zip(problem.frees, s.a, strict=False) if not f.of or f.of in s.values]
     named = (*DERIVATIVES, *OF_ZERO)
     there = [(n, x) for n, x in there if abs(x) < BEYOND or n not in named]
     if chi2.logsf(sum(x * x for _, x in there), len(there)) > math.log(FALSE_ALARM):

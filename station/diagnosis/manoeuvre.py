@@ -58,7 +58,7 @@ SPREAD_BINS: Final = 4.0
 GROUP_HZ: Final = 0.07
 GROUP_SHARE: Final = 0.2
 """Frequencies, and share of the frequency, over which the responses to noise change in proportion to it, at most: those
-of integrals fall with the frequency, a delay of 0.2 s turns by 7 deg. The bin in the middle stands for the others."""
+of integrals fall with the frequency, a delay of 0.2 s turns by 5 deg. The bin in the middle stands for the others."""
 Pick = slice | NDArray[np.int64]
 EVERY: Final = slice(None)
 

@@ -72,7 +72,7 @@ class Diagnosis:
     @property
     def unexplained(self) -> tuple[tuple[str, ...], tuple[float, float]] | None:
         """Signals and band (Hz) of what no effect explains."""
-        return (self.remaining.signals, self.remaining.band_hz) if self.remaining.present else None
+        return (self.remaining.signals, self.remaining.band_hz) if self.remaining.in_signals else None
 
 
 def diagnose(

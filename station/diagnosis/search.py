@@ -97,12 +97,20 @@ class _Refits:
                 before = self.done[key] = replace(self.null, cost=math.inf)
             return before
         found = p.estimate(here, REFITS, slopes, beaten=beaten)
-        if any(self._is_nothing(t, found.state) for t in terms):
-            found = replace(found, cost=math.inf)
+        found = self._judged(found)
         if before is not None and before.cost < found.cost:
             found = before
         if ids:
             self.done[key] = found
+        return found
+
+    def fit_to_the_end(self, e: Estimate) -> None:
+        """A candidate again from where it is, all slopes made anew."""
+        self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
+
+    def _judged(self, found: Estimate) -> Estimate:
+        if any(self._is_nothing(BY_ID[i], found.state) for i in found.state.ids):
+            return replace(found, cost=math.inf)
         return found
 
     def _is_nothing(self, t: Term, s: State) -> bool:
@@ -172,7 +180,7 @@ def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress:
             made = problem.effect_slopes(accepted.state, _own_first(accepted.state, terms))
             for _, ids, values, a in _hopeful(_screened(problem, accepted, terms, made)[1][1], MORE):
                 refits.add(ids, values, a)
-        best = _contended(problem, refits, size, accepted.cost)[:1]
+        best = _contended(refits, size, accepted.cost)[:1]
         steps = size - len(accepted.state.values)
         if best and accepted.cost - best[0].cost > steps * max(ASKED, FURTHER_SHARE * (null.cost - accepted.cost)):
             accepted = best[0]
@@ -181,17 +189,17 @@ def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress:
     return accepted
 
 
-def _contended(problem: Problem, refits: _Refits, size: int, fewer: float) -> list[Estimate]:
+def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
     """Candidates of one size, the best first; those that a few steps left close to the best, by what it gains on the
-    cost with `fewer` effects, are fitted to the end, all slopes made anew."""
+    `cost` with fewer effects, are fitted to the end."""
     found = refits.of_size(size)
     if found:
         best = found[0].cost
-        near = RIVAL_SHARE * (fewer - best)
+        near = RIVAL_SHARE * (cost - best)
         rivals = [e for e in found if e.cost - best < near][:MORE]
         if near > CONFOUNDED and len(rivals) > 1:
             for e in rivals:
-                refits.done[frozenset(e.state.ids)] = problem.estimate(e.state, WHOLE, problem.whole)
+                refits.fit_to_the_end(e)
             found = refits.of_size(size)
     return found
 
