@@ -27,6 +27,7 @@ VERBS: Final = {
     "import": "Make a station recording of a record from elsewhere.",
     "identify": "Derivatives of a recording, by every method, with their errors.",
     "export": "Write a recording's table and raw streams for other programs.",
+    "inputs": "What a card asks to be flown, as a table for an autopilot.",
     "simulate": "Fly the simulation with the rig's sensors into a recording.",
     "diagnose": "Compare recordings with the simulation: what is wrong, and why.",
     "campaign": "Monte Carlo: simulated flights by the thousand, all estimated.",

@@ -9,7 +9,8 @@ import pytest
 
 from station.profile import Doublet, Multisine, Pulse, Sweep, ThreeTwoOneOne
 from station.rows import ProfileError
-from station.simulation.manoeuvres import elevator_input, multisine
+from station.simulation.manoeuvres import elevator_input, surface_input
+from station.simulation.multisine import harmonics_between, wave
 
 DEG = math.pi / 180
 
@@ -68,13 +69,44 @@ def test_multisine_is_flat_peaks_low_and_is_orthogonal(duration: float, low: flo
     np.testing.assert_allclose(spectrum[harmonics], spectrum[harmonics[0]], rtol=1e-9)
     assert np.delete(spectrum, harmonics).max() < 1e-12
 
-    ks, phases, _ = multisine(duration, low, high)
+    made = wave(harmonics_between(duration, low, high))
     t = np.arange(n) / 200
-    parts = np.array([np.sin(2 * math.pi * k / duration * t + p) for k, p in zip(ks, phases, strict=True)])
+    pairs = zip(made.harmonics, made.phases, strict=True)
+    parts = np.array([np.sin(2 * math.pi * k / duration * t + p) for k, p in pairs])
     gram = parts @ parts.T / (n / 2)
-    assert np.abs(gram - np.eye(len(ks))).max() < 1e-12
+    assert np.abs(gram - np.eye(len(parts))).max() < 1e-12
 
 
 def test_multisine_without_a_harmonic_in_its_band() -> None:
     with pytest.raises(ProfileError, match="no harmonic"):
         sampled(make(Multisine, duration="2 s", low="0.1 Hz", high="0.4 Hz"), 2)
+
+
+SURFACES = ("elevator", "aileron", "rudder")
+
+
+@pytest.mark.parametrize("duration", [10, 15, 20, 30, 60])
+def test_multisines_that_begin_together_are_orthogonal_and_peak_low(duration: float) -> None:
+    """Three surfaces, 0.1 to 2 Hz, over one period at 50 Hz, as an autopilot flies the table."""
+    three = [make(Multisine, duration=f"{duration} s", surface=s) for s in SURFACES]
+    t = 1.0 + np.arange(duration * 50) / 50
+    x = np.array([surface_input(three, t, s) for s in SURFACES])
+    assert np.abs(np.corrcoef(x) - np.eye(3)).max() < 1e-12
+    assert np.all(np.ptp(x, axis=1) / (2 * math.sqrt(2) * x.std(axis=1)) <= 1.15)
+    assert np.abs(x[:, 0]).max() < 1e-12
+    # All that one alone would have is flown, by one of them.
+    lines = [set(np.flatnonzero(np.abs(np.fft.rfft(row)) > 1e-9 * len(t)).tolist()) for row in x]
+    assert set().union(*lines) == set(harmonics_between(duration, 0.1, 2.0))
+    assert sum(map(len, lines)) == len(set().union(*lines))
+
+
+def test_multisines_share_only_what_both_want_and_only_when_they_begin_together() -> None:
+    t = 1.0 + np.arange(500) / 50
+    slow = make(Multisine, duration="10 s", high="1 Hz")
+    fast = make(Multisine, duration="10 s", surface="rudder", low="1.1 Hz")
+    late = make(Multisine, duration="10 s", surface="rudder", start="12 s", high="1 Hz")
+    alone = elevator_input([slow], t)
+    assert np.array_equal(elevator_input([slow, fast], t), alone)
+    assert np.array_equal(elevator_input([slow, late], t), alone)
+    with pytest.raises(ProfileError, match="2 harmonics for 3 inputs"):
+        surface_input([make(Multisine, duration="2 s", high="1 Hz", surface=s) for s in SURFACES], t, "aileron")
