@@ -27,7 +27,7 @@ def identify(
     end: Annotated[float | None, typer.Option("--to", metavar="S")] = None,
     point: Annotated[int | None, typer.Option(metavar="N", help="the interval of a test point")] = None,
     axes: Annotated[Axes, typer.Option(help="CL (wind) or CZ (body)")] = Axes.wind,
-    sift: Annotated[bool, typer.Option("--sift", help="II and split from the lines that a multisine excites")] = False,
+    sift: Annotated[bool, typer.Option("--sift", help="II and split from the lines that multisines excite")] = False,
     aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,

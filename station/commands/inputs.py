@@ -35,10 +35,12 @@ def inputs(
     profile = load_card(card).card
     manoeuvres = profile.manoeuvres
     if not manoeuvres:
-        raise UsageError(f"card {profile.name}: it has no manoeuvres\nadd [[manoeuvres]], as in profiles/cards/bench.toml")
+        raise UsageError(
+            f"card {profile.name}: it has no manoeuvres\nadd [[manoeuvres]], as in profiles/cards/bench.toml"
+        )
     made = input_table(manoeuvres, rate)
     if out is not None:
-        say(f"{out}: {_write(out, made, profile.name, rate)} rows, {rate:g} a second")
+        say(f"{out}: {_write(out, made, profile.name)} rows, {rate:g} a second")
     if as_json is not None:
         write_json(_json(profile.name, manoeuvres, made), as_json)
     if as_json != "-":
@@ -81,7 +83,7 @@ def _listing(manoeuvres: Sequence[Manoeuvre], made: Any) -> Iterator[str]:
             yield f"{names[j]} with {one}: correlation {found:.1e}{more}"
 
 
-def _write(out: Path, made: Any, card: str, rate: float) -> int:
+def _write(out: Path, made: Any, card: str) -> int:
     """The CSV, as `station import` would read it; the number of rows. Raises LogError."""
     names = list(made.surfaces)
     lines = [",".join(["time [s]", *(f"{n} [rad]" for n in names)]), f"# card {card}: added to each surface's trim"]
@@ -102,7 +104,7 @@ def _json(card: str, manoeuvres: Sequence[Manoeuvre], made: Any) -> dict[str, An
 
     rows = []
     for m, wave in zip(manoeuvres, made.waves, strict=True):
-        row = {
+        row: dict[str, Any] = {
             "surface": m.surface,
             "kind": m.kind,
             "start_s": m.start,
@@ -120,13 +122,13 @@ def _json(card: str, manoeuvres: Sequence[Manoeuvre], made: Any) -> dict[str, An
         rows.append(row)
     names = list(made.surfaces)
     found = made.correlation.tolist()
-    pairs = ((i, j) for i in range(len(names)) for j in range(i))
+    both = ((i, j) for i in range(len(names)) for j in range(i))
     return {
         "schema": "station.inputs/1",
         "card": card,
         "inputs": rows,
         "correlation": [
             {"surfaces": [names[j], names[i]], "value": found[i][j] if math.isfinite(found[i][j]) else None}
-            for i, j in pairs
+            for i, j in both
         ],
     }

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import LONGITUDINAL
+from station.conventions import LATERAL, LONGITUDINAL
 from station.estimation.flight_record import FlightRecord
 from station.estimation.results import (
     Axes,
@@ -27,6 +27,7 @@ from station.estimation.results import (
 from station.identification.input_ranking import Input, rank_inputs
 from station.identification.sifting import sift
 from station.numerics.regression import NotIdentifiable
+from station.numerics.second_order import inverse_terms
 from station.profile import Card, Multisine
 from station.rows import ParamEstimate, Status
 
@@ -60,8 +61,8 @@ class NextInput:
 def sifted(
     record: FlightRecord, alphas: Mapping[str, Array | None], card: Card | None, axes: Axes
 ) -> Mapping[str, SiftedMethod] | str:
-    """For each method of `alphas` (its angle of attack (n,)) the longitudinal derivatives from the lines of the card's
-    multisine alone; or why there are none."""
+    """For each method of `alphas` (its angle of attack (n,)) the derivatives of every axis from the lines of the card's
+    multisines alone; or why there are none."""
     waves = [m for m in (card.manoeuvres if card else ()) if isinstance(m, Multisine)]
     if card is None or not waves:
         return "no multisine on the card"
@@ -72,26 +73,51 @@ def sifted(
         if alpha is None or not np.isfinite(alpha).all():
             continue
         try:
-            made[name] = _sifted(record, alpha, waves[0].duration, (card.low, card.high), axes)
+            made[name] = _sifted(record, alpha, waves, (card.low, card.high), axes)
         except NotIdentifiable as refusal:
             return str(refusal)
     return made or NO_ANGLE
 
 
 def _sifted(
-    record: FlightRecord, alpha: Array, period_s: float, band_hz: tuple[float, float], axes: Axes
+    record: FlightRecord, alpha: Array, waves: Sequence[Multisine], band_hz: tuple[float, float], axes: Axes
 ) -> SiftedMethod:
+    """Raises NotIdentifiable where no axis has lines of its own."""
     parameters: dict[str, tuple[float, float]] = {}
-    agree, lines = True, np.empty(0)
+    agree, lines = True, set[float]()
+    refusal = NotIdentifiable(NO_ANGLE)
     for equation in equations(record, axes):
-        if equation.surfaces != ("elevator",) or not np.isfinite(equation.measured).all():
+        own = [m for m in waves if m.surface in equation.surfaces]
+        if not own or not np.isfinite(equation.measured).all():
             continue
-        columns = [alpha, *equation.regressors.T[1:]]
-        found = sift(columns, equation.measured, record.motion["elevator"], record.dt, period_s, band_hz)
+        columns = [*equation.regressors.T]
+        if "elevator" in equation.surfaces:
+            columns[0] = alpha
+        else:
+            columns[0] = columns[0] + _vane_lag_undone(record)
+        surfaces = [record.motion[name] for name in sorted({m.surface for m in own})]
+        try:
+            found = sift(columns, equation.measured, surfaces, record.dt, own[0].repeat or own[0].duration, band_hz)
+        except NotIdentifiable as why:
+            refusal = why
+            continue
         pairs = zip(found.estimate.tolist(), found.std_error.tolist(), strict=True)
         parameters |= dict(zip(equation.parameters, pairs, strict=True))
-        agree, lines = agree and found.agree, found.lines_hz
-    return SiftedMethod(parameters, agree, lines)
+        agree = agree and found.agree
+        lines |= set(found.lines_hz.tolist())
+    if not parameters:
+        raise refusal
+    return SiftedMethod(parameters, agree, np.array(sorted(lines)))
+
+
+def _vane_lag_undone(record: FlightRecord) -> Array:
+    """What the sideslip vane (n,), rad, has yet to show: the equations take its reading as it is."""
+    boom = record.aircraft.boom
+    if boom is None:
+        return np.zeros(len(record.t_s))
+    first, second = inverse_terms(boom.vane_frequency, boom.vane_damping)
+    rate = np.gradient(record.motion["beta_vane"], record.dt)
+    return np.asarray(first * rate + second * np.gradient(rate, record.dt))
 
 
 def sifted_results(
@@ -106,7 +132,7 @@ def sifted_results(
             continue
         made = found[method]
         parameters: list[ParamEstimate] = []
-        for name in names(axes):
+        for name in (*names(axes), *(n for n in made.parameters if n in LATERAL)):
             if name in made.parameters:
                 value, error = (np.array([x]) for x in made.parameters[name])
                 parameters += judge(record, [name], value, error, None)

@@ -52,6 +52,8 @@ LEAST_SHARE: Final = 0.5
 """Of the rows must have a gust, for the record to have one."""
 LEAST_ROWS: Final = 10
 TRIM_ROWS: Final = 5
+ROUNDING_S: Final = 1e-6
+"""By which times of nanoseconds and of seconds may differ."""
 STEEPEST_BANK: Final = 1.3
 """rad; beyond it a steady turn's pitch rate is not computed."""
 
@@ -86,8 +88,7 @@ class Flown:
         gust = np.array([a.gust_vertical for a in self.alphas])
         if np.isfinite(gust).mean() < LEAST_SHARE:
             return None
-        found: Array = np.interp(record.t_s, self.t_s, gust, np.nan, np.nan)
-        return found
+        return self._at(record, gust)
 
     def result(self, name: str, record: FlightRecord, axes: Axes) -> MethodResult:
         parameters = names(axes)
@@ -160,8 +161,12 @@ class Flown:
             angle = np.array([a.vane + a.zero + a.upwash + a.rate for a in self.alphas])
         else:
             angle = np.array([a.alpha for a in self.alphas])
-        found: Array = np.interp(record.t_s, self.t_s, angle, np.nan, np.nan)
-        return found
+        return self._at(record, angle)
+
+    def _at(self, record: FlightRecord, values: Array) -> Array:
+        """Values (n,) at `t_s` on the record's grid, NaN beyond what was flown."""
+        inside = np.clip(record.t_s, self.t_s[0], self.t_s[-1])
+        return np.where(np.abs(inside - record.t_s) < ROUNDING_S, np.interp(inside, self.t_s, values), np.nan)
 
     def _fit(self, estimate: MethodEstimate, record: FlightRecord) -> dict[str, EquationFit]:
         """The model with a free constant against the measured coefficients, with the method's own angle of attack."""

@@ -2,7 +2,8 @@
 
 Over whole periods of the input its energy lies on harmonics of 1/period alone, while that of gusts lies on all lines:
 keeping the excited ones raises the ratio of input to gust energy by the number of periods. Where the lines between give
-the same estimates, one model structure describes the response to the input and to gusts.
+the same estimates, one model structure describes the response to the input and to gusts. Each axis is fitted on the
+lines of its own surfaces, so that of inputs which are flown at once none is taken for another's.
 
     C(f) = C_a alpha(f) + C_q qhat(f) + C_de de(f),   f on harmonics where the input stands out
 
@@ -55,12 +56,12 @@ class Sifted:
 def sift(
     regressors: Sequence[Array],
     measured: Array,
-    surface: Array,
+    surfaces: Sequence[Array],
     dt: float,
     period_s: float,
     band_hz: tuple[float, float],
 ) -> Sifted:
-    """Fit `measured` (n,) by `regressors` (n,) each, on the lines that `surface` (n,) excites.
+    """Fit `measured` (n,) by `regressors` (n,) each, on the lines that any of the `surfaces` (n,) excites.
 
     Uses the last whole periods of a uniform grid, all finite. Raises NotIdentifiable for fewer than two periods, an
     input whose lines do not stand out, or collinear regressors.
@@ -84,10 +85,12 @@ def sift(
     number = np.arange(len(frequencies))
     harmonic = inside & (number % periods == 0)
     rest = inside & ~harmonic
-    power = np.abs(spectrum(surface)) ** 2
     if not rest.any() or not harmonic.any():
         raise NotIdentifiable("no lines of the input in the band")
-    forced = harmonic & (power > STANDS_OUT * max(float(np.median(power[rest])), 1e-30))
+    forced = np.zeros_like(harmonic)
+    for surface in surfaces:
+        power = np.abs(spectrum(surface)) ** 2
+        forced |= harmonic & (power > STANDS_OUT * max(float(np.median(power[rest])), 1e-30))
     if np.count_nonzero(forced) <= len(regressors):
         raise NotIdentifiable("the input has no distinct lines: no multisine of this period was flown")
     x = np.array([spectrum(column) for column in regressors])

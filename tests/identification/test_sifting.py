@@ -34,7 +34,7 @@ def test_forced_lines_give_the_parameters_in_spite_of_gusts() -> None:
     inside = 0
     for seed in range(20):
         columns, z, surface = _flight(seed)
-        made = sift(columns, z, surface, DT, PERIOD, BAND)
+        made = sift(columns, z, [surface], DT, PERIOD, BAND)
         assert made.periods == 6
         assert made.lines_hz == pytest.approx(np.arange(1, 21) / PERIOD)
         inside += int(np.sum(np.abs(made.estimate - TRUTH) < 1.96 * made.std_error))
@@ -49,7 +49,7 @@ def test_a_gust_that_acts_otherwise_than_alpha_biases_all_lines_and_not_the_forc
         gust = (_flight(seed, gusts=0.01)[1] - z) / 1.0
         alpha = columns[0] + gust
         z = z + 0.5 * TRUTH[0] * gust
-        made = sift([alpha, *columns[1:]], z, surface, DT, PERIOD, BAND)
+        made = sift([alpha, *columns[1:]], z, [surface], DT, PERIOD, BAND)
         every = np.linalg.lstsq(np.column_stack([alpha, *columns[1:], np.ones(len(z))]), z)[0]
         sifted.append(made.estimate[0])
         plain.append(every[0])
@@ -60,14 +60,14 @@ def test_a_gust_that_acts_otherwise_than_alpha_biases_all_lines_and_not_the_forc
 
 def test_without_gusts_the_parameters_are_exact() -> None:
     columns, z, surface = _flight(1, gusts=0.0)
-    made = sift(columns, z + 0.3, surface, DT, PERIOD, BAND)
+    made = sift(columns, z + 0.3, [surface], DT, PERIOD, BAND)
     assert made.estimate == pytest.approx(TRUTH, rel=1e-3)
 
 
 def test_too_few_periods_no_lines_and_collinear_regressors_are_refused() -> None:
     columns, z, surface = _flight(1, periods=2)
     with pytest.raises(NotIdentifiable, match="fewer than 2 periods"):
-        sift(columns, z, surface, DT, 15.0, BAND)
+        sift(columns, z, [surface], DT, 15.0, BAND)
     noise = 1e-3 * np.random.default_rng(1).standard_normal(len(z))
     with pytest.raises(NotIdentifiable, match="no distinct lines"):
-        sift(columns, z, noise, DT, PERIOD, BAND)
+        sift(columns, z, [noise], DT, PERIOD, BAND)
