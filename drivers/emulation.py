@@ -25,7 +25,7 @@ from drivers.emulated_device import flown_signals, heed_signals, serve_device
 from drivers.emulated_messages import TRUTH_HZ
 from station.clock import Clock, SystemClock
 from station.conventions import ANGLES_THAT_WRAP
-from station.profile import Profiles
+from station.profile import AlteredAircraft, Profiles
 from station.rows import DeviceError, StationError
 
 Floats = NDArray[np.float64]
@@ -142,8 +142,9 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
     from station.simulation.level_flight import LevelFlight
 
     flight = profiles.card.flight
-    constants(profiles.aircraft, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown
-    return _Awaited(LevelFlight(profiles.aircraft, flight), simulation)
+    begins = AlteredAircraft(profiles.aircraft, flight.truth).at(0.0)
+    constants(begins, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown
+    return _Awaited(LevelFlight(begins, flight), simulation)
 
 
 class _Begun:

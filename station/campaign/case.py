@@ -25,16 +25,16 @@ from station.model.physical_constants import constants, why_not
 from station.numerics import spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
-from station.profile import Aircraft, Boom, Derivative, Flight, Manoeuvre, Pilot, load_aircraft
+from station.profile import NO_BOOM, Aircraft, Boom, Derivative, Flight, Manoeuvre, Pilot, load_aircraft
 from station.simulation import airframe as ac
-from station.simulation.boom import NO_BOOM, second_order, vane_constants
+from station.simulation.boom import second_order, vane_constants
 from station.simulation.distortion import REACH, distortion_filter
+from station.simulation.flown_aircraft import reach, site
 from station.simulation.gusts import STEP, dryden, field_constants, field_start
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
 from station.simulation.pilot import deviation, hands
 from station.simulation.sensors import STANDARD, Sensor
-from station.simulation.three_degrees import reach, site
 
 Array = NDArray[np.float64]
 

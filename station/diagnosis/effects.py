@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from station.conventions import G0, from_si
-from station.diagnosis.profile_changes import (
+from station.profile import Aircraft
+from station.profile.profile_changes import (
     ATTACHED,
     Extend,
     backlash,
@@ -39,7 +40,6 @@ from station.diagnosis.profile_changes import (
     unsteady,
     vane_dynamics,
 )
-from station.profile import Aircraft
 from station.rows import UsageError
 
 VELOCITY: Final = ("v_north", "v_east", "v_down")

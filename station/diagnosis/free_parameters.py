@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.profile_changes import (
+from station.profile import Aircraft
+from station.profile.profile_changes import (
     Extend,
     bias,
     boom,
@@ -25,7 +26,6 @@ from station.diagnosis.profile_changes import (
     vane_dynamics,
     zero_lift_drag,
 )
-from station.profile import Aircraft
 
 DERIVATIVES: Final = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 PRIOR_SHARE: Final = 0.10

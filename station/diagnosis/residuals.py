@@ -45,8 +45,7 @@ from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
 from station.numerics.separation import lift_left
-from station.profile import Aircraft, Boom
-from station.simulation.boom import NO_BOOM
+from station.profile import NO_BOOM, Aircraft, Boom
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -20,8 +20,7 @@ from station.diagnosis.backlash import linearised
 from station.diagnosis.measured_record import Record
 from station.numerics.indicial import frequency_response, respond_throughout, response
 from station.numerics.second_order import second_order_inverse
-from station.profile import Aircraft, Instrument
-from station.simulation.boom import NO_BOOM
+from station.profile import NO_BOOM, Aircraft, Instrument
 from station.simulation.measured_inputs import Inputs
 
 Array = NDArray[np.float64]

@@ -8,6 +8,7 @@ from station.profile.aircraft import (
     ARGUMENTS,
     COEFFICIENTS,
     DERIVATIVE_NAMES,
+    NO_BOOM,
     Actuator,
     Aircraft,
     Boom,
@@ -20,6 +21,7 @@ from station.profile.aircraft import (
     Separation,
     Unsteady,
 )
+from station.profile.altered import AlteredAircraft, Change
 from station.profile.card import Card, Doublet, Fault, Flight, Manoeuvre, Multisine, Pilot, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.files import (
     Profiles,
@@ -58,12 +60,15 @@ __all__ = [
     "ARGUMENTS",
     "COEFFICIENTS",
     "DERIVATIVE_NAMES",
+    "NO_BOOM",
     "Actuator",
     "Aircraft",
+    "AlteredAircraft",
     "Boom",
     "Bytes",
     "CanDevice",
     "Card",
+    "Change",
     "Channel",
     "Derivative",
     "Device",

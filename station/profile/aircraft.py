@@ -129,6 +129,10 @@ class Boom(Frozen):
         return 1.0 / (1.0 + self.upwash_body + self.upwash_wing)
 
 
+NO_BOOM: Final = Boom.model_validate({"vane_x": "0 m"})
+"""For an aircraft without one: a vane at the CG, without upwash."""
+
+
 class Unsteady(Frozen):
     """How lift, downwash and upwash lag behind the motion and the gust (thin wing with a tail)."""
 

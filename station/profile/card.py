@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS
+from station.profile.altered import Change, flattened
 from station.profile.quantity import (
     Bytes,
     Frozen,
@@ -130,6 +131,21 @@ class Flight(Frozen):
     """Device clocks start this far from the station's, each a multiple of it."""
     device_clock_drift_ppm: float = 30.0
     """How fast the devices' clocks gain, parts per million, each a multiple of it."""
+    truth: dict[str, Change] = Field(default_factory=dict)
+    """What the flown aircraft has otherwise than its profile, and when."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _truth(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and isinstance(raw.get("truth"), dict):
+            raw = {**raw, "truth": flattened(raw["truth"])}
+        return raw
+
+    @model_validator(mode="after")
+    def _can_change(self) -> Self:
+        if self.truth and self.source != "simulation":
+            raise PydanticCustomError("truth", "truth: only the simulation flies an aircraft that changes")
+        return self
 
 
 class Pilot(Frozen):

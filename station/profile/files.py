@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from station.profile.aircraft import Aircraft
+from station.profile.altered import AlteredAircraft
 from station.profile.card import Card
 from station.profile.quantity import SI_NUMBERS, Frozen, nearest
 from station.profile.rig import Rig
@@ -77,6 +78,10 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
     path = find("cards", name)
     card = read_profile(Card, path, overrides)
     aircraft = load_aircraft(card.aircraft, path)
+    try:
+        AlteredAircraft(aircraft, card.flight.truth)
+    except ProfileError as error:
+        raise ProfileError(f"{path}: {error}") from None
     rig_path = find("rigs", card.rig, path)
     rig = read_profile(Rig, rig_path)
     given = {signal for stream in rig.streams() for signal in stream.signals}

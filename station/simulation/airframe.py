@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -188,11 +188,19 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
     return Trim(alpha, de, thrust, _steady(aircraft, speed, alpha, de)[0])
 
 
-def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True, backlash: float = 0.0) -> Constants:
+def constants(
+    aircraft: Aircraft,
+    speed: float,
+    height: float,
+    hold: bool = True,
+    backlash: float = 0.0,
+    about: Trim | None = None,
+) -> Constants:
     """The equations' constants for an aircraft trimmed at that true airspeed (m/s) and height (m).
 
-    `hold` lets the pilot hold both with thrust; `backlash` is the elevator's (whole, rad). Raises ProfileError for an
-    aircraft that cannot be simulated.
+    `hold` lets the pilot hold both with thrust; `backlash` is the elevator's (whole, rad); `about`: angle of attack and
+    elevator that the equations are stated about, and the thrust that the pilot holds from, where they are another
+    aircraft's trim. Raises ProfileError for an aircraft that cannot be simulated.
     """
     iyy = aircraft.inertia.iyy
     if iyy is None:
@@ -200,7 +208,10 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
     for name, derivative in aircraft.derivatives.items():
         if name[:2] in ("CL", "CD", "Cm") and name not in _SUPPORTED and derivative.value != 0:
             raise ProfileError(f"aircraft {aircraft.name}: derivatives.{name}: the simulation has no such term")
-    trim = find_trim(aircraft, speed, height)
+    if about is None:
+        trim = find_trim(aircraft, speed, height)
+    else:
+        trim = replace(about, lift_coefficient=_steady(aircraft, speed, about.alpha, about.elevator)[0])
     v, unsteady, drag, leaving = aircraft.value, aircraft.unsteady, aircraft.drag, aircraft.separation
     return Constants(
         mass=aircraft.inertia.mass,
@@ -215,12 +226,7 @@ def constants(aircraft: Aircraft, speed: float, height: float, hold: bool = True
         cl_q=v("CL_q"),
         cl_de=v("CL_de"),
         cl_gust=v("CL_gust"),
-        cm_trim=v("Cm_0")
-        + v("Cm_V") * speed / (aircraft.reference_speed or speed)
-        + v("Cm_alpha") * trim.alpha
-        + v("Cm_alpha2") * trim.alpha**2
-        + v("Cm_alpha3") * trim.alpha**3
-        + v("Cm_de") * trim.elevator,
+        cm_trim=_moment(aircraft, speed, trim),
         cm_v=v("Cm_V"),
         cm_alpha=v("Cm_alpha"),
         cm_alpha2=v("Cm_alpha2"),

@@ -26,9 +26,6 @@ from scipy.linalg import expm
 from station.profile import Boom
 from station.simulation.trigonometry import arctangent
 
-NO_BOOM = Boom.model_validate({"vane_x": "0 m"})
-"""For an aircraft without one: a vane at the CG, without upwash."""
-
 
 class SecondOrder(NamedTuple):
     """A system wn^2 / (s^2 + 2 zeta wn s + wn^2) at a fixed sampling interval: transition matrix and the weights of the

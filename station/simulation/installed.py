@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS
-from station.profile import Aircraft, Instrument
+from station.profile import Aircraft, AlteredAircraft, Change, Instrument
 from station.rows import ProfileError
 from station.simulation.motion import DT
 from station.simulation.sensors import Late, Walk, lagged
@@ -46,10 +46,12 @@ class _Stage:
         self._before: Array | None = None
         self._state: Array | None = None
 
-    def feed(self, values: Array) -> Array:
+    def feed(self, values: Array, now: Mapping[str, Array] = {}) -> Array:
+        """`now`: gain, bias and cubic part of each of the values, where they change."""
         e = self._errors
-        if e.cubic:
-            values = values + e.cubic * values**3
+        gain, bias, cubic = now.get("gain", e.gain), now.get("bias", e.bias), now.get("cubic", e.cubic)
+        if e.cubic or "cubic" in now:
+            values = values + cubic * values**3
         if self._wraps:
             values = np.unwrap(values if self._before is None else np.concatenate((self._before[-1:], values)))
             values = values if self._before is None else values[1:]
@@ -63,7 +65,7 @@ class _Stage:
             values = lagged(np.ascontiguousarray(values), self._state, DT / e.lag)
         elif e.lag < 0:
             values = line[1:-1] - e.lag * (line[2:] - line[:-2]) / (2 * DT)
-        out = e.gain * self._late.feed(values) + e.bias
+        out = gain * self._late.feed(values) + bias
         return np.remainder(out + math.pi, 2 * math.pi) - math.pi if self._wraps else out
 
 
@@ -73,10 +75,20 @@ class Installed:
     `advance` gives what they show; `truth` the true rows of the last `advance`. Without errors both are the same.
     """
 
-    def __init__(self, source: Source, aircraft: Aircraft, drifts: Mapping[str, float] = {}, seed: int = 0) -> None:
+    def __init__(
+        self,
+        source: Source,
+        aircraft: Aircraft,
+        drifts: Mapping[str, float] = {},
+        seed: int = 0,
+        truth: Mapping[str, Change] = {},
+    ) -> None:
         """`drifts`: random walk of each signal's zero, standard deviation after a second, SI; it depends on the `seed`
-        and the signal only. Raises ProfileError for an error that cannot be flown."""
-        errors = {n: e for n, e in aircraft.instruments.items() if e != Instrument()}
+        and the signal only. `truth`: a card's. Raises ProfileError for an error that cannot be flown."""
+        self._altered = AlteredAircraft(aircraft, truth)
+        changing = {key.split(".")[1] for key in self._altered.keys if key.startswith("instruments.")}
+        errors = {n: e for n, e in aircraft.instruments.items() if e != Instrument() or n in changing}
+        errors |= {n: Instrument() for n in changing - errors.keys()}
         for name, e in errors.items():
             if e.backlash and name not in DRIVES:
                 known = ", ".join(DRIVES)
@@ -95,6 +107,7 @@ class Installed:
             if drift
         }
         self._kept: dict[str, Array] = {}
+        self._given = self._fed = 0
         self.truth: Mapping[str, Array] = {}
 
     def advance(self, n: int) -> Mapping[str, Array]:
@@ -106,11 +119,21 @@ class Installed:
         for name, stage in self._stages.items():
             seen = flown.get(DRIVES.get(name, name))
             if name in shown and seen is not None:
-                made = stage.feed(seen)
+                made = stage.feed(seen, self._now(name, len(seen)))
                 shown[name] = made[len(made) - ready :]
         for name, walk in self._walks.items():
             if name in shown:
                 shown[name] = shown[name] + walk.next(ready)
         self.truth = {name: values[:ready] for name, values in rows.items()}
+        times = np.arange(self._given, self._given + ready, dtype=np.float64) * DT
+        self.truth |= {key: self._altered.number(key, times) for key in self._altered.keys}
+        self._given += ready
+        self._fed += len(next(iter(flown.values())))
         self._kept = {name: values[ready:] for name, values in rows.items()}
         return shown
+
+    def _now(self, name: str, n: int) -> dict[str, Array]:
+        """Errors of the signal that change, for the next n rows of the flight."""
+        times = np.arange(self._fed, self._fed + n, dtype=np.float64) * DT
+        keys = {key.rpartition(".")[2]: key for key in self._altered.keys if key.startswith(f"instruments.{name}.")}
+        return {field: self._altered.number(key, times) for field, key in keys.items()}

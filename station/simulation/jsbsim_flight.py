@@ -15,17 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, to_si
-from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Pilot
+from station.profile import NO_BOOM, Actuator, Aircraft, Flight, Manoeuvre, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import HOLD_HEIGHT, HOLD_LAG, HOLD_SPEED, indicial_tables
-from station.simulation.boom import NO_BOOM, vane_constants
+from station.simulation.boom import vane_constants
+from station.simulation.flown_aircraft import ORIGIN, elevator_backlash, site
 from station.simulation.gusts import dryden_of, gust_at
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import DONE, DT, EVERY, TRUTH, memory_of, vanes_now
 from station.simulation.pilot import asked, hands
 from station.simulation.sensors import lagged
-from station.simulation.three_degrees import HANDS_OFF, ORIGIN, elevator_backlash, gusts_of, site, tremor
+from station.simulation.three_degrees import HANDS_OFF, gusts_of, tremor
 
 MODEL: Final = "DHC6"
 FINER: Final = 4

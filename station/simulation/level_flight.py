@@ -12,7 +12,7 @@ from station.conventions import G0
 from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Flight
 from station.simulation.airframe import find_trim
-from station.simulation.three_degrees import ORIGIN
+from station.simulation.flown_aircraft import ORIGIN
 
 
 class LevelFlight:

@@ -13,10 +13,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.profile import Aircraft, Flight
+from station.profile import NO_BOOM, Aircraft, Flight
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import constants, indicial_tables
-from station.simulation.boom import NO_BOOM, vane_constants
+from station.simulation.boom import vane_constants
+from station.simulation.flown_aircraft import elevator_backlash, reach, site
 from station.simulation.gusts import ALONG, STEP, UP, Field
 from station.simulation.installed import Installed
 from station.simulation.motion import (
@@ -33,7 +34,7 @@ from station.simulation.motion import (
     steadily_attached,
 )
 from station.simulation.pilot import hands
-from station.simulation.three_degrees import HANDS_OFF, elevator_backlash, reach, site
+from station.simulation.three_degrees import HANDS_OFF
 
 Array = NDArray[np.float64]
 

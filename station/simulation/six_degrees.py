@@ -21,6 +21,7 @@ from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants
+from station.simulation.flown_aircraft import RENEWED, FlownAircraft
 from station.simulation.gusts import SIDEWAYS, Field, gust_at
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import (
@@ -44,7 +45,7 @@ from station.simulation.motion import (
     vanes_now,
 )
 from station.simulation.pilot import asked
-from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, flown_by, gusts_of, reach, tremor
+from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, gusts_of, tremor
 from station.simulation.trigonometry import sine_cosine
 
 SIDE, ROLL, YAW, BANK, TURN, NORTH, EAST, AILERON, RUDDER, HELD, SIZE = range(11)
@@ -301,16 +302,23 @@ class LateralSimulation:
         pilot: Pilot = HANDS_OFF,
     ) -> None:
         """As Simulation's; `hold` also levels the wings. Raises ProfileError."""
-        self.flown = flown_by(aircraft, flight, imu_position, hold, pilot)
+        self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot)
         self._tremor = tremor(flight, pilot, seed)
-        self.lateral = lateral_constants(aircraft, hold)
+        self._hold = hold
+        self.lateral = lateral_constants(self.aircraft.now, hold)
         self._manoeuvres = tuple(manoeuvres)
-        self._behind, self._ahead = reach(aircraft)
+        self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
-        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now, self.flown.hands)
+        self._begun = self.flown.constants
+        self._memory = at_rest(self._begun, self.flown.tables, self._behind, self._field.now, self.flown.hands)
         self._state = np.zeros(SIZE)
         self._commands: NDArray[np.float64] = np.empty((3, 0))
         self._block = -1
+
+    @property
+    def flown(self) -> Flown:
+        """What the equations take, now."""
+        return self.aircraft.flown
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, TRUTH and LATERAL_TRUTH."""
@@ -321,12 +329,19 @@ class LateralSimulation:
             number, offset = divmod(begin + done, BLOCK)
             m = min(n - done, BLOCK - offset)
             self._prepare(number)
+            commands = self._commands
+            if self.aircraft.changes:
+                m = min(m, RENEWED - offset % RENEWED)
+                if offset % RENEWED == 0:
+                    self.aircraft.go_on()
+                    self.lateral = lateral_constants(self.aircraft.now, self._hold)
+                commands = commands + np.array([[self.aircraft.retrimmed], [0.0], [0.0]])
             advance_lateral(
                 self.flown,
                 self.lateral,
                 self._memory,
                 self._state,
-                np.ascontiguousarray(self._commands[:, 2 * offset : 2 * (offset + m) + 1]),
+                np.ascontiguousarray(commands[:, 2 * offset : 2 * (offset + m) + 1]),
                 self._field.now,
                 out[done : done + m],
             )
@@ -339,8 +354,8 @@ class LateralSimulation:
         if number != self._block:
             half_steps = (np.arange(2 * BLOCK + 1, dtype=np.float64) + 2 * number * BLOCK) * (0.5 * DT)
             self._commands = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
-            self._commands[0] += self.flown.constants.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
+            self._commands[0] += self._begun.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
             self._block = number
         s = float(self._memory.x[eq.DISTANCE])
-        far = SPEED_MARGIN * self.flown.constants.trim_speed * BLOCK * DT
+        far = SPEED_MARGIN * self._begun.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)

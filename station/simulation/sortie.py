@@ -38,7 +38,7 @@ def installed(aircraft: Aircraft, rig: Rig, card: Card, seed: int | None = None)
     """The card's flight as the profile's instruments show it; what the rig's devices add is still to come."""
     drifts = {name: sensor.drift for name, sensor in sensors_of(rig).items()}
     seed = card.flight.seed if seed is None else seed
-    return Installed(source_of(aircraft, card, rig.imu_position, seed), aircraft, drifts, seed)
+    return Installed(source_of(aircraft, card, rig.imu_position, seed), aircraft, drifts, seed, card.flight.truth)
 
 
 def fly(
@@ -52,7 +52,8 @@ def fly(
 
     With a rig, its signals with its noise; with a mapping, every signal, perfect where the mapping has none. The errors
     of the profile's instruments are in what is shown, and so is where the imu is. Both dictionaries hold (n,) arrays in
-    SI; truth has "time" (s), all signals without errors, and TRUTH. `seed` replaces the flight's. Raises ProfileError.
+    SI; truth has "time" (s), all signals without errors, TRUTH, and
+    what the card changes of the aircraft, by key. `seed` replaces the flight's. Raises ProfileError.
     """
     if isinstance(sensors, Rig):
         channels, place = sensors_of(sensors), sensors.imu_position
@@ -60,7 +61,7 @@ def fly(
         channels, place = {name: sensors.get(name, Sensor()) for name in SIGNALS}, (0.0, 0.0, 0.0)
     seed = card.flight.seed if seed is None else seed
     drifts = {name: sensor.drift for name, sensor in channels.items()}
-    flight = Installed(source_of(aircraft, card, place, seed), aircraft, drifts, seed)
+    flight = Installed(source_of(aircraft, card, place, seed), aircraft, drifts, seed, card.flight.truth)
     exact = flight.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
     shown = {name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items()}
     return shown, {name: values[::EVERY].copy() for name, values in flight.truth.items()}

@@ -5,7 +5,6 @@ Deterministic: the same seed gives the same bits however the flight is cut into 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -13,24 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.profile import Aircraft, Flight, Manoeuvre, Pilot
-from station.simulation.airframe import constants, indicial_tables
-from station.simulation.boom import NO_BOOM, vane_constants
+from station.simulation.flown_aircraft import RENEWED, FlownAircraft
 from station.simulation.gusts import GustField, dryden_of, field_constants
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
-from station.simulation.motion import COLUMNS, DONE, DT, EVERY, Flown, Site, advance, at_rest
-from station.simulation.pilot import Tremor, deviation, hands
+from station.simulation.motion import COLUMNS, DONE, DT, EVERY, Flown, advance, at_rest
+from station.simulation.pilot import Tremor, deviation
 
-ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
-"""Latitude and longitude where every simulated flight begins, rad."""
-_EQUATOR: Final = 6378137.0
-_ECCENTRICITY2: Final = 6.69437999014e-3
 BLOCK: Final = 400
 """Steps whose elevator commands are made together."""
 SPEED_MARGIN: Final = 2.0
 """The gust field is made this many trim speeds times the block's time ahead."""
-
-
 HANDS_OFF: Final = Pilot()
 
 
@@ -56,16 +48,22 @@ class Simulation:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
         one, commanded from trim at every half step (rad), is flown in place of the manoeuvres; `pilot`: the
         elevator's feedback. Raises ProfileError."""
-        self.flown = flown_by(aircraft, flight, imu_position, hold, pilot)
+        self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot)
         self._tremor = tremor(flight, pilot, seed)
         self._manoeuvres = tuple(manoeuvres)
         self._deflection = deflection
-        self._behind, self._ahead = reach(aircraft)
+        self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
-        self._memory = at_rest(self.flown.constants, self.flown.tables, self._behind, self._field.now, self.flown.hands)
+        self._begun = self.flown.constants
+        self._memory = at_rest(self._begun, self.flown.tables, self._behind, self._field.now, self.flown.hands)
         self._commands: NDArray[np.float64] = np.empty(0)
         self._block = 0
         """Number of the block of elevator commands at hand, plus 1."""
+
+    @property
+    def flown(self) -> Flown:
+        """What the equations take, now."""
+        return self.aircraft.flown
 
     @property
     def steps_done(self) -> int:
@@ -81,7 +79,13 @@ class Simulation:
             self._prepare(begin + done)
             offset = (begin + done) % BLOCK
             m = min(n - done, BLOCK - offset)
-            command = self._commands[2 * offset : 2 * (offset + m) + 1]
+            command = self._commands
+            if self.aircraft.changes:
+                m = min(m, RENEWED - offset % RENEWED)
+                if offset % RENEWED == 0:
+                    self.aircraft.go_on()
+                command = command + self.aircraft.retrimmed
+            command = command[2 * offset : 2 * (offset + m) + 1]
             advance(self.flown, self._memory, command, self._field.now, 1, out[done : done + m])
             done += m
         columns = np.ascontiguousarray(out.T)
@@ -96,25 +100,11 @@ class Simulation:
                 added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
             else:
                 added = self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
-            self._commands = self.flown.constants.trim_elevator + added + self._tremor.half_steps(BLOCK // EVERY)
+            self._commands = self._begun.trim_elevator + added + self._tremor.half_steps(BLOCK // EVERY)
             self._block = number + 1
         s = float(self._memory.x[DISTANCE])
-        far = SPEED_MARGIN * self.flown.constants.trim_speed * BLOCK * DT
+        far = SPEED_MARGIN * self._begun.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)
-
-
-def flown_by(
-    aircraft: Aircraft, flight: Flight, imu_position: tuple[float, float, float], hold: bool, pilot: Pilot
-) -> Flown:
-    """The aircraft trimmed at the flight's speed and altitude, where it flies and who. Raises ProfileError."""
-    trimmed = constants(aircraft, flight.speed, flight.altitude, hold, elevator_backlash(aircraft))
-    return Flown(
-        trimmed,
-        indicial_tables(aircraft),
-        vane_constants(aircraft.boom or NO_BOOM, DT),
-        site(flight, imu_position),
-        hands(pilot, trimmed.trim_alpha, trimmed.trim_height),
-    )
 
 
 def tremor(flight: Flight, pilot: Pilot, seed: int | None) -> Tremor:
@@ -131,33 +121,3 @@ def gusts_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> G
     )
     field.cover(-behind, ahead)
     return field
-
-
-def elevator_backlash(aircraft: Aircraft) -> float:
-    """Width of the backlash between the elevator's drive and its surface, rad."""
-    errors = aircraft.instruments.get("elevator")
-    return errors.backlash if errors else 0.0
-
-
-def reach(aircraft: Aircraft) -> tuple[float, float]:
-    """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare."""
-    boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
-    behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
-    return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
-
-
-def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:
-    """The earth is taken round with WGS-84's radii of curvature at the origin."""
-    w2 = 1 - _ECCENTRICITY2 * math.sin(ORIGIN[0]) ** 2
-    return Site(
-        imu_x=imu_position[0],
-        imu_y=imu_position[1],
-        imu_z=imu_position[2],
-        wind_north=flight.wind_north,
-        wind_east=flight.wind_east,
-        heading=flight.heading,
-        latitude=ORIGIN[0],
-        longitude=ORIGIN[1],
-        radius_north=_EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5,
-        radius_east=_EQUATOR / math.sqrt(w2),
-    )

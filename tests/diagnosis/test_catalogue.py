@@ -7,6 +7,7 @@ import string
 import numpy as np
 import pytest
 from blind import SIGMAS, Case, aircraft, fly_case
+from station.diagnosis.profile_changes import gain
 
 from station.conventions import from_si, to_si, unit_named
 from station.diagnosis.diagnosis_report import effects_table
@@ -14,7 +15,6 @@ from station.diagnosis.diagnosis_result import Gain, summary
 from station.diagnosis.effects import BY_ID, EFFECTS, SIGNAL_EFFECTS, Term, extended, signal_effect
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.procedure import diagnose
-from station.diagnosis.profile_changes import gain
 from station.diagnosis.residuals import SERIES, series
 from station.profile import Instrument, load_aircraft
 from station.rows import UsageError

@@ -19,9 +19,9 @@ from station.diagnosis.judge import LEVEL_DOF, _log_p
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.measured_record import Record, manoeuvres
-from station.diagnosis.profile_changes import derivative
 from station.diagnosis.variances import INDEPENDENT
 from station.profile import Aircraft, load_aircraft
+from station.profile.profile_changes import derivative
 from station.profile.uncertainty import Uncertainty
 
 SIX = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")

@@ -10,11 +10,11 @@ import pytest
 from another_simulation import Case
 from records import record
 from scipy.io import loadmat
+from station.diagnosis.profile_changes import derivative
 
 from station.conventions import G0
 from station.diagnosis.measured_record import Record, manoeuvres
 from station.diagnosis.oscillation import apart, oscillation
-from station.diagnosis.profile_changes import derivative
 from station.diagnosis.qualification import _short_period, qualification_json, qualification_lines, qualified
 from station.diagnosis.qualification_pages import qualification_page
 from station.diagnosis.vane_gust import inputs_of, undone

@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 from station.campaign import spec
 from station.conventions import from_si
-from station.profile import aircraft, card, rig, uncertainty
+from station.profile import aircraft, altered, card, rig, uncertainty
 
 SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
 """Units in which a default is written, where SI is not what one says."""
@@ -155,6 +155,7 @@ def card_keys() -> str:
     return of(
         ("Top of the file", card.Card),
         ("`[flight]`", card.Flight),
+        ("`[flight.truth]`, by key of the aircraft's profile", altered.Change),
         ("`[[manoeuvres]]`, any", wave),
         ('`kind = "doublet"`', card.Doublet, wave),
         ('`kind = "3-2-1-1"`', card.ThreeTwoOneOne, wave),

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from station.conventions import to_si
-from station.profile import Aircraft, Derivative, Indicial, Instrument
-from station.simulation.boom import NO_BOOM
+from station.profile.aircraft import NO_BOOM, Aircraft, Derivative, Indicial, Instrument
 
 Extend = Callable[[Aircraft, float], Aircraft]
 

@@ -1,0 +1,134 @@
+"""The aircraft as a flight begins with it, where it flies and who; and one that changes in flight, `[flight.truth]`.
+
+A change renews the equations' constants every tenth of a second. The equations stay stated about the trim that the
+flight began in; the pilot retrims: elevator and thrust go to the trim of the aircraft as it is, a few seconds late.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+from station.profile import NO_BOOM, Aircraft, AlteredAircraft, Flight, Pilot
+from station.rows import ProfileError
+from station.simulation.airframe import Trim, constants, find_trim, indicial_tables
+from station.simulation.boom import vane_constants
+from station.simulation.motion import DT, Flown, Site
+from station.simulation.pilot import hands
+
+ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
+"""Latitude and longitude where every simulated flight begins, rad."""
+_EQUATOR: Final = 6378137.0
+_ECCENTRICITY2: Final = 6.69437999014e-3
+
+RENEWED: Final = 20
+"""Steps between two states of the aircraft: 0.1 s, in which ice that builds up within a minute grows by 0.2 %."""
+_TRIMMED: Final = 10
+"""States of the aircraft between two searches for its trim: a second."""
+_RETRIM_S: Final = 5.0
+"""Time constant with which the pilot's trim follows: slower than a short period, faster than a phugoid."""
+
+Position = tuple[float, float, float]
+
+
+class FlownAircraft:
+    """An aircraft of a flight: `flown` is what the equations take, now."""
+
+    def __init__(self, profile: Aircraft, flight: Flight, imu_position: Position, hold: bool, pilot: Pilot) -> None:
+        """`imu_position` from the CG that the profile states, m. Raises ProfileError, also for a change after which
+        the aircraft cannot be trimmed."""
+        self._altered = AlteredAircraft(profile, flight.truth)
+        self._flight, self._place, self._hold, self._pilot = flight, imu_position, hold, pilot
+        self.now = self._altered.at(0.0)
+        """The aircraft as it is."""
+        for time in self._altered.times[1:]:
+            self._own_trim(self._altered.at(time), time)
+        self._trim = self._goal = find_trim(self.now, flight.speed, flight.altitude)
+        self._begun = self._trim
+        self._state = 0
+        self.flown = self._made(None)
+        self.behind, self.ahead = reach(self.now)
+        """How far behind and ahead of the CG it meets the air at most, m."""
+        for time in self._altered.times:
+            behind, ahead = reach(self._altered.at(time))
+            self.behind, self.ahead = max(self.behind, behind), max(self.ahead, ahead)
+
+    @property
+    def changes(self) -> bool:
+        """Whether it is another from one tenth of a second to the next."""
+        return bool(self._altered.keys)
+
+    @property
+    def retrimmed(self) -> float:
+        """What the pilot's trim adds to the elevator that the flight began with, rad."""
+        return self._trim.elevator - self._begun.elevator
+
+    def go_on(self) -> None:
+        """The next RENEWED steps begin."""
+        time = self._state * RENEWED * DT
+        if self._state % _TRIMMED == 0:
+            self._goal = self._own_trim(self._altered.at(time), time)
+        share = 1.0 - math.exp(-RENEWED * DT / _RETRIM_S) if self._state else 1.0
+        old, goal = self._trim, self._goal
+        self._trim = Trim(*(a + share * (b - a) for a, b in zip(_numbers(old), _numbers(goal), strict=True)))
+        self._state += 1
+        self.now = self._altered.at(time)
+        self.flown = self._made(self._begun)
+
+    def _own_trim(self, aircraft: Aircraft, time: float) -> Trim:
+        try:
+            return find_trim(aircraft, self._flight.speed, self._flight.altitude)
+        except ProfileError as error:
+            raise ProfileError(f"flight.truth, {time:g} s of flight: {error}") from None
+
+    def _made(self, about: Trim | None) -> Flown:
+        aircraft, flight = self.now, self._flight
+        stated = replace(about, thrust=self._trim.thrust) if about else None
+        trimmed = constants(aircraft, flight.speed, flight.altitude, self._hold, elevator_backlash(aircraft), stated)
+        moved = (b - a for a, b in zip(self._altered.profile.imu_offset, aircraft.imu_offset, strict=True))
+        x, y, z = (a + b for a, b in zip(self._place, moved, strict=True))
+        tables = indicial_tables(aircraft)
+        if about and any(a.shape != b.shape for a, b in zip(tables, self.flown.tables, strict=True)):
+            raise ProfileError("flight.truth: unsteady.gust_span: let it be above 0 from the start on")
+        return Flown(
+            trimmed,
+            tables,
+            vane_constants(aircraft.boom or NO_BOOM, DT),
+            site(flight, (x, y, z)),
+            hands(self._pilot, self._trim.alpha, trimmed.trim_height),
+        )
+
+
+def _numbers(trim: Trim) -> tuple[float, float, float, float]:
+    return trim.alpha, trim.elevator, trim.thrust, trim.lift_coefficient
+
+
+def elevator_backlash(aircraft: Aircraft) -> float:
+    """Width of the backlash between the elevator's drive and its surface, rad."""
+    errors = aircraft.instruments.get("elevator")
+    return errors.backlash if errors else 0.0
+
+
+def reach(aircraft: Aircraft) -> tuple[float, float]:
+    """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare."""
+    boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
+    behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
+    return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
+
+
+def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:
+    """The earth is taken round with WGS-84's radii of curvature at the origin."""
+    w2 = 1 - _ECCENTRICITY2 * math.sin(ORIGIN[0]) ** 2
+    return Site(
+        imu_x=imu_position[0],
+        imu_y=imu_position[1],
+        imu_z=imu_position[2],
+        wind_north=flight.wind_north,
+        wind_east=flight.wind_east,
+        heading=flight.heading,
+        latitude=ORIGIN[0],
+        longitude=ORIGIN[1],
+        radius_north=_EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5,
+        radius_east=_EQUATOR / math.sqrt(w2),
+    )
