@@ -188,6 +188,21 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
     return Trim(alpha, de, thrust, _steady(aircraft, speed, alpha, de)[0])
 
 
+def _stated(aircraft: Aircraft, speed: float, about: Trim) -> Trim:
+    """With the lift that this aircraft has there."""
+    return replace(about, lift_coefficient=_steady(aircraft, speed, about.alpha, about.elevator)[0])
+
+
+def _pitch_inertia(aircraft: Aircraft) -> float:
+    """kg m2. Raises ProfileError for an aircraft that cannot be simulated."""
+    if aircraft.inertia.iyy is None:
+        raise ProfileError(f"aircraft {aircraft.name}: inertia.iyy: missing; the simulation needs it")
+    for name, derivative in aircraft.derivatives.items():
+        if name[:2] in ("CL", "CD", "Cm") and name not in _SUPPORTED and derivative.value != 0:
+            raise ProfileError(f"aircraft {aircraft.name}: derivatives.{name}: the simulation has no such term")
+    return aircraft.inertia.iyy
+
+
 def constants(
     aircraft: Aircraft,
     speed: float,
@@ -202,16 +217,8 @@ def constants(
     elevator that the equations are stated about, and the thrust that the pilot holds from, where they are another
     aircraft's trim. Raises ProfileError for an aircraft that cannot be simulated.
     """
-    iyy = aircraft.inertia.iyy
-    if iyy is None:
-        raise ProfileError(f"aircraft {aircraft.name}: inertia.iyy: missing; the simulation needs it")
-    for name, derivative in aircraft.derivatives.items():
-        if name[:2] in ("CL", "CD", "Cm") and name not in _SUPPORTED and derivative.value != 0:
-            raise ProfileError(f"aircraft {aircraft.name}: derivatives.{name}: the simulation has no such term")
-    if about is None:
-        trim = find_trim(aircraft, speed, height)
-    else:
-        trim = replace(about, lift_coefficient=_steady(aircraft, speed, about.alpha, about.elevator)[0])
+    iyy = _pitch_inertia(aircraft)
+    trim = _stated(aircraft, speed, about) if about else find_trim(aircraft, speed, height)
     v, unsteady, drag, leaving = aircraft.value, aircraft.unsteady, aircraft.drag, aircraft.separation
     return Constants(
         mass=aircraft.inertia.mass,

@@ -15,12 +15,11 @@ from scipy.signal import lfilter, lsim
 
 from station.conventions import G0, to_si
 from station.diagnosis import effects as catalogue
-from station.diagnosis import profile_changes
 from station.diagnosis.free_parameters import DERIVATIVES
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, manoeuvres
 from station.diagnosis.procedure import Diagnosis, diagnose
-from station.profile import Actuator, Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft
+from station.profile import Actuator, Doublet, Flight, Multisine, ThreeTwoOneOne, load_aircraft, profile_changes
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.sortie import DT, Simulation
 

@@ -7,7 +7,6 @@ import string
 import numpy as np
 import pytest
 from blind import SIGMAS, Case, aircraft, fly_case
-from station.diagnosis.profile_changes import gain
 
 from station.conventions import from_si, to_si, unit_named
 from station.diagnosis.diagnosis_report import effects_table
@@ -17,6 +16,7 @@ from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.procedure import diagnose
 from station.diagnosis.residuals import SERIES, series
 from station.profile import Instrument, load_aircraft
+from station.profile.profile_changes import gain
 from station.rows import UsageError
 
 ASKED = {

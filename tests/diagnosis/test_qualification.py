@@ -10,7 +10,6 @@ import pytest
 from another_simulation import Case
 from records import record
 from scipy.io import loadmat
-from station.diagnosis.profile_changes import derivative
 
 from station.conventions import G0
 from station.diagnosis.measured_record import Record, manoeuvres
@@ -19,6 +18,7 @@ from station.diagnosis.qualification import _short_period, qualification_json, q
 from station.diagnosis.qualification_pages import qualification_page
 from station.diagnosis.vane_gust import inputs_of, undone
 from station.profile import Aircraft, Instrument, load_aircraft
+from station.profile.profile_changes import derivative
 
 
 @pytest.fixture(scope="module")
