@@ -193,6 +193,19 @@ def _stated(aircraft: Aircraft, speed: float, about: Trim) -> Trim:
     return replace(about, lift_coefficient=_steady(aircraft, speed, about.alpha, about.elevator)[0])
 
 
+def _moment(aircraft: Aircraft, speed: float, trim: Trim) -> float:
+    """Cm there, with the flow attached."""
+    v, alpha = aircraft.value, trim.alpha
+    return (
+        v("Cm_0")
+        + v("Cm_V") * speed / (aircraft.reference_speed or speed)
+        + v("Cm_alpha") * alpha
+        + v("Cm_alpha2") * alpha**2
+        + v("Cm_alpha3") * alpha**3
+        + v("Cm_de") * trim.elevator
+    )
+
+
 def _pitch_inertia(aircraft: Aircraft) -> float:
     """kg m2. Raises ProfileError for an aircraft that cannot be simulated."""
     if aircraft.inertia.iyy is None:
