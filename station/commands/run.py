@@ -26,7 +26,7 @@ from station.flight.board import Board
 from station.flight.bus import Bus
 from station.flight.emulators import Emulated, emulators, streams_flown
 from station.flight.preparing import Preparation
-from station.log import About, LogWriter
+from station.log import About, WriterThread
 from station.profile import CanDevice, Profiles, Rig
 from station.rows import Code, Event, Rows
 from station.screen.rerun_feed import View
@@ -76,7 +76,7 @@ class _Flight:
         self.preparation = Preparation(card, profiles, streams, self.clock, self.bus.put)
         adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, self.bus.put)
         about = About(profiles.aircraft, streams, rig, profiles.card, files=dbc_files(rig, rig_dir))
-        self.writer = LogWriter(log, about, self.clock, self.bus.put)
+        self.writer = WriterThread(log, about, self.clock, self.bus.put)
         stack.callback(self.writer.close)
         say(f"recording: {self.writer.path}")
         self.viewer = View(view.value, f"{profiles.card.name}: {profiles.aircraft.name}", profiles, self.bus.put)

@@ -5,10 +5,12 @@ each complete in itself.
 """
 
 from station.log.about import About, LogInfo
+from station.log.disk import make_folder
 from station.log.reading import metadata, parts, read_rows
 from station.log.summary import Summary, describe, recover, summarise, verdict
 from station.log.table import Point, Table, points, table
-from station.log.writer import LogWriter, make_folder, write_log
+from station.log.writer import LogWriter, write_log
+from station.log.writer_thread import WriterThread
 
 __all__ = [
     "About",
@@ -17,6 +19,7 @@ __all__ = [
     "Point",
     "Summary",
     "Table",
+    "WriterThread",
     "describe",
     "make_folder",
     "metadata",

@@ -34,6 +34,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from station.log.disk import Disk
+
 MAGIC: Final = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -76,8 +78,12 @@ class PartWriter:
     with the channels it needs, so that a kill leaves whole chunks.
     """
 
-    def __init__(self, path: Path, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]) -> None:
+    def __init__(
+        self, path: Path, disk: Disk, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
+    ) -> None:
         self.path = path
+        self._disk = disk
+        self._is_entered = self._is_closed = False
         self.size = 0
         self.chunk_size = 0
         self._crc = 0
@@ -94,7 +100,7 @@ class PartWriter:
         self._other_indexes: list[McapRecord] = []
         self._counts: dict[int, int] = {}
         self._start = self._end = 0
-        self._file = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_CLOEXEC", 0), 0o644)
+        self._file = disk.create(path)
         try:
             self._preamble(metadata, attachments)
         except OSError:
@@ -118,6 +124,11 @@ class PartWriter:
                 AttachmentIndex(at, out.count - at, 0, 0, data_size=len(blob), name=name, media_type=kind)
             )
         self._write(_taken(out))
+
+    @property
+    def messages(self) -> int:
+        """How many have been handed to the operating system."""
+        return sum(self._counts.values())
 
     def add(self, messages: Iterable[tuple[Topic, int, int, bytes]]) -> None:
         """Add topic, sequence number, time (ns) and data of each to the chunk in memory.
@@ -209,8 +220,23 @@ class PartWriter:
         self._open.clear()
         self.chunk_size = 0
 
-    def finish(self) -> None:
-        """Close the last chunk, write the index and close the file: it is complete."""
+    def sync(self) -> None:
+        """Return when all written so far, and the file's name in its folder, outlast a power cut.
+
+        May be called from another thread than the one that writes; does nothing once the file is closed.
+        """
+        try:
+            if not self._is_closed:
+                self._disk.sync(self._file)
+            if not self._is_entered:
+                self._disk.sync_folder(self.path.parent)
+                self._is_entered = True
+        except OSError:
+            if not self._is_closed:
+                raise
+
+    def finish(self, *, sync: bool = False) -> None:
+        """Close the last chunk, write the index, `sync` if asked to, and close the file: it is complete."""
         self.close_chunk()
         end = RecordBuilder()
         DataEnd(self._crc).write(end)
@@ -249,12 +275,18 @@ class PartWriter:
         Footer(summary_at, at, crc).write(end)
         for piece in (*summary, _taken(end) + MAGIC):
             self._write(piece)
-        os.close(self._file)
+        if sync:
+            self.sync()
+        self._close()
         self._chunk_indexes = bytearray()
 
     def abandon(self) -> None:
         """Close the file as it is."""
-        os.close(self._file)
+        self._close()
+
+    def _close(self) -> None:
+        self._is_closed = True
+        self._disk.close(self._file)
 
     def is_there(self) -> bool:
         """Whether the path still leads to this file: the folder may have been removed or renamed."""
@@ -273,11 +305,11 @@ class PartWriter:
         done = 0
         try:
             while done < len(data):
-                done += os.write(self._file, memoryview(data)[done:])
+                done += self._disk.write(self._file, memoryview(data)[done:])
         except OSError:
             # The disk took a part of it: cut back to the last whole record, if that still can be done.
             with contextlib.suppress(OSError):
-                os.ftruncate(self._file, self.size)
+                self._disk.cut(self._file, self.size)
             raise
         self._crc = zlib.crc32(data, self._crc)
         self.size += done

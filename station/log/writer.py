@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import errno
 import math
-import os
+import queue
 import threading
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
-from station.clock import Clock, utc_file_stamp, utc_now_ns
+from station.clock import Clock, SystemClock, utc_file_stamp, utc_now_ns
 from station.log.about import About, preamble
+from station.log.disk import Disk, make_folder, name_of_disk
 from station.log.messages import RowWriter
 from station.log.part import PartWriter
 from station.rows import Code, Event, LogError, Rows, Sample
@@ -26,17 +27,48 @@ from station.rows import Code, Event, LogError, Rows, Sample
 CHUNK_BYTES: Final = 32 * 1024
 CHUNK_NS: Final = 60_000_000
 RETRY_NS: Final = 1_000_000_000
+SYNC_NS: Final = 1_000_000_000
+"""Between syncs: a power cut costs what was written since, 1.5 s at most (disk.STALL_NS). A sync of a second's 150 kB
+takes some ms on an SSD and up to 0.1 s on an SD card."""
 _LOOK_NS: Final = 200_000_000
 _HELD_ROWS: Final = 5_000
 """Rows kept while no file can be written: 4 s of a busy flight, re-encoded in some 40 ms when a disk is back."""
 
 
+class Aside:
+    """Carries out one thing after another in a thread of its own: what a thread that records is not to wait for."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._things: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+
+    def put(self, thing: Callable[[], None]) -> None:
+        if self._thread is None:
+            # A daemon: a disk that never answers is not to keep the station from ending.
+            self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+            self._thread.start()
+        self._things.put(thing)
+
+    def _run(self) -> None:
+        while (thing := self._things.get()) is not None:
+            thing()
+
+    def close(self) -> None:
+        """Return when all is done."""
+        if self._thread is not None:
+            self._things.put(None)
+            self._thread.join()
+            self._thread = None
+
+
 class LogWriter:
     """Records a flight. After construction nothing here raises: trouble is a DISK event, and rows are kept for a while.
 
-    Call `append` whenever there are rows and `flush` once a tick, from one thread. While no file can be written a new
-    one is tried at most once a second; `failed` then says why, else it is empty. `path` is the file being written,
-    `bytes_written` the sum over the flight's files.
+    Call `append` whenever there are rows and `flush` once a tick, from one thread. It waits for the disk to take what
+    is written, but not for syncs: one a second, and one at the end of a file. While no file can be written a new one is
+    tried at most once a second; `failed` then says why, else it is empty. `path` is the file being written,
+    `bytes_written` the sum over the flight's files, `rows_lost` counts rows that are in none of them.
     """
 
     def __init__(
@@ -47,9 +79,11 @@ class LogWriter:
         on_event: Callable[[Event], None],
         name: str | None = None,
         rotate_bytes: float | None = None,
+        disk: Disk | None = None,
     ) -> None:
         """Raises LogError if the first file cannot be made. `name`, without .mcap, is the start in UTC if left out."""
         self._about, self._clock, self._on_event = about, clock, on_event
+        self._disk = disk if disk is not None else Disk(clock)
         card_limit = about.card.rotate if about.card is not None else math.inf
         self._rotate_bytes = rotate_bytes if rotate_bytes is not None else card_limit
         self._folder = folder
@@ -58,14 +92,17 @@ class LogWriter:
         self._rows = RowWriter(about.streams)
         self._held: deque[Rows] = deque(maxlen=_HELD_ROWS)
         self._lost = self._unwritable = 0
+        self.rows_lost = 0
         self._number = 0
         self._parts: list[PartWriter] = []
-        self._ending: list[threading.Thread] = []
+        self._aside = Aside("syncing of a recording")
+        self._is_syncing = False
+        self._unsynced = ""
         self._opened_ns: int | None = None
-        self._look_ns = self._retry_ns = self._station_ns
+        self._look_ns = self._retry_ns = self._sync_ns = self._station_ns
         stem = name if name is not None else utc_file_stamp()
         try:
-            make_folder(folder)
+            make_folder(folder, self._disk)
             self._stem, first = self._first(stem, exact=name is not None)
         except FileExistsError:
             raise LogError(f"{folder / stem}.mcap: exists already, and a recording is never overwritten") from None
@@ -87,10 +124,11 @@ class LogWriter:
             tried = f"{stem}-{n}"
 
     def _new_part(self, path: Path) -> PartWriter:
-        return PartWriter(path, *preamble(self._about, self._flight, self._number, self._station_ns, self._utc_ns))
+        about = preamble(self._about, self._flight, self._number, self._station_ns, self._utc_ns)
+        return PartWriter(path, self._disk, *about)
 
     def _next(self) -> PartWriter:
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder, self._disk)
         before = self._number
         while True:
             self._number += 1
@@ -110,7 +148,9 @@ class LogWriter:
         rows = list(rows)
         held, before = self._held, len(self._held)
         held.extend(rows)
-        self._lost += before + len(rows) - len(held)
+        lost = before + len(rows) - len(held)
+        self._lost += lost
+        self.rows_lost += lost
         part = self._part
         if part is not None:
             self._write(part, rows)
@@ -125,6 +165,7 @@ class LogWriter:
                 topic, data = encode(row)
             except Exception as error:  # whatever a row holds, the flight goes on without it
                 self._unwritable += 1
+                self.rows_lost += 1
                 if self._unwritable == 1:
                     self._report(f"a {type(row).__name__} cannot be recorded: {error}")
                 continue
@@ -155,7 +196,23 @@ class LogWriter:
                 elsewhere = part.is_linked()
                 if self._end(part) and elsewhere:
                     self._held.clear()
+                else:
+                    self.rows_lost += part.messages
                 self._fail(f"{part.path} has vanished", now)
+                return
+        if part is not None and now >= self._sync_ns and not self._is_syncing:
+            self._sync_ns, self._is_syncing = now + SYNC_NS, True
+            self._aside.put(partial(self._sync, part))
+
+    def _sync(self, part: PartWriter) -> None:
+        try:
+            part.sync()
+        except OSError as error:
+            # The system forgets what it could not write, and later syncs succeed: there may be a hole from here on.
+            if not self._unsynced:
+                self._unsynced = f"{name_of_disk(self._folder)}: {error.strerror} while syncing {part.path}"
+                self._report(f"{self._unsynced}; flying on, the file may not be whole")
+        self._is_syncing = False
 
     def _close_chunk(self, part: PartWriter) -> None:
         try:
@@ -164,10 +221,10 @@ class LogWriter:
             self._opened_ns = None
             if part.size >= self._rotate_bytes:
                 self._part = None
-                # The index of a large file takes longer to write than a tick has.
-                self._ending.append(threading.Thread(target=self._complete, args=(part,), name="end of a recording"))
-                self._ending[-1].start()
+                # The index of a large file takes longer to write than a chunk may wait.
+                self._aside.put(partial(self._complete, part))
                 self._use(self._next())
+                self._sync_ns = self._clock.now_ns()
         except OSError as error:
             if self._part is not None:
                 part.abandon()
@@ -180,7 +237,7 @@ class LogWriter:
 
     def _end(self, part: PartWriter) -> bool:
         try:
-            part.finish()
+            part.finish(sync=True)
         except OSError:
             part.abandon()
             return False
@@ -188,7 +245,8 @@ class LogWriter:
 
     def _complete(self, part: PartWriter) -> None:
         if not self._end(part):
-            self._report(f"{part.path}: could not be completed: see station recover")
+            self._unsynced = f"{part.path}: could not be completed"
+            self._report(f"{self._unsynced}: see station recover")
 
     def _fail(self, why: str, now: int) -> None:
         self._opened_ns = None
@@ -231,17 +289,8 @@ class LogWriter:
         if part is not None and not self._end(part):
             self.failed = f"{part.path}: could not be completed"
             self._report(self.failed)
-        for thread in self._ending:
-            thread.join()
-        self._ending.clear()
-
-
-def make_folder(folder: Path) -> None:
-    """Raises OSError; a file in its place is no folder, rather than a recording that exists already."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder)) from error
+        self._aside.close()
+        self.failed = self._unsynced or self.failed
 
 
 def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 0, utc_ns: int = 0) -> int:
@@ -249,7 +298,7 @@ def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 
     writer, count = RowWriter(about.streams), 0
     try:
         make_folder(path.parent)
-        part = PartWriter(path, *preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns))
+        part = PartWriter(path, Disk(SystemClock()), *preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns))
     except FileExistsError:
         raise LogError(f"{path}: exists already, and a recording is never overwritten") from None
     except OSError as error:

@@ -12,8 +12,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
+from station.clock import ManualClock
 from station.conventions import SIGNALS, Stream
 from station.log import About, describe, metadata, read_rows, recover, summarise, write_log
+from station.log.disk import Disk
 from station.log.part import PartWriter
 from station.profile import load_aircraft
 from station.rows import Code, Event, Frame, Health, LogError, RawBlock, Rows, Sample, StreamHealth, Tick
@@ -235,7 +237,7 @@ def test_what_is_no_recording_is_a_short_error(tmp_path: Path) -> None:
     with pytest.raises(LogError):
         recover(empty, tmp_path / "out.mcap")
     foreign = tmp_path / "foreign.mcap"
-    part = PartWriter(foreign, {}, {})
+    part = PartWriter(foreign, Disk(ManualClock()), {}, {})
     part.finish()
     with pytest.raises(LogError, match="not of this station"):
         summarise(foreign)

@@ -136,9 +136,9 @@ def test_the_end_of_a_full_file_keeps_no_tick_waiting(tmp_path: Path, monkeypatc
     """Its index, of half a gigabyte of recording, is written while the next file records."""
     may_end, finish = threading.Event(), PartWriter.finish
 
-    def when_allowed(part: PartWriter) -> None:
+    def when_allowed(part: PartWriter, *, sync: bool) -> None:
         assert may_end.wait(60)
-        finish(part)
+        finish(part, sync=sync)
 
     monkeypatch.setattr(PartWriter, "finish", when_allowed)
     flight = Flight(tmp_path, per_tick=40, rotate_bytes=60_000)
@@ -202,7 +202,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch, room: int) -> Iterator[None]:
         return done
 
     with monkeypatch.context() as patch:
-        patch.setattr("station.log.part.os.write", write)
+        patch.setattr("station.log.disk.os.write", write)
         yield
 
 
