@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,14 @@ def say(text: str) -> None:
     """Words for the user, on stderr; stdout is for what was asked for."""
     with contextlib.suppress(OSError):  # nobody there to hear it
         print(text, file=sys.stderr, flush=True)
+
+
+def judge(reasons: Sequence[str]) -> int:
+    """The exit code of what was done but for these `reasons`, which the last line on stderr tells; DONE without any."""
+    if not reasons:
+        return DONE
+    say(f"station: degraded: {'; '.join(reasons)}")
+    return DEGRADED
 
 
 def write_json(result: Mapping[str, Any], to: str) -> None:

@@ -17,6 +17,9 @@ from typing import Final
 
 import msgspec
 
+MISSED_SHARE: Final = 0.001
+"""Of its ticks a flight may miss so many; more is told in the exit code (logs/README.md)."""
+
 
 class StationError(Exception):
     """What went wrong, where, and how to mend it, in one to three lines."""

@@ -8,7 +8,7 @@ import msgspec
 import typer
 
 from station.commands.common import LogPath, there
-from station.console import DEGRADED, DONE
+from station.console import judge
 from station.log import describe, summarise
 
 
@@ -16,4 +16,4 @@ def info(log: LogPath, as_json: Annotated[bool, typer.Option("--json", help="JSO
     """What is in a recording, and whether all of it is there."""
     summary = summarise(there(log))
     print(msgspec.json.encode(summary).decode() if as_json else describe(summary))
-    return DONE if summary.verdict == "complete" else DEGRADED
+    return judge(summary.degraded)

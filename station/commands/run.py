@@ -19,7 +19,7 @@ from station.clock import SystemClock
 from station.commands.cards import about_air, load, recorded_flight
 from station.commands.common import CardName, ViewMode, finite
 from station.commands.process import line_writer, stop_on_signals
-from station.console import DEGRADED, DONE, say
+from station.console import judge, say
 from station.flight import loop as live
 from station.flight.alignment import Aligner
 from station.flight.board import Board
@@ -28,7 +28,7 @@ from station.flight.emulators import Emulated, emulators, streams_flown
 from station.flight.preparing import Preparation
 from station.log import About, WriterThread
 from station.profile import CanDevice, Profiles, Rig
-from station.rows import Code, Event, Rows
+from station.rows import MISSED_SHARE, Code, Event, Rows
 from station.screen.rerun_feed import View
 
 TIMED_TICKS = 90_000
@@ -85,6 +85,8 @@ class _Flight:
         self.board = Board(profiles, self.clock)
         self.failure: list[BaseException] = []
         self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
+        self.ticks = self.slots = 0
+        """Ticks flown, and how many there should have been."""
         for adapter in adapters:
             adapter.start()
             stack.callback(adapter.stop)
@@ -141,6 +143,7 @@ class _Flight:
 
     def _note_time(self, beat: live.Beat, _: Sequence[Rows]) -> None:
         self.done_after_ns.append(self.clock.now_ns() - beat.tick.t_ns)
+        self.ticks, self.slots = self.ticks + 1, beat.tick.k + 1
 
     def _mark(self, note: str) -> None:
         self.bus.put(Event(self.clock.now_ns(), "operator", Code.MARK, 1, note))
@@ -164,16 +167,25 @@ class _Flight:
         """Say how the flight went; the exit code."""
         if self.done_after_ns:
             middle, late, worst = np.percentile(np.array(self.done_after_ns) * 1e-6, [50, 99, 100])
-            missed = self.board.health.overruns if self.board.health else 0
             say(
                 f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); "
-                f"{missed} missed"
+                f"{self.slots - self.ticks} missed"
             )
         say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
+        return judge(self._shortcomings())
+
+    def _shortcomings(self) -> list[str]:
+        missed, lost = self.slots - self.ticks, self.writer.rows_lost + self.bus.dropped
+        found = []
         if self.writer.failed:
-            say(f"station: the recording is not whole: {self.writer.failed}")
-            return DEGRADED
-        return DONE if self.board.ever_complete else DEGRADED
+            found.append(f"the recording is not whole: {self.writer.failed}")
+        if lost:
+            found.append(f"{lost} rows lost")
+        if missed > MISSED_SHARE * self.slots:
+            found.append(f"{missed} of {self.slots} ticks missed")
+        if not self.board.ever_complete:
+            found.append(f"never all streams at once: {self.board.absent or 'none was waited for'}")
+        return found
 
 
 def emulated_flight(stack: ExitStack, profiles: Profiles, bus: Bus, clock: SystemClock) -> Emulated:

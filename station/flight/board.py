@@ -94,6 +94,8 @@ class Board:
         """ready, preparing, or failed."""
         self.ever_complete = False
         """Whether all streams were alive at once at some time."""
+        self.absent = ""
+        """Streams that are not alive now."""
         self.log_path = Path()
         self.log_bytes = 0
         self.view_dropped = 0
@@ -153,6 +155,7 @@ class Board:
         self._choose_lateral()
         self._recommendation.update(row)
         self.ever_complete = self.ever_complete or (bool(row.streams) and all(s.alive for s in row.streams))
+        self.absent = ", ".join(s.stream for s in row.streams if not s.alive)
 
     def _choose_lateral(self) -> None:
         """split, which carries the side gust to the CG; II where split gives fewer."""

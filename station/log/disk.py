@@ -46,8 +46,8 @@ class Disk:
                     raise
 
     def sync_folder(self, folder: Path) -> None:
-        """Return when the folder's entries outlast a power cut."""
-        with self._timed(), contextlib.suppress(PermissionError):
+        """Return when the folder's entries outlast a power cut; one that has been renamed or removed is left alone."""
+        with self._timed(), contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             opened = os.open(folder, os.O_RDONLY)
             try:
                 os.fsync(opened)

@@ -14,7 +14,7 @@ from station.log.messages import RowWriter
 from station.log.reading import metadata, read_part, readers
 from station.log.scan import PartReader
 from station.log.writer import write_log
-from station.rows import Event, Frame, LogError, MethodEstimate, Rows, Sample, Tick
+from station.rows import MISSED_SHARE, Code, Event, Frame, LogError, MethodEstimate, Rows, Sample, Tick
 
 Verdict = Literal["complete", "truncated", "damaged"]
 
@@ -61,7 +61,7 @@ class Summary:
     verdict: Verdict
     seconds_lost: float | None
     """Known to be missing, within the recording and in a broken last chunk; None where it is not known how much. What a
-    killed station had not yet written is not in it: at most 0.1 s."""
+    killed station had not yet written is not in it: at most 0.15 s."""
     problems: list[str]
     files: int
     bytes: int
@@ -82,6 +82,8 @@ class Summary:
     streams: list[StreamSummary]
     event_counts: dict[str, int]
     events: list[EventSummary]
+    degraded: list[str] = field(default_factory=list)
+    """What of it is not as it should be, in words; with any, `info` ends with exit code 3."""
 
 
 class _StreamCount:
@@ -160,7 +162,16 @@ def summarise(path: Path) -> Summary:
     out.utc_start_ns = info.utc_ns + ((first or 0) - info.station_ns)
     known = [x for x in lost if x is not None]
     out.seconds_lost = sum(known) if known or not lost else None
+    out.degraded = _shortcomings(out)
     return out
+
+
+def _shortcomings(s: Summary) -> list[str]:
+    found = [] if s.verdict == "complete" else [f"the recording is {s.verdict}"]
+    if s.ticks_missed > MISSED_SHARE * (s.ticks + s.ticks_missed):
+        found.append(f"{s.ticks_missed} of {s.ticks + s.ticks_missed} ticks missed")
+    lost = s.event_counts.get(Code.DROPPED, 0)
+    return [*found, f"{lost} rows lost in flight"] if lost else found
 
 
 def verdict(path: Path) -> Verdict:
@@ -213,7 +224,7 @@ def describe(summary: Summary) -> str:
         verdict = f"{s.verdict}: how much is missing is not known"
     else:
         verdict = f"{s.verdict}: {s.seconds_lost:.2f} s known to be missing"
-        verdict += ", and up to 0.1 s that was not yet written" if s.verdict == "truncated" else ""
+        verdict += ", and up to 0.15 s that was not yet written" if s.verdict == "truncated" else ""
     lines = [
         f"{s.path}: {verdict}",
         f"  {s.source} of {s.aircraft}, {s.duration_s:.2f} s, {s.rows} rows, {s.bytes} bytes in {s.files} file(s)"

@@ -23,7 +23,7 @@ from station.rows import Code, Event, LogError, Rows, Sample
 # cost of a tick, bytes a tick: without chunks 67, 110 us, 7.4 kB; a chunk each tick 129, 230 us, 3.6 kB; 16 KiB 109,
 # 207 us, 3.0 kB; 32 KiB 103, 210 us, 2.9 kB. Without chunks a kill would lose nothing, but there would be no checksum
 # before the end of the file and 1.3 GB an hour. So: zstd chunks, closed when full or when their oldest row has waited
-# 60 ms, which costs a killed flight at most 80 ms of rows.
+# 60 ms, which costs a killed flight at most 80 ms of rows, and 0.15 s with what waits for the thread that writes.
 CHUNK_BYTES: Final = 32 * 1024
 CHUNK_NS: Final = 60_000_000
 RETRY_NS: Final = 1_000_000_000
@@ -275,10 +275,13 @@ class LogWriter:
         self._held.clear()
         self._lost = 0
         self._use(part)
-        self._report(f"recording again in {part.path.name}" + (f", {lost} rows lost" if lost else ""), max(1, lost))
+        if lost:
+            why = "rows lost: no file could be written for too long"
+            self._on_event(Event(self._clock.now_ns(), "log", Code.DROPPED, lost, why))
+        self._report(f"recording again in {part.path.name}" + (f", {lost} rows lost" if lost else ""))
 
-    def _report(self, detail: str, count: int = 1) -> None:
-        self._on_event(Event(self._clock.now_ns(), "log", Code.DISK, count, detail))
+    def _report(self, detail: str) -> None:
+        self._on_event(Event(self._clock.now_ns(), "log", Code.DISK, 1, detail))
 
     def close(self) -> None:
         """Complete the file. Calling it again does nothing."""

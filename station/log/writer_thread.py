@@ -107,10 +107,15 @@ class WriterThread:
             self._shed += len(batch)
             return
         if self._shed:
-            self._say(f"recording again, {self._shed} rows lost: {self._disk_name} did not keep up", self._shed)
+            self._tell_loss()
             self._shed_before, self._shed = self._shed_before + self._shed, 0
         self._given += size
         self._batches.put((batch, size))
+
+    def _tell_loss(self) -> None:
+        words = f"{self._disk_name} did not keep up"
+        self._on_event(Event(self._clock.now_ns(), "log", Code.DROPPED, self._shed, f"rows lost: {words}"))
+        self._say(f"recording again, {self._shed} rows lost: {words}")
 
     def _say(self, words: str, count: int = 1) -> None:
         self._on_event(Event(self._clock.now_ns(), "log", Code.DISK, count, words))
