@@ -221,6 +221,21 @@ def open_devices(
     return adapters
 
 
+def what_is_sent(device: Device) -> str:
+    """What the station sends to a device, in words."""
+    match device:
+        case SerialDevice():
+            return "nothing"
+        case CanDevice():
+            from drivers.can_port import part_in_bus
+
+            return part_in_bus(device)
+        case MavlinkDevice():
+            from drivers.mavlink import requests
+
+            return requests(device)
+
+
 def check_devices(rig: Rig, rig_file: Path) -> None:
     """Whether there are codecs for what the rig names: protocols, messages and fields. Raises ProfileError with file,
     device and key."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 import can
 
@@ -10,6 +11,20 @@ from drivers import serial_port
 from drivers.can_dbc import REFUSED_LINE, encode_slcan
 from station.profile import CanDevice
 from station.rows import DeviceError
+
+LISTENING: Final[Mapping[str, Mapping[str, Any]]] = {
+    "cantact": {"monitor": True},
+    "kvaser": {"driver_mode": False},  # canlib.DRIVER_MODE_SILENT
+    "nixnet": {"listen_only": True},
+    "pcan": {"state": can.BusState.PASSIVE},
+    "seeedstudio": {"operation_mode": "silent"},
+    "slcan": {"listen_only": True},  # Lawicel's command L in place of O
+    "systec": {"state": can.BusState.PASSIVE},
+    "vector": {"listen_only": True},
+}
+"""What keeps each of python-can's interfaces from acknowledging (can/interfaces of python-can 4.6); the others have no
+such option. Of socketcan the system decides: ip link set can0 type can listen-only on."""
+_WITHOUT_A_BUS: Final = ("virtual", "udp_multicast")
 
 
 class CanPort:
@@ -86,9 +101,23 @@ class BlockReader:
         return getattr(self._port, name)
 
 
+def part_in_bus(device: CanDevice) -> str:
+    """What the station does on a bus besides listening, in words."""
+    if device.interface in _WITHOUT_A_BUS:
+        return "nothing"
+    if device.interface == "socketcan":
+        return "nothing; acknowledges frames unless the system is told: ip link set CAN type can listen-only on"
+    if device.listen_only and device.interface in LISTENING:
+        return "nothing, not even acknowledgements"
+    why = "" if device.interface in LISTENING else f" (python-can cannot make {device.interface} listen only)"
+    return f"nothing, but acknowledges frames{why}"
+
+
 def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> CanPort:
     """The bus, opened. Raises DeviceError saying why not."""
     options: dict[str, Any] = {"bitrate": device.bitrate}
+    if device.listen_only:
+        options |= LISTENING.get(device.interface, {})
     if device.interface == "slcan":
         # A read waits in the operating system, not in a polling loop. Real adapters may restart when opened, and the
         # library's default gives them two seconds.

@@ -18,6 +18,7 @@ from station.rows import ProfileError
 KEY_BYTES: Final = 32
 STATION_SYSTEM: Final = 254
 STATION_COMPONENT: Final = dialect.MAV_COMP_ID_MISSIONPLANNER
+SECOND_NS: Final = 1_000_000_000
 TIME_REQUEST_NS: Final = 250_000_000
 STREAM_REQUEST_NS: Final = 5_000_000_000
 
@@ -42,6 +43,14 @@ def read_signing_key(device: MavlinkDevice, rig_dir: Path) -> bytes | None:
     if len(key) != KEY_BYTES:
         raise ProfileError(f"signing_key_file: {path}: write the 32-byte key as 64 hexadecimal digits")
     return key
+
+
+def requests(device: MavlinkDevice) -> str:
+    """What the station sends on this link, in words."""
+    sent = [f"TIMESYNC {SECOND_NS // TIME_REQUEST_NS} times a second and answers to it"] if device.timesync else []
+    if device.request_streams:
+        sent.append("SET_MESSAGE_INTERVAL for its streams, again each 5 s for those that do not come")
+    return ", ".join(sent) or "nothing"
 
 
 class MavlinkCodec(Codec):

@@ -25,7 +25,7 @@ def check(
     seconds: Annotated[float, typer.Option(help="how long to listen", min=0.5, callback=finite)] = 5.0,
 ) -> int:
     """Validate the profiles, listen to each device, print a go / no-go table."""
-    from drivers.adapter import check_devices, open_devices
+    from drivers.adapter import check_devices, open_devices, what_is_sent
     from station.flight import loop as live
     from station.flight.alignment import Aligner
     from station.flight.board import Board
@@ -54,4 +54,5 @@ def check(
             _, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
             told += [e for e in (*rows, *events) if isinstance(e, Event)]
             board.update([*rows, *events, *([health] if health else [])])
-    return DONE if print_check(profiles.card.name, board, streams, told) else DEGRADED
+    sent = {device.name: what_is_sent(device) for device in profiles.rig.devices}
+    return DONE if print_check(profiles.card.name, board, streams, told, sent) else DEGRADED

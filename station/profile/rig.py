@@ -162,6 +162,9 @@ class CanDevice(_Device):
     """What python-can's interface calls its channel (for slcan a port's path), or "emulated"."""
     bitrate: int = Field(default=1_000_000, gt=0)
     """Bits per second of the bus."""
+    listen_only: bool = True
+    """Whether frames are not acknowledged nor errors flagged, so that a wrong bit rate disturbs nobody; false where the
+    station is the only other node of the bus, or the adapter cannot listen only."""
     dbc: str
     """The DBC file that describes its messages."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -15,8 +15,10 @@ from station.rows import Code, Event, Level
 from station.screen.plots import event_text
 
 
-def print_check(card: str, board: Board, streams: Sequence[Stream], told: Sequence[Event]) -> bool:
-    """The go / no-go table of what was heard, and below it what is the matter; whether all is go."""
+def print_check(
+    card: str, board: Board, streams: Sequence[Stream], told: Sequence[Event], sent: Mapping[str, str]
+) -> bool:
+    """The go / no-go table of what was heard, what is the matter and what is `sent` to each device; whether all go."""
     grid = Table(title=f"check {card}")
     for name in ("stream", "alive", "rate Hz", "clock", "range", "verdict"):
         grid.add_column(name, no_wrap=name != "range")
@@ -37,7 +39,7 @@ def print_check(card: str, board: Board, streams: Sequence[Stream], told: Sequen
     console = Console()
     console = console if console.is_terminal else Console(width=100)
     console.print(grid)
-    for line in _remarks(board, streams, told):
+    for line in [*_remarks(board, streams, told), *(f"sent to {name}: {words}" for name, words in sent.items())]:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return all_go
 

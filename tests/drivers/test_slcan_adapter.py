@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import fcntl
+import importlib.util
 import logging
 import os
+import re
 import select
 import struct
 import termios
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import can
 import dronecan
@@ -19,7 +22,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.can_dbc import encode_slcan
+from drivers.can_port import open_port, part_in_bus
 from drivers.slcan_adapter import SlcanAdapter
+from station.profile import CanDevice
 
 SEEDED = settings(deadline=None, derandomize=True)
 
@@ -297,3 +302,75 @@ def test_any_bytes_from_a_client(tmp_path_factory: pytest.TempPathFactory, block
         assert one.ask(b"\rV\r").endswith(b"V1013\r")
     finally:
         one.close()
+
+
+class TestListening:
+    """What the station's own port does to a bus, seen by the adapter and by python-can's drivers for others."""
+
+    def test_slcan_is_opened_for_listening_and_gets_the_frames(self, served: Served) -> None:
+        port = open_port(can_device(), served.adapter.endpoint, is_emulated=True)
+        try:
+            (terminal,) = served.adapter._ports.values()
+            wait_until(lambda: terminal.is_open)
+            assert not terminal._may_send
+            served.send_frame(0x123, b"\x01\x02")
+            assert port.read(2.0) == b"t12320102\r"
+        finally:
+            port.close()
+
+    def test_the_rig_may_have_it_take_part(self, served: Served) -> None:
+        port = open_port(can_device(listen_only=False), served.adapter.endpoint, is_emulated=True)
+        try:
+            (terminal,) = served.adapter._ports.values()
+            wait_until(lambda: terminal._may_send)
+        finally:
+            port.close()
+
+    @pytest.mark.parametrize("interface", sorted(can.VALID_INTERFACES))
+    def test_every_interface_listens_or_says_that_it_does_not(
+        self, interface: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """python-can's own drivers must know each option by name: most swallow unknown ones without a word."""
+        opened: dict[str, Any] = {}
+
+        class Bus:
+            def __init__(self, **options: Any) -> None:
+                opened.update(options)
+
+        monkeypatch.setattr(can, "Bus", Bus)
+        open_port(can_device(interface=interface), "loop://")
+        module, _ = can.interfaces.BACKENDS[interface]
+        spec = importlib.util.find_spec(module)
+        assert spec is not None
+        assert spec.origin is not None
+        folder = Path(spec.origin).parent if spec.origin.endswith("__init__.py") else None
+        files = sorted(folder.glob("*.py")) if folder else [Path(spec.origin)]
+        source = "".join(f.read_text() for f in files)
+        words = part_in_bus(can_device(interface=interface))
+        listening = opened.keys() - {"interface", "channel", "ignore_config", "bitrate", "timeout"}
+        assert all(re.search(rf"\b{option}\b", source) for option in listening)
+        assert bool(listening) == (words == "nothing, not even acknowledgements")
+        opened.clear()
+        open_port(can_device(interface=interface, listen_only=False), "loop://")
+        assert opened.keys() <= {"interface", "channel", "ignore_config", "bitrate", "timeout"}
+
+    def test_what_is_said_of_a_bus(self) -> None:
+        assert "listen-only on" in part_in_bus(can_device(interface="socketcan"))
+        assert part_in_bus(can_device(interface="gs_usb")).endswith("cannot make gs_usb listen only)")
+        assert part_in_bus(can_device(listen_only=False)) == "nothing, but acknowledges frames"
+        assert part_in_bus(can_device(interface="virtual")) == "nothing"
+
+
+def can_device(**options: Any) -> CanDevice:
+    signals = {"q": {"field": "q", "unit": "deg/s"}}
+    streams = [{"name": "gyro", "message": "GYRO", "rate": "200 Hz", "signals": signals}]
+    told = {"link": "can", "name": "can", "channel": "emulated", "dbc": "bench.dbc", "streams": streams, **options}
+    return CanDevice.model_validate(told)
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    for _ in range(1000):
+        if holds():
+            return
+        threading.Event().wait(0.005)
+    raise AssertionError("not within 5 s")
