@@ -15,7 +15,7 @@ from typing import Final
 
 from drivers.codec import Codec, Port, Reading, TimeReply
 from drivers.protocols import protocol_named
-from station.clock import Clock, utc_now_ns
+from station.clock import Clock, SystemClock, utc_now_ns
 from station.profile import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, nearest, nearest_or_all
 from station.rows import Code, DeviceError, Event, ProfileError, RawBlock, Rows, Sample, TimeSync
 
@@ -23,6 +23,8 @@ EMULATED: Final = "emulated"
 READ_TIMEOUT_S: Final = 0.04
 REPORT_EVERY_NS: Final = 250_000_000
 """Bad messages are reported at once, then at most so often; with the read's timeout, never later than 0.3 s."""
+FOREIGN_EVERY_NS: Final = 60_000_000_000
+"""Who else speaks on a link is told at once, then how much once a minute: a gimbal or a ground station may well."""
 FIRST_BACKOFF_S: Final = 0.1
 LAST_BACKOFF_S: Final = 2.0
 
@@ -81,6 +83,8 @@ class Adapter:
         self._timelines: dict[int, _Timeline] = {}
         self._seqs: dict[str | int, int] = {}
         self._reported = {Code.CRC: _Reported(), Code.GAP: _Reported()}
+        self._speaker = ""
+        self._foreign: dict[str, _Reported] = {}
         self._may_excuse = False
         self._ever_connected = False
         self._lost = False
@@ -190,11 +194,25 @@ class Adapter:
         signed = f", {self.codec.refused} so far for their signature" if self.codec.refused else ""
         self._report_one(t_ns, Code.CRC, bad, f"unreadable messages{signed}")
         self._report_one(t_ns, Code.GAP, self.codec.lost, "messages lost by the link's count")
+        if self.codec.speaker != self._speaker:
+            self._speaker = self.codec.speaker
+            self._say(Code.HEARD, detail=f"taking the messages of {self._speaker}")
+        for who, count in self.codec.foreign.items():
+            last = self._foreign.setdefault(who, _Reported())
+            self._report_one(t_ns, Code.FOREIGN, count, f"passed over: {who}", last, FOREIGN_EVERY_NS)
 
-    def _report_one(self, t_ns: int, code: Code, count: int, detail: str) -> None:
-        """At once, then at most one event in REPORT_EVERY_NS."""
-        last = self._reported[code]
-        if count > last.count and (last.t_ns is None or t_ns - last.t_ns >= REPORT_EVERY_NS):
+    def _report_one(
+        self,
+        t_ns: int,
+        code: Code,
+        count: int,
+        detail: str,
+        last: _Reported | None = None,
+        every_ns: int = REPORT_EVERY_NS,
+    ) -> None:
+        """At once, then at most one event in `every_ns`."""
+        last = last or self._reported[code]
+        if count > last.count and (last.t_ns is None or t_ns - last.t_ns >= every_ns):
             self._put(Event(t_ns, self.device.name, code, count - last.count, detail))
             last.count, last.t_ns = count, t_ns
 
@@ -214,9 +232,9 @@ def open_devices(
     """
     adapters = []
     for device in rig.devices:
-        codec = _codec(device, rig_dir, f"rig {rig.name}")
+        codec = _codec(device, rig_dir, f"rig {rig.name}", clock)
         address = _address(device, endpoints)
-        opener = _opener(device, address, is_emulated=device.name in endpoints)
+        opener = _opener(device, address, codec, clock, is_emulated=device.name in endpoints)
         adapters.append(Adapter(device, codec, opener, clock, put, address))
     return adapters
 
@@ -240,18 +258,18 @@ def check_devices(rig: Rig, rig_file: Path) -> None:
     """Whether there are codecs for what the rig names: protocols, messages and fields. Raises ProfileError with file,
     device and key."""
     for device in rig.devices:
-        _codec(device, rig_file.parent, str(rig_file))
+        _codec(device, rig_file.parent, str(rig_file), SystemClock())
 
 
-def _codec(device: Device, rig_dir: Path, rig: str) -> Codec:
+def _codec(device: Device, rig_dir: Path, rig: str, clock: Clock) -> Codec:
     """Raises ProfileError that says in which `rig`, device and key."""
     try:
-        return _codec_of(device, rig_dir)
+        return _codec_of(device, rig_dir, clock)
     except ProfileError as error:
         raise ProfileError(f"{rig}: device {device.name}, {error}") from error
 
 
-def _codec_of(device: Device, rig_dir: Path) -> Codec:
+def _codec_of(device: Device, rig_dir: Path, clock: Clock) -> Codec:
     # Each link's library is loaded only where the rig has such a link: some take seconds.
     match device:
         case SerialDevice():
@@ -269,7 +287,7 @@ def _codec_of(device: Device, rig_dir: Path) -> Codec:
             names = (*TABLE, *(str(stream.message) for stream in device.streams))
             fields: dict[str | int, Sequence[str]] = {n: known for n in names if (known := fields_known(n))}
             _check_streams(device, fields, f"one of {', '.join(TABLE)}")
-            return MavlinkCodec(device, read_signing_key(device, rig_dir), utc_now_ns())
+            return MavlinkCodec(device, read_signing_key(device, rig_dir), utc_now_ns(), clock.now_ns())
 
 
 def _check_streams(device: Device, fields: Mapping[str | int, Sequence[str]], messages: str) -> None:
@@ -304,7 +322,7 @@ def _address(device: Device, endpoints: Mapping[str, str]) -> str:
     return address
 
 
-def _opener(device: Device, address: str, is_emulated: bool) -> Opener:
+def _opener(device: Device, address: str, codec: Codec, clock: Clock, is_emulated: bool) -> Opener:
     # Imported here, before flight, and not by the thread in flight: python-can takes seconds.
     match device:
         case SerialDevice():
@@ -318,5 +336,7 @@ def _opener(device: Device, address: str, is_emulated: bool) -> Opener:
             return lambda: can_port.open_port(device, address, is_emulated)
         case MavlinkDevice():
             from drivers import mavlink_port
+            from drivers.mavlink import MavlinkCodec
 
-            return lambda: mavlink_port.open_port(device, address)
+            assert isinstance(codec, MavlinkCodec)
+            return lambda: mavlink_port.open_port(device, address, codec, clock)

@@ -6,7 +6,9 @@ counted. The port it is fed from belongs to the adapter.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Protocol
 
 
@@ -51,6 +53,10 @@ class Codec(Protocol):
 
     refused: int = 0
     """Of the bad ones, those without the signature that the rig asks for."""
+    speaker: str = ""
+    """Whose messages are taken, where a link can have several."""
+    foreign: Mapping[str, int] = MappingProxyType({})
+    """Messages of others on the link, who are not the device, by who they are."""
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         """Take bytes, cut anywhere; return what is complete. Half a message waits. Never raises."""

@@ -10,12 +10,14 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from drivers.codec import Codec, Reading, TimeReply
-from drivers.mavlink_frame import Framer, Packer
+from drivers.mavlink_frame import SILENT_NS, Framer, Packer
 from drivers.mavlink_messages import TABLE, build, message_id, plain_fields, title
 from station.profile import MavlinkDevice
 from station.rows import ProfileError
 
 KEY_BYTES: Final = 32
+MOST_FOREIGN: Final = 16
+"""So many others on a link are told apart."""
 STATION_SYSTEM: Final = 254
 STATION_COMPONENT: Final = dialect.MAV_COMP_ID_MISSIONPLANNER
 SECOND_NS: Final = 1_000_000_000
@@ -54,20 +56,25 @@ def requests(device: MavlinkDevice) -> str:
 
 
 class MavlinkCodec(Codec):
-    """One vehicle's messages to readings; other systems on the link are passed over.
+    """One vehicle's messages to readings; other systems and components on the link are passed over and counted.
 
-    The vehicle is `device.system_id`, or else the first that sends a message of the table and is no ground station.
+    The vehicle is component `device.component_id` of system `device.system_id`, or else of the first system where that
+    component sends a heartbeat and is no ground station; such a one is given up when it has been silent for SILENT_NS.
     MAVLink numbers the packets of a sender, not those of a message: readings have no `seq`, and `lost` counts what is
     missing from the link. `refused` counts packets (also in `bad`) with no, a wrong or an old signature. Sends nothing
     but what `device.timesync` and `device.request_streams` allow.
     """
 
-    def __init__(self, device: MavlinkDevice, key: bytes | None = None, utc_ns: int = 0) -> None:
-        """With `key`, packets not signed with it are refused and ours are signed; `utc_ns` is then the time now."""
+    def __init__(self, device: MavlinkDevice, key: bytes | None = None, utc_ns: int = 0, station_ns: int = 0) -> None:
+        """With `key`, packets not signed with it are refused and ours are signed; `utc_ns` is then the time at
+        `station_ns`."""
         self.bad = 0
         self.resyncs = 0
         self.refused = 0
         self.lost = 0
+        self.foreign: dict[str, int] = {}
+        self._refused_before = 0
+        self._utc_less_station_ns = utc_ns - station_ns
         self._device = device
         self._framer = Framer(key, utc_ns)
         self._packer = Packer(STATION_SYSTEM, STATION_COMPONENT, key, utc_ns)
@@ -79,6 +86,8 @@ class MavlinkCodec(Codec):
     def reset(self) -> None:
         self._framer.reset()
         self._vehicle: tuple[int, int] | None = None
+        self._is_heard = False
+        self._heard_ns = 0
         self._boot_ns: int | None = None
         self._heard: set[str] = set()
         self._asked.clear()
@@ -91,24 +100,48 @@ class MavlinkCodec(Codec):
         for message in self._framer.feed(data):
             if not self._is_ours(message):
                 continue
+            self._is_heard = True
             if message.get_type() in TABLE:
                 readings.append(self._reading(message))
             elif message.get_type() == "TIMESYNC" and self._device.timesync:
                 readings += self._time_message(message.tc1, message.ts1)
-        self.bad, self.resyncs = self._framer.bad, self._framer.resyncs
-        self.refused, self.lost = self._framer.refused, self._framer.lost
+        self.bad, self.resyncs = self._framer.bad + self._refused_before, self._framer.resyncs
+        self.refused, self.lost = self._framer.refused + self._refused_before, self._framer.lost
         return readings
 
+    def vouches_for(self, datagram: bytes) -> bool:
+        """Whether the vehicle's heartbeat is in it; unsigned and wrongly signed ones are counted as refused."""
+        messages, refused = self._framer.look_at(datagram)
+        self._refused_before += refused
+        self.refused += refused
+        self.bad += refused
+        wanted = [m for m in messages if _is_heartbeat(m) and self._may_be(_sender(m))]
+        return any(self._vehicle in (None, _sender(m)) for m in wanted)
+
+    def pass_over(self, who: str) -> None:
+        """Count a message of somebody who is not the vehicle."""
+        if who not in self.foreign and len(self.foreign) >= MOST_FOREIGN:
+            who = "more others"
+        self.foreign[who] = self.foreign.get(who, 0) + 1
+
     def outgoing(self, now_ns: int) -> bytes:
-        """Time requests and answers, and stream requests once a vehicle is heard, as far as the rig allows them."""
+        """Time requests and answers, and stream requests, to a vehicle that is heard, as far as the rig allows them.
+
+        Where the rig has the station call, a time request goes to the address that it names before anything is heard.
+        """
+        self._look_after_vehicle(now_ns)
+        if self._vehicle is None and not self._device.url.startswith("udpout:"):
+            return b""
+        utc_ns = now_ns + self._utc_less_station_ns
         packets = []
         if self._device.timesync:
-            packets += [self._packer.pack(dialect.MAVLink_timesync_message(now_ns, ts1)) for ts1 in self._questions]
+            answers = [dialect.MAVLink_timesync_message(now_ns, ts1) for ts1 in self._questions]
+            packets += [self._packer.pack(answer, utc_ns) for answer in answers]
             self._questions.clear()
             if self._next_time_request_ns is None or now_ns >= self._next_time_request_ns:
                 self._next_time_request_ns = now_ns + TIME_REQUEST_NS
                 self._asked.append(now_ns)
-                packets.append(self._packer.pack(dialect.MAVLink_timesync_message(0, now_ns)))
+                packets.append(self._packer.pack(dialect.MAVLink_timesync_message(0, now_ns), utc_ns))
         if (
             self._device.request_streams
             and self._vehicle is not None
@@ -117,21 +150,31 @@ class MavlinkCodec(Codec):
             first = self._next_stream_request_ns is None
             self._next_stream_request_ns = now_ns + STREAM_REQUEST_NS
             missing = {m: rate for m, rate in self._rates.items() if first or m not in self._heard}
-            packets += [self._packer.pack(_interval(self._vehicle, m, rate)) for m, rate in missing.items()]
+            packets += [self._packer.pack(_interval(self._vehicle, m, rate), utc_ns) for m, rate in missing.items()]
             self._heard.clear()
         return b"".join(packets)
 
+    def _look_after_vehicle(self, now_ns: int) -> None:
+        """A vehicle that the rig does not name is given up when it has gone; another may then be the one."""
+        if self._is_heard:
+            self._is_heard, self._heard_ns = False, now_ns
+        elif self._device.system_id is None and now_ns - self._heard_ns > SILENT_NS:
+            self._vehicle = None
+
     def _is_ours(self, message: Any) -> bool:
-        system, kind = message.get_srcSystem(), message.get_type()
-        if self._vehicle is not None:
-            return bool(system == self._vehicle[0])
-        if self._device.system_id is not None:
-            chosen = system == self._device.system_id
-        else:
-            chosen = kind in TABLE and not (kind == "HEARTBEAT" and message.type == dialect.MAV_TYPE_GCS)
-        if chosen:
-            self._vehicle = (system, message.get_srcComponent())
-        return bool(chosen)
+        sender = _sender(message)
+        if self._vehicle is None and self._may_be(sender) and (self._device.system_id or _is_heartbeat(message)):
+            self._vehicle, self.speaker = sender, _words(sender)
+        if sender == self._vehicle:
+            return True
+        # What comes before a vehicle's first heartbeat is nobody's yet; our own packets may be echoed.
+        if (self._vehicle or not self._may_be(sender)) and sender != (STATION_SYSTEM, STATION_COMPONENT):
+            self.pass_over(_words(sender))
+        return False
+
+    def _may_be(self, sender: tuple[int, int]) -> bool:
+        """Whether the rig does not exclude that these are the vehicle's system and component."""
+        return self._device.system_id in (None, sender[0]) and sender[1] == self._device.component_id
 
     def _reading(self, message: Any) -> Reading:
         name = title(message)
@@ -160,6 +203,19 @@ class MavlinkCodec(Codec):
             self._asked.remove(ts1)
             return [TimeReply(ts1, tc1 % _BOOT_WRAP_NS)]
         return []
+
+
+def _sender(message: Any) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _words(sender: tuple[int, int]) -> str:
+    return f"system {sender[0]}, component {sender[1]}"
+
+
+def _is_heartbeat(message: Any) -> bool:
+    """Of a vehicle or a component, and not of a ground station."""
+    return bool(message.get_type() == "HEARTBEAT" and message.type != dialect.MAV_TYPE_GCS)
 
 
 def _interval(vehicle: tuple[int, int], message: str, rate: float) -> Any:

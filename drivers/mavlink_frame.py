@@ -18,6 +18,8 @@ from typing import Any, Final
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+SILENT_NS: Final = 5_000_000_000
+"""A sender is gone: five heartbeats, as MAVLink's "Heartbeat Protocol" has it."""
 _STX1: Final = 0xFE
 _STX2: Final = 0xFD
 _START: Final = re.compile(b"[\xfd\xfe]")
@@ -66,6 +68,12 @@ class Framer:
         self._next_seq.clear()
         self._in_sync = True
         self._blamed = 0
+
+    def look_at(self, datagram: bytes) -> tuple[list[Any], int]:
+        """The messages of a datagram that `feed` would pass, and how many it would refuse; nothing is taken note of."""
+        other = Framer(self._key)
+        other._newest, other._signed_until = self._newest, dict(self._signed_until)
+        return other.feed(datagram), other.refused
 
     def feed(self, data: bytes) -> list[Any]:
         """The pymavlink messages that `data` completes."""
@@ -182,7 +190,8 @@ class Framer:
 class Packer:
     """Messages to MAVLink 2 packets of one sender, numbered, and signed if there is a `key` (32 bytes).
 
-    `utc_ns` is the time now: signature time starts there and counts up by one per packet.
+    `utc_ns` is the time now. Signature time is the time of packing, as the standard has it, and never stands still: a
+    vehicle that has its time from GPS takes no packet that is a minute old.
     """
 
     def __init__(self, system_id: int, component_id: int, key: bytes | None = None, utc_ns: int = 0) -> None:
@@ -192,8 +201,9 @@ class Packer:
             self._mav.signing.timestamp = signature_time(utc_ns)
             self._mav.signing.sign_outgoing = True
 
-    def pack(self, message: Any) -> bytes:
-        """The packet for a pymavlink message."""
+    def pack(self, message: Any, utc_ns: int = 0) -> bytes:
+        """The packet for a pymavlink message, sent at `utc_ns`."""
+        self._mav.signing.timestamp = max(self._mav.signing.timestamp, signature_time(utc_ns))
         packet: bytes = message.pack(self._mav)
         self._mav.seq = (self._mav.seq + 1) % 256
         return packet

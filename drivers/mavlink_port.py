@@ -1,6 +1,6 @@
 """Where MAVLink comes from, as a Port: UDP, TCP or a serial port.
 
-    udpin:HOST:PORT    listen (also udp:); what is sent goes to whoever was heard last
+    udpin:HOST:PORT    listen (also udp:); only to the address of the vehicle's first heartbeat, where what is sent goes
     udpout:HOST:PORT   send first and hear what comes back; needs something to send
     tcp:HOST:PORT      connect to a server
     PATH               a serial port
@@ -13,16 +13,21 @@ from __future__ import annotations
 import errno
 import select
 import socket
-from typing import Final
+from typing import Final, Protocol
 
 from drivers import serial_port
 from drivers.codec import Port
+from drivers.mavlink_frame import SILENT_NS
+from station.clock import Clock
 from station.profile import MavlinkDevice
 from station.rows import DeviceError
 
 LOOPBACK: Final = "127.0.0.1"
 _CONNECT_TIMEOUT_S: Final = 1.0
 _BIGGEST_DATAGRAM: Final = 65_535
+REOPEN_NS: Final = 2 * SILENT_NS
+_KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
+"""A peer that has gone without a word is noticed after 11 s, though the station sends nothing."""
 _SCHEMES: Final = ("udpin", "udp", "udpout", "tcp")
 _HINTS: Final = {
     errno.EADDRINUSE: ": another program listens there; close that or use another port",
@@ -31,20 +36,55 @@ _HINTS: Final = {
 }
 
 
-class UdpPort:
-    """Datagrams, one a read. Without a `peer` it listens, and writes to the last sender; before one, nowhere."""
+class Gate(Protocol):
+    """Who knows the vehicle by what it says."""
 
-    def __init__(self, here: socket.socket, peer: tuple[str, int] | None) -> None:
+    def vouches_for(self, datagram: bytes) -> bool:
+        """Whether a heartbeat of the vehicle is in it, signed where the rig has a key."""
+        ...
+
+    def pass_over(self, who: str) -> None:
+        """Count a datagram of somebody else."""
+        ...
+
+
+class UdpPort:
+    """Datagrams of one peer, one a read; those of others are passed over.
+
+    A port that calls has its peer from the rig. One that listens takes the first for whose datagram `gate` vouches, and
+    another only when that has been silent for SILENT_NS: an autopilot behind a router may come back from a new port.
+    Until then nothing is read and nothing written.
+    """
+
+    def __init__(self, here: socket.socket, peer: tuple[str, int] | None, gate: Gate, clock: Clock) -> None:
         self._socket = here
         self._peer = peer
+        self._is_calling = peer is not None
+        self._gate, self._clock = gate, clock
+        self._heard_ns = self._opened_ns = clock.now_ns()
 
     def read(self, timeout_s: float) -> bytes:
         ready, _, _ = select.select([self._socket], [], [], timeout_s)
         if not ready:
             return b""
         data, sender = self._socket.recvfrom(_BIGGEST_DATAGRAM)
-        self._peer = sender
+        now = self._clock.now_ns()
+        if sender != self._peer and not self._takes(sender, data, now):
+            return b""
+        self._heard_ns = now
         return data
+
+    def _takes(self, sender: tuple[str, int], data: bytes, now: int) -> bool:
+        is_free = not self._is_calling and (self._peer is None or now - self._heard_ns > SILENT_NS)
+        if is_free and self._gate.vouches_for(data):
+            self._peer = sender
+            return True
+        # Before the vehicle's first heartbeat, which comes once a second, its own datagrams are nobody's either.
+        if self._peer is not None:
+            self._gate.pass_over(f"{_words(sender)}, as the vehicle is at {_words(self._peer)}")
+        elif now - self._opened_ns > SILENT_NS:
+            self._gate.pass_over(f"{_words(sender)}, as no heartbeat of the vehicle comes from there")
+        return False
 
     def write(self, data: bytes) -> None:
         if self._peer is not None:
@@ -55,15 +95,26 @@ class UdpPort:
 
 
 class TcpPort:
-    """A connection to a server."""
+    """A connection to a server. One on which nothing comes for REOPEN_NS is given up, to be opened anew."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, clock: Clock) -> None:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEPALIVE.items():
+            if hasattr(socket, option):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
         self._socket = connection
+        self._clock = clock
+        self._heard_ns = clock.now_ns()
 
     def read(self, timeout_s: float) -> bytes:
         ready, _, _ = select.select([self._socket], [], [], timeout_s)
+        now = self._clock.now_ns()
         if not ready:
+            if now - self._heard_ns > REOPEN_NS:
+                raise ConnectionResetError(f"nothing has come for {REOPEN_NS // 10**9} s; opening it anew")
             return b""
+        self._heard_ns = now
         data = self._socket.recv(_BIGGEST_DATAGRAM)
         if not data:
             raise ConnectionResetError("the other side closed the connection")
@@ -76,8 +127,8 @@ class TcpPort:
         self._socket.close()
 
 
-def open_port(device: MavlinkDevice, url: str) -> Port:
-    """The link at `url`, open. Raises DeviceError saying why not and how to mend it."""
+def open_port(device: MavlinkDevice, url: str, gate: Gate, clock: Clock) -> Port:
+    """The link at `url`, open, `gate` knowing whose it is. Raises DeviceError saying why not and how to mend it."""
     scheme, _, rest = url.partition(":")
     if scheme not in _SCHEMES:
         if ":" in url and not url.startswith(("/", "COM")):
@@ -93,22 +144,24 @@ def open_port(device: MavlinkDevice, url: str) -> Port:
     address = _address(device, url, rest)
     try:
         if scheme == "tcp":
-            connection = socket.create_connection(address, _CONNECT_TIMEOUT_S)
-            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            return TcpPort(connection)
+            return TcpPort(socket.create_connection(address, _CONNECT_TIMEOUT_S), clock)
         here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             if scheme == "udpout":
                 here.bind((LOOPBACK if _is_loopback(address[0]) else "", 0))
-                return UdpPort(here, address)
+                return UdpPort(here, (socket.gethostbyname(address[0]), address[1]), gate, clock)
             here.bind(address)
         except OSError:
             here.close()
             raise
-        return UdpPort(here, None)
+        return UdpPort(here, None, gate, clock)
     except OSError as error:
         hint = _HINTS.get(error.errno or 0, "")
         raise DeviceError(f"{device.name}: cannot open {url}: {error.strerror or error}{hint}") from error
+
+
+def _words(address: tuple[str, int]) -> str:
+    return f"{address[0]}:{address[1]}"
 
 
 def _is_loopback(host: str) -> bool:

@@ -75,6 +75,8 @@ class Code(StrEnum):
     CLOCK_STATE = "CLOCK_STATE"
     OVERRUN = "OVERRUN"
     DROPPED = "DROPPED"
+    HEARD = "HEARD"
+    FOREIGN = "FOREIGN"
     DISK = "DISK"
     ESTIMATOR = "ESTIMATOR"
     DISAGREE = "DISAGREE"
@@ -95,6 +97,7 @@ LEVELS: Final = {
             Code.STOP,
             Code.CONNECT,
             Code.RECONNECT,
+            Code.HEARD,
             Code.FRESH,
             Code.AGREE,
             Code.CLOCK_STATE,

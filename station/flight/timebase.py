@@ -66,10 +66,16 @@ class ClockMap:
         return 1e6 * self._slope
 
     def exchange(self, offset_ns: int, round_trip_ns: int, t_ns: int) -> None:
-        """A two-way exchange: station minus device clock, good to half its round trip. The shortest recent rules."""
+        """A two-way exchange: station minus device clock, good to half its round trip. The shortest recent rules.
+
+        Two that differ by more than both their journeys can are of two clocks: the device has started anew since.
+        """
         best = self._best_exchange
         if round_trip_ns <= MAX_ROUND_TRIP_NS and (
-            best is None or round_trip_ns <= best[1] or t_ns - best[2] > WINDOW_NS
+            best is None
+            or round_trip_ns <= best[1]
+            or t_ns - best[2] > WINDOW_NS
+            or abs(offset_ns - best[0]) > MAX_ROUND_TRIP_NS
         ):
             self._best_exchange = (offset_ns, round_trip_ns, t_ns)
 

@@ -179,7 +179,9 @@ class MavlinkDevice(_Device):
     baud: int = Field(default=115_200, gt=0)
     """Bits per second, of a serial link."""
     system_id: int | None = Field(default=None, ge=1, le=255)
-    """Only messages of this system; of any if left out."""
+    """Only messages of this system; of the first whose component sends a heartbeat if left out."""
+    component_id: int = Field(default=1, ge=1, le=255)
+    """Only messages of this component of it; 1 is the autopilot."""
     timesync: bool = False
     """Whether the station may send TIMESYNC, to measure the clocks' offset."""
     request_streams: bool = False

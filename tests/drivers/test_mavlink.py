@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drivers.codec import Reading, TimeReply
-from drivers.mavlink import STATION_SYSTEM, MavlinkCodec, MavlinkEncoder, read_signing_key
+from drivers.mavlink import MOST_FOREIGN, STATION_SYSTEM, MavlinkCodec, MavlinkEncoder, read_signing_key
 from drivers.mavlink_messages import DERIVED, TABLE, fields_known
 from station.conventions import unit_named
 from station.profile import MavlinkDevice
@@ -37,6 +37,7 @@ def device(**options: Any) -> MavlinkDevice:
             "link": "mavlink",
             "name": "autopilot",
             "url": "emulated",
+            "system_id": 1,
             "streams": [
                 stream("attitude", "ATTITUDE", "50 Hz", theta="pitch rad"),
                 stream("velocity", "LOCAL_POSITION_NED", "25 Hz", v_down="vz m/s"),
@@ -336,7 +337,7 @@ def test_any_bytes_to_the_emulated_autopilot(data: bytes) -> None:
 
 
 def test_other_vehicles_are_passed_over() -> None:
-    codec = MavlinkCodec(device())
+    codec = MavlinkCodec(device(system_id=None))
     ours, other = MavlinkEncoder(system_id=7), MavlinkEncoder(system_id=8)
     station = MavlinkEncoder(system_id=255).encode("HEARTBEAT", {"type": 6.0, "autopilot": 8.0}, 0)
     data = station + ours.heartbeat() + other.encode("ATTITUDE", {}, 0) + ours.encode("ATTITUDE", {}, SECOND)
@@ -347,6 +348,65 @@ def test_the_rig_names_the_vehicle() -> None:
     codec = MavlinkCodec(device(system_id=8))
     data = MavlinkEncoder(system_id=7).encode("ATTITUDE", {}, 0) + MavlinkEncoder(system_id=8).encode("ATTITUDE", {}, 9)
     assert len(readings(codec, data)) == 1
+
+
+def told(codec: MavlinkCodec, data: bytes) -> list[float]:
+    return [r.fields["pitch"] for r in readings(codec, data) if r.message == "ATTITUDE"]
+
+
+@pytest.mark.parametrize("named", [1, None], ids=["the rig names the system", "the first autopilot"])
+def test_another_component_of_the_vehicle_is_not_mixed_into_its_signals(named: int | None) -> None:
+    codec = MavlinkCodec(device(system_id=named))
+    ours, other = MavlinkEncoder(), MavlinkEncoder(component_id=191)
+    data = other.heartbeat() + ours.heartbeat()
+    for _ in range(50):
+        data += ours.encode("ATTITUDE", {"pitch": 0.1}, 0) + other.encode("ATTITUDE", {"pitch": -0.4}, 0)
+    assert told(codec, data) == [pytest.approx(0.1)] * 50
+    assert codec.foreign == {"system 1, component 191": 51}
+    assert codec.speaker == "system 1, component 1"
+
+
+def test_the_rig_names_the_component() -> None:
+    codec = MavlinkCodec(device(component_id=191))
+    ours, other = MavlinkEncoder(), MavlinkEncoder(component_id=191)
+    sent = ours.encode("ATTITUDE", {"pitch": 0.1}, 0) + other.encode("ATTITUDE", {"pitch": -0.4}, 0)
+    assert told(codec, sent) == [pytest.approx(-0.4)]
+
+
+def test_who_speaks_first_does_not_own_the_link() -> None:
+    codec = MavlinkCodec(device(system_id=None))
+    first, ours = MavlinkEncoder(system_id=9), MavlinkEncoder(system_id=7)
+    assert told(codec, first.encode("ATTITUDE", {}, 0) * 3) == [], "no heartbeat"
+    codec.feed(ours.heartbeat())
+    sent = first.encode("ATTITUDE", {"pitch": -0.4}, 0) + ours.encode("ATTITUDE", {"pitch": 0.1}, 0)
+    assert told(codec, sent) == [pytest.approx(0.1)]
+    assert codec.foreign == {"system 9, component 1": 1}
+
+
+def test_a_vehicle_that_is_not_named_and_has_gone_is_given_up() -> None:
+    codec = MavlinkCodec(device(system_id=None, timesync=True))
+    first, next_one = MavlinkEncoder(system_id=9), MavlinkEncoder(system_id=7)
+    codec.feed(first.heartbeat())
+    assert codec.outgoing(SECOND)
+    codec.feed(next_one.heartbeat())
+    assert codec.speaker == "system 9, component 1"
+    assert codec.outgoing(5 * SECOND)
+    assert codec.outgoing(7 * SECOND) == b"", "nobody is asked"
+    codec.feed(next_one.heartbeat())
+    assert codec.speaker == "system 7, component 1"
+
+
+def test_more_others_than_can_be_told_apart_are_counted_together() -> None:
+    codec = MavlinkCodec(device())
+    for k in range(2, 250):
+        codec.feed(MavlinkEncoder(system_id=k).heartbeat())
+    assert len(codec.foreign) == MOST_FOREIGN + 1
+    assert sum(codec.foreign.values()) == 248
+
+
+def test_who_is_called_is_asked_the_time_before_it_speaks() -> None:
+    codec = MavlinkCodec(device(timesync=True, request_streams=True, url="udpout:10.0.0.1:14550"))
+    assert [p[7] for p in packets(codec.outgoing(0))] == [111], "the time, and nothing else"
 
 
 # Time.
@@ -416,6 +476,8 @@ def test_time_is_asked_four_times_a_second_and_the_answer_read() -> None:
 
 def test_the_request_is_as_the_standard_has_it() -> None:
     codec = MavlinkCodec(device(timesync=True))
+    assert codec.outgoing(123_456_789) == b"", "to nobody before the vehicle is heard"
+    codec.feed(MavlinkEncoder().heartbeat())
     request = codec.outgoing(123_456_789)
     assert request[5] == STATION_SYSTEM
     definition = "TIMESYNC int64_t tc1 int64_t ts1"
@@ -534,7 +596,60 @@ def test_a_signed_link_works_both_ways() -> None:
     codec.feed(autopilot.heartbeat())
     assert codec.feed(autopilot.answer(codec.outgoing(9), 8)) == [TimeReply(9, 8)]
     stranger = MavlinkCodec(device(timesync=True))
+    stranger.feed(autopilot.heartbeat())
+    assert stranger.outgoing(10)
     assert autopilot.answer(stranger.outgoing(10), 8) == b""
+
+
+def heartbeat(stamp: int, key: bytes = KEY, sender: tuple[int, int] = (1, 1), kind: int = 1) -> bytes:
+    """Signed by hand; of an ArduPilot plane unless another `kind` (6: a ground station)."""
+    payload = struct.pack("<IBBBBB", 0, kind, 3, 0, 4, 3)
+    head = bytes([len(payload), 1, 0, 0, *sender, 0, 0, 0])
+    frame = b"\xfd" + head + payload + struct.pack("<H", x25(head + payload + bytes([50])))
+    frame += b"\0" + stamp.to_bytes(6, "little")
+    return frame + hashlib.sha256(key + frame).digest()[:6]
+
+
+@pytest.mark.parametrize(
+    ("datagram", "refused"),
+    [
+        (heartbeat(NOW, key=bytes(32)), 1),
+        (packet(0, HEARTBEAT, struct.pack("<IBBBBB", 0, 1, 3, 0, 4, 3)), 1),
+        (heartbeat(NOW - 7_000_000), 1),
+        (signed(NOW), 0),
+        (heartbeat(NOW, sender=(2, 1)), 0),
+        (heartbeat(NOW, sender=(1, 191)), 0),
+        (heartbeat(NOW, kind=6), 0),
+        (b"", 0),
+    ],
+    ids=["another key", "unsigned", "old", "no heartbeat", "system", "component", "ground station", "empty"],
+)
+def test_the_codec_vouches_for_the_signed_heartbeat_of_the_vehicle_alone(datagram: bytes, refused: int) -> None:
+    codec = MavlinkCodec(device(), KEY, NOW_NS)
+    assert not codec.vouches_for(datagram)
+    assert (codec.bad, codec.refused) == (refused, refused)
+    assert codec.vouches_for(heartbeat(NOW))
+    assert codec.vouches_for(heartbeat(NOW)), "to vouch takes no note"
+    codec.feed(heartbeat(NOW))
+    assert not codec.vouches_for(heartbeat(NOW)), "played back"
+    assert codec.vouches_for(heartbeat(NOW + 1))
+
+
+@pytest.mark.parametrize("after_s", [0, 1, 3600])
+def test_what_is_sent_is_signed_with_the_time_of_sending(after_s: int) -> None:
+    """A vehicle that was switched on an hour into the flight takes nothing that is a minute old."""
+    station_ns = 77 * SECOND
+    codec = MavlinkCodec(device(timesync=True), KEY, NOW_NS, station_ns)
+    codec.feed(heartbeat(NOW))
+    stamps = []
+    for k in range(3):
+        (request,) = packets_signed(codec.outgoing(station_ns + after_s * SECOND + k * SECOND // 4))
+        stamps.append(int.from_bytes(request[-12:-6], "little"))
+    assert stamps == [NOW + after_s * 100_000 + k * 25_000 for k in range(3)]
+
+
+def packets_signed(data: bytes) -> list[bytes]:
+    return [data[at : at + 25 + data[1]] for at in range(0, len(data), 25 + data[1])]
 
 
 @pytest.mark.parametrize(

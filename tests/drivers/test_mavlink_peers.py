@@ -117,6 +117,9 @@ def codec() -> MavlinkCodec:
                 "link": "mavlink",
                 "name": "autopilot",
                 "url": "emulated",
+                # MAVSDK's own as a ground station.
+                "system_id": 245,
+                "component_id": 190,
                 "streams": [
                     {
                         "name": "attitude",

@@ -80,6 +80,20 @@ def test_a_clock_that_stands_still_is_rejected_and_arrival_used():
     assert mapped.t_ns == 9 * 20_000_000
 
 
+def test_exchanges_count_again_at_once_after_a_device_has_started_anew():
+    """Its journeys happen to be longer than the best one before: 3 ms each way at least, which arrival alone is off."""
+    true, device, arrival = messages(50, 30.0, 0.0, 0.0, lambda rng, n: 0.003 + rng.uniform(0.0, 0.001, n), 7)
+    device[1000:] = true[1000:] - true[1000] + S
+    clock = ClockMap(20_000_000)
+    errors = []
+    for i, (t, d, a) in enumerate(zip(true.tolist(), device.tolist(), arrival.tolist(), strict=True)):
+        errors.append(clock.update(d, a).t_ns - t)
+        if i % 13 == 5:
+            clock.exchange(t - d, 4_000_000 if i < 1000 else 7_000_000, a)
+    assert np.abs(errors[900:1000]).max() < 1e6
+    assert np.abs(errors[1020:]).max() < 1e6
+
+
 def test_an_exchange_takes_the_shortest_journey_out():
     """With a one-way journey of 4 ms at least, arrival alone is 4 ms off; a two-way exchange says by how much."""
     true, device, arrival = messages(50, 20.0, 10.0, 0.0, lambda rng, n: 0.004 + rng.uniform(0, 0.002, n), 6)

@@ -71,11 +71,12 @@ def heard(*events, **gyro):
 )
 def test_verdict_and_words(capsys, events, gyro, verdict, row, below):
     board, told = heard(*events, **gyro)
-    assert checklist.print_check("mine", board, STREAMS, told) is verdict
+    assert checklist.print_check("mine", board, STREAMS, told, {}) is verdict
     table, _, remarks = capsys.readouterr().out.partition("\u2514")
     assert row in [" ".join(line.replace("\u2502", " ").split()) for line in table.splitlines()]
     assert remarks.partition("\n")[2].strip() == below
 
 
 def test_nothing_heard_is_no_go(capsys):
-    assert not checklist.print_check("mine", Board(None, ManualClock(0)), STREAMS, [])
+    assert not checklist.print_check("mine", Board(None, ManualClock(0)), STREAMS, [], {"can": "nothing"})
+    assert capsys.readouterr().out.endswith("sent to can: nothing\n")
