@@ -26,6 +26,7 @@ VERBS: Final = {
     "recover": "Write what can be read of a broken recording into a new one.",
     "import": "Make a station recording of a record from elsewhere.",
     "identify": "Derivatives of a recording, by every method, with their errors.",
+    "points": "Test points by every method, the baseline, and what has changed.",
     "export": "Write a recording's table and raw streams for other programs.",
     "inputs": "What a card asks to be flown, as a table for an autopilot.",
     "simulate": "Fly the simulation with the rig's sensors into a recording.",

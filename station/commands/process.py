@@ -15,22 +15,25 @@ from typing import Final
 from station.console import say
 
 ENDING: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-SEVERAL: Final = {"identify": "--method", "diagnose": "--hold-out"}
+SEVERAL: Final = {"identify": ("--method",), "diagnose": ("--hold-out",), "points": ("--baseline", "--method")}
 """Options that take all words up to the next option, by verb; the command line's library knows them as repeatable."""
 
 
 def spread(words: Sequence[str]) -> list[str]:
     """`--hold-out A B` as `--hold-out A --hold-out B`. A recording after methods is the one to identify."""
     verb = next((w for w in words if not w.startswith("-")), "")
-    option, out, k = SEVERAL.get(verb), list[str](), 0
+    options, out, k = SEVERAL.get(verb, ()), list[str](), 0
     while k < len(words):
         out.append(words[k])
         k += 1
-        if words[k - 1] != option or k == len(words):
+        option = words[k - 1]
+        if option not in options or k == len(words):
             continue
         out.append(words[k])
         k += 1
-        while k < len(words) and not words[k].startswith("-") and not (verb == "identify" and _is_recording(words[k])):
+        while (
+            k < len(words) and not words[k].startswith("-") and not (option == "--method" and _is_recording(words[k]))
+        ):
             out += [option, words[k]]
             k += 1
     return out

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Final
 
 import typer
 
 from station.clock import SystemClock
 from station.commands.common import LogPath, ViewMode, judged, profiles_of
 from station.console import DONE, ERROR, say
-from station.log import metadata, read_rows
-from station.rows import Rows, UsageError
+from station.log import metadata, points, read_rows
+from station.rows import Frame, Rows, UsageError
+
+LEAD_S: Final = 30.0
+"""Flight before a point that the filters run on."""
+LEAD_NS: Final = round(LEAD_S * 1e9)
 
 
 def replay(
@@ -21,6 +27,9 @@ def replay(
     speed: Annotated[str, typer.Option(metavar="X|max", help="times real time")] = "max",
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.none,
     verify: Annotated[bool, typer.Option("--verify", help="compare with the recorded estimates bit for bit")] = False,
+    point: Annotated[
+        int | None, typer.Option(metavar="N", help="only this test point, and the flight before it")
+    ] = None,
 ) -> int:
     """Run the same estimators over a recording."""
     from station.flight import loop as live
@@ -29,13 +38,17 @@ def replay(
     from station.flight.replay_check import Comparison
     from station.screen.rerun_page import View
 
+    if point is not None and verify:
+        raise UsageError("--verify needs the flight from its beginning on: leave out --point")
     rate = None if speed == "max" else _positive(speed, "--speed")
     about = metadata(log).about
     if about.imported or about.rig is None or about.card is None:
         raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
     clock = SystemClock()
     made = chain(about.aircraft, about.card, about.rig)
-    source: Iterator[live.Beat] = live.recorded_beats(read_rows(log))
+    begin_ns, end_ns = (0, sys.maxsize) if point is None else _interval(log, point)
+    recorded = live.recorded_beats(read_rows(log))
+    source: Iterator[live.Beat] = (b for b in recorded if begin_ns - LEAD_NS <= b.tick.t_ns <= end_ns)
     if rate is not None:
         source = live.paced(source, clock, rate)
     found = Comparison()
@@ -56,12 +69,24 @@ def replay(
         live.run(source, aligner, lambda: made, None, show, found.take)
     if found.beats == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
-    print(f"{found.beats} ticks, {found.rows} rows compared, {found.different} different")
+    compared = f"{found.rows} rows compared, {found.different} different"
+    print(f"{found.beats} ticks, " + (compared if point is None else f"test point {point} and {LEAD_S:g} s before it"))
     if verify and found.different:
         say(found.first)
         return ERROR
     whole = judged(log)
     return DONE if verify else whole
+
+
+def _interval(log: Path, number: int) -> tuple[int, int]:
+    """Begin and end of a test point, ns of station time."""
+    known = points(log)
+    origin = next((r.t_ns for r in read_rows(log, (Frame,))), 0)
+    for p in known:
+        if p.n == number:
+            return origin + round(p.start_s * 1e9), origin + round(p.end_s * 1e9)
+    numbers = ", ".join(str(p.n) for p in known) or "none"
+    raise UsageError(f"{log}: no test point {number}\nmarked in it: {numbers}")
 
 
 def _positive(text: str, option: str) -> float:

@@ -158,7 +158,9 @@ class _Flight:
                 state["number"] += 1
             code = Code.POINT_START if state["open"] else Code.POINT_END
             number = state["number"]
-            self.bus.put(Event(self.clock.now_ns(), "operator", code, number, f"test point {number}"))
+            planned = self.profiles.card.points
+            note = planned[number - 1].note if number <= len(planned) else f"test point {number}"
+            self.bus.put(Event(self.clock.now_ns(), "operator", code, number, note))
             return number if state["open"] else None
 
         return toggle

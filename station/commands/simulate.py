@@ -13,10 +13,10 @@ import typer
 
 from station.commands.common import finite
 from station.console import DEGRADED, DONE, say
-from station.conventions import STREAMS, TICK_NS, Stream
+from station.conventions import STREAMS, TICK_HZ, TICK_NS, Stream
 from station.log import About, write_log
-from station.profile import load_card
-from station.rows import LogError, Rows, Sample, Truth, UsageError
+from station.profile import TestPoint, load_card
+from station.rows import Code, Event, LogError, Rows, Sample, Truth, UsageError
 
 OUT_OF_HAND = 0.6
 """Angle of attack, rad, that no profile's derivatives describe."""
@@ -41,7 +41,7 @@ def simulate(
     streams = tuple(s for s in _present(STREAMS.values(), shown))
     notes = {"scenario": scenario, "seed": str(profiles.card.flight.seed if seed is None else seed)}
     about = About(profiles.aircraft, streams, profiles.rig, profiles.card, "simulation", imported=True, notes=notes)
-    count = write_log(out, about, _simulated_rows(streams, shown, truth))
+    count = write_log(out, about, _simulated_rows(streams, shown, truth, profiles.card.points))
     say(f"{out}: {count} rows, {duration:g} s of {profiles.aircraft.name}{profiles.card.flown}")
     beyond = np.flatnonzero(~(np.abs(truth["alpha"]) < OUT_OF_HAND))
     if len(beyond):
@@ -70,12 +70,24 @@ def _present(streams: Any, shown: Any) -> Iterator[Stream]:
             yield Stream(s.name, names, 50.0, 0.2)
 
 
-def _simulated_rows(streams: Sequence[Stream], shown: Any, truth: Any) -> Iterator[Rows]:
+def _simulated_rows(streams: Sequence[Stream], shown: Any, truth: Any, points: Sequence[TestPoint]) -> Iterator[Rows]:
     names = [n for n in truth if n != "time"]
     columns = [np.column_stack([shown[n] for n in s.signals]).tolist() for s in streams]
     exact = np.column_stack([truth[n] for n in names]).tolist()
+    marks = _marks(points, len(exact))
     for k, values in enumerate(exact):
         t_ns = k * TICK_NS
+        yield from (Event(t_ns, "card", code, number, note) for code, number, note in marks.get(k, ()))
         for s, rows in zip(streams, columns, strict=True):
             yield Sample(t_ns, s.name, t_ns, k, tuple(rows[k]))
         yield Truth(t_ns, dict(zip(names, values, strict=True)))
+
+
+def _marks(points: Sequence[TestPoint], rows: int) -> dict[int, list[tuple[Code, int, str]]]:
+    """Begin and end of the points by row, their numbers and notes; of those that the flight is long enough for."""
+    found: dict[int, list[tuple[Code, int, str]]] = {}
+    for number, point in enumerate(points, 1):
+        if point.start is not None and point.end is not None and round(point.start * TICK_HZ) < rows:
+            found.setdefault(round(point.start * TICK_HZ), []).append((Code.POINT_START, number, point.note))
+            found.setdefault(round(point.end * TICK_HZ), []).insert(0, (Code.POINT_END, number, point.note))
+    return found

@@ -161,10 +161,10 @@ def _estimates_of(panel: Panel, name: str, methods: dict[str, MethodResult], rec
     panel.xaxis.set_major_locator(MaxNLocator(4))
     panel.tick_params(labelsize=8, length=2)
     panel.grid(axis="x", color=GRID)
-    _without_frame(panel, "top", "right", "left")
+    without_frame(panel, "top", "right", "left")
 
 
-def _without_frame(panel: Panel, *sides: str) -> None:
+def without_frame(panel: Panel, *sides: str) -> None:
     for side in sides:
         panel.spines[side].set_visible(False)
 
@@ -221,7 +221,7 @@ def _fit_of(panels: Sequence[Panel], name: str, t_s: Array, measured: Array, mod
     for panel, label in ((series, "time, s"), (rest, "time, s"), (correlation, "lag, s")):
         panel.tick_params(labelsize=8, length=2)
         panel.set_xlabel(label, fontsize=8, loc="right")
-        _without_frame(panel, "top", "right")
+        without_frame(panel, "top", "right")
 
 
 def _spectra(found: Identification) -> list[str]:
@@ -244,7 +244,7 @@ def _spectra(found: Identification) -> list[str]:
         panel.set_xlabel("frequency, Hz", fontsize=8, loc="right")
         panel.tick_params(labelsize=8, length=2)
         panel.grid(color=GRID)
-        _without_frame(panel, "top", "right")
+        without_frame(panel, "top", "right")
     return [
         "<h2>Delay and upwash by frequency</h2>",
         image(figure, "Delay, coherence, response of the lift and correction of the upwash over frequency"),

@@ -22,7 +22,19 @@ from station.profile.aircraft import (
     Unsteady,
 )
 from station.profile.altered import AlteredAircraft, Change
-from station.profile.card import Card, Doublet, Fault, Flight, Manoeuvre, Multisine, Pilot, Pulse, Sweep, ThreeTwoOneOne
+from station.profile.card import (
+    Card,
+    Doublet,
+    Fault,
+    Flight,
+    Manoeuvre,
+    Multisine,
+    Pilot,
+    Pulse,
+    Sweep,
+    TestPoint,
+    ThreeTwoOneOne,
+)
 from station.profile.files import (
     Profiles,
     explain,
@@ -104,6 +116,7 @@ __all__ = [
     "SquareMetres",
     "StreamProfile",
     "Sweep",
+    "TestPoint",
     "ThreeTwoOneOne",
     "Unsteady",
     "explain",

@@ -148,6 +148,37 @@ class Flight(Frozen):
         return self
 
 
+class TestPoint(Frozen):
+    """A test point: in flight the operator starts and ends it, in the order of the card; `simulate` marks it by its
+    times."""
+
+    __test__ = False
+
+    name: str
+    """What reports call it."""
+    condition: str = ""
+    """Ice, flaps, air, free text; a point whose condition says "baseline" is one that others are held against."""
+    start: Seconds | None = None
+    """Seconds of a simulated flight."""
+    end: Seconds | None = None
+    """The same."""
+
+    @property
+    def note(self) -> str:
+        """As it is recorded."""
+        return f"{self.name}; {self.condition}" if self.condition else self.name
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if ";" in self.name or not self.name.strip():
+            raise PydanticCustomError("point", "name: write one, without a semicolon")
+        if (self.start is None) != (self.end is None):
+            raise PydanticCustomError("point", "start and end: give both or neither")
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise PydanticCustomError("point", "end: it must come after start")
+        return self
+
+
 class Pilot(Frozen):
     """Feedback from what is measured to the elevator, all the flight long: gusts are answered too. Without a gain,
     hands off. Its sensors have the noise of a good installation."""
@@ -213,6 +244,8 @@ class Card(Frozen):
     """What the emulated aircraft flies."""
     manoeuvres: tuple[Manoeuvre, ...] = ()
     """What the pilot does."""
+    points: tuple[TestPoint, ...] = ()
+    """The test points, in the order flown."""
     pilot: Pilot = Pilot()
     """What moves the elevator beside the manoeuvres."""
     faults: tuple[Fault, ...] = ()
@@ -232,7 +265,7 @@ class Card(Frozen):
     @classmethod
     def _tuples(cls, raw: Any) -> Any:
         if isinstance(raw, dict):
-            keys = ("needs", "manoeuvres", "faults")
+            keys = ("needs", "manoeuvres", "points", "faults")
             raw = {k: tuple(v) if k in keys and isinstance(v, list) else v for k, v in raw.items()}
         return raw
 

@@ -162,6 +162,7 @@ def card_keys() -> str:
         ('`kind = "multisine"`', card.Multisine, wave),
         ('`kind = "sweep"`', card.Sweep, wave),
         ('`kind = "pulse"`', card.Pulse, wave),
+        ("`[[points]]`", card.TestPoint),
         ("`[pilot]`, and `[pilots.NAME]` of a campaign", card.Pilot),
         ("`[[faults]]`", card.Fault),
     )

@@ -1,0 +1,161 @@
+"""The baseline of test points, and what another point is changed by against it, in per cent with its interval.
+
+Both sides share the profile's mass and inertia, so that what these may be wrong by is in neither's error here. A point
+is held against what another baseline point would give: the baseline's mean with its error, and the scatter between
+its points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from station.conventions import LONGITUDINAL
+from station.estimation.method_table import METHODS
+from station.estimation.results import MethodResult, without_airframe_errors
+from station.numerics.random_effects import NORMAL_95, Pooled, pooled
+from station.profile import Aircraft
+from station.programme.flown_points import FlownPoint
+from station.rows import ParamEstimate, Status
+
+OWN: Final = "derivatives"
+CALM: Final = "quasi_steady"
+DEFINITIONS: Final = (OWN, CALM)
+PROFILE: Final = "profile"
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """What points are held against: by definition and derivative, the pooled value."""
+
+    values: Mapping[str, Mapping[str, Pooled]]
+    """By definition, then by derivative."""
+    points: tuple[str, ...]
+    """Titles of its points."""
+    source: str
+    """"points", or "profile" where no point is one of the baseline's."""
+    method: str = ""
+    """By which its points were estimated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Of one derivative, per cent; NaN where it is not known, and why."""
+
+    estimate: float
+    low: float
+    high: float
+    why: str = ""
+
+    @property
+    def is_known(self) -> bool:
+        return math.isfinite(self.estimate)
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether its 95 % interval leaves nought out."""
+        return self.is_known and (self.low > 0 or self.high < 0)
+
+
+def recommended(point: FlownPoint) -> str | None:
+    """The point's recommended method that the air during its input lets apply."""
+    best = point.found.recommended if point.found else None
+    if best is None or point.methods is None or point.methods[best].status != "ok":
+        return None
+    return best
+
+
+def estimates(point: FlownPoint, method: str) -> dict[str, dict[str, ParamEstimate]]:
+    """A method's estimates by definition and derivative, errors without those of mass and inertia."""
+    if point.methods is None or point.found is None:
+        return {}
+    result = point.methods[method]
+    published = METHODS[method].as_published  # whose errors hold neither
+    own = result if published else without_airframe_errors(result, point.found.record)
+    made: dict[str, dict[str, ParamEstimate]] = {}
+    made[METHODS[method].definition] = {p.name: p for p in own.parameters if p.name in LONGITUDINAL}
+    if result.quasi_steady:
+        beside = without_airframe_errors(_of(result.quasi_steady), point.found.record)
+        made[CALM] = {p.name: p for p in beside.parameters}
+    if result.status != "ok":
+        return {}
+    return made
+
+
+def _of(parameters: tuple[ParamEstimate, ...]) -> MethodResult:
+    return MethodResult("ok", parameters=parameters)
+
+
+def baseline_of(points: Iterable[FlownPoint], aircraft: Aircraft) -> Baseline:
+    """Pooled over the points that are the baseline's; the profile's derivatives where there are none."""
+    used = [p for p in points if recommended(p)]
+    gathered: dict[str, dict[str, list[ParamEstimate]]] = {d: {} for d in DEFINITIONS}
+    for point in used:
+        for definition, made in estimates(point, recommended(point) or "").items():
+            for name, p in made.items():
+                if p.status is Status.ESTIMATED and p.sd > 0:
+                    gathered[definition].setdefault(name, []).append(p)
+    values = {
+        d: {name: pooled([p.value for p in ps], [p.sd for p in ps]) for name, ps in by_name.items()}
+        for d, by_name in gathered.items()
+    }
+    if any(values.values()):
+        methods = sorted({recommended(p) or "" for p in used})
+        return Baseline(values, tuple(p.title for p in used), "points", ", ".join(methods))
+    return Baseline({OWN: _of_profile(aircraft), CALM: {}}, (), PROFILE)
+
+
+def _of_profile(aircraft: Aircraft) -> dict[str, Pooled]:
+    known = {n: aircraft.derivatives.get(n) for n in LONGITUDINAL}
+    return {n: Pooled(d.value, d.sd, math.nan, 1) for n, d in known.items() if d is not None and d.sd}
+
+
+def change_of(p: ParamEstimate | None, reference: Pooled | None) -> Change:
+    """Of an estimate against the baseline."""
+    if p is None or p.status is not Status.ESTIMATED:
+        return _unknown((p.why if p else "") or "not estimated")
+    if reference is None:
+        return _unknown("the baseline does not have it")
+    base = reference.value
+    if abs(base) < 2 * reference.error:
+        return _unknown("not significant in the baseline")
+    ratio = p.value / base
+    ends = (NORMAL_95 * p.sd, ratio * reference.widening * reference.of_another)
+    half = 100 * math.hypot(*ends) / abs(base)
+    estimate = 100 * (ratio - 1)
+    return Change(estimate, estimate - half, estimate + half)
+
+
+def _unknown(why: str) -> Change:
+    return Change(math.nan, math.nan, math.nan, why)
+
+
+def changes_of(point: FlownPoint, method: str, baseline: Baseline) -> dict[str, Change]:
+    """Of every derivative of a method, against the baseline of the same definition."""
+    values = compared(point, method, baseline)
+    reference = baseline.values.get(definition_of(method, baseline), {})
+    return {n: change_of(values.get(n), reference.get(n)) for n in LONGITUDINAL}
+
+
+def definition_of(method: str, baseline: Baseline) -> str:
+    """In which a method is held against the baseline: its own where the baseline has that."""
+    own = METHODS[method].definition
+    return own if baseline.values.get(own) else CALM
+
+
+def compared(point: FlownPoint, method: str, baseline: Baseline) -> Mapping[str, ParamEstimate]:
+    """A method's estimates at a point that are held against the baseline; none where the method gives none."""
+    if point.methods is None or method not in point.methods:
+        return {}
+    return estimates(point, method).get(definition_of(method, baseline), {})
+
+
+def scatter_of(baseline: Baseline) -> Sequence[str]:
+    """What is to be known of a baseline before it is relied upon, in sentences."""
+    if baseline.source == PROFILE:
+        return ("no point is marked as baseline: changes are against the profile's derivatives and their sd",)
+    if len(baseline.points) == 1:
+        return ("a baseline of one point: by how much points scatter is not known, and not in the intervals",)
+    return ()

@@ -1,0 +1,92 @@
+"""All test points of some recordings, their baseline and the changes against it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from station.conventions import LONGITUDINAL
+from station.log import Point, Table, metadata, points, table
+from station.profile import Aircraft
+from station.programme.changes import Baseline, Change, baseline_of, changes_of, recommended, scatter_of
+from station.programme.flown_points import FlownPoint, flown_point, marked
+from station.rows import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """A recording: its table, and its points as they were marked."""
+
+    path: Path
+    table: Table
+    points: tuple[Point, ...]
+    are_marked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Programme:
+    """The result: points in the order flown, those of the baseline's recordings first."""
+
+    aircraft: Aircraft
+    flights: tuple[Flight, ...]
+    points: tuple[FlownPoint, ...]
+    baseline: Baseline
+    remarks: tuple[str, ...] = ()
+    changes: Mapping[int, Mapping[str, Mapping[str, Change]]] = field(default_factory=dict)
+    """By the point's place, by method, by derivative."""
+
+    def change(self, place: int) -> Mapping[str, Change]:
+        """A point's changes by its recommended method; none where it has none."""
+        best = recommended(self.points[place])
+        return self.changes[place][best] if best else {}
+
+
+def flights_of(logs: Sequence[Path]) -> tuple[Flight, ...]:
+    """The recordings, read. Raises LogError."""
+    made = []
+    for log in logs:
+        flown = table(log)
+        known = points(log)
+        made.append(Flight(log, flown, tuple(marked(flown, known, log)), bool(known)))
+    return tuple(made)
+
+
+def programme(
+    logs: Sequence[Path],
+    baseline_logs: Sequence[Path],
+    aircraft: Aircraft,
+    methods: Sequence[str],
+    say: Callable[[str], None],
+) -> Programme:
+    """Every point of the recordings by these methods.
+
+    The baseline is made of every point of `baseline_logs`; without such, of those points whose condition says
+    "baseline". `say` is told of each point as it begins. Raises LogError, and UsageError where no point can be used.
+    """
+    flights = flights_of(tuple(dict.fromkeys((*baseline_logs, *logs))))
+    made = []
+    for flight in flights:
+        about = metadata(flight.path).about
+        noise, place = about.noise_si(flight.table.aligned), about.imu_position
+        for point in flight.points:
+            say(f"  {flight.path.name}: {point.note or point.n}, {point.start_s:.0f} to {point.end_s:.0f} s")
+            made.append(flown_point(flight.table, point, aircraft, about.card, place, noise, methods, str(flight.path)))
+    if not any(p.found for p in made):
+        raise UsageError("no test point can be used\n" + "\n".join(f"{p.title}: {p.why}" for p in made[:2]))
+    theirs = {str(p) for p in baseline_logs}
+    of_baseline = [p for p in made if (p.log in theirs if theirs else p.is_baseline)]
+    baseline = baseline_of(of_baseline, aircraft)
+    others = {f.table.aircraft.name for f in flights} - {aircraft.name}
+    remarks = [f"recorded with the profile {name}, identified with {aircraft.name}" for name in sorted(others)]
+    remarks += [f"{f.path.name}: no test point is marked: all of it is one" for f in flights if not f.are_marked]
+    changes = {i: {m: changes_of(p, m, baseline) for m in p.methods or {}} for i, p in enumerate(made)}
+    return Programme(aircraft, flights, tuple(made), baseline, (*remarks, *scatter_of(baseline)), changes)
+
+
+def significant(changes: Mapping[str, Change]) -> Iterable[str]:
+    """Derivatives that have changed, in words."""
+    for name in LONGITUDINAL:
+        change = changes.get(name)
+        if change is not None and change.is_significant:
+            yield f"{name} {change.estimate:+.0f} % ({change.low:.0f} to {change.high:.0f})"

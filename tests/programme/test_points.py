@@ -1,0 +1,129 @@
+"""Test points: what a programme of known ice says of itself, and what it cannot say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from programme_flights import flown
+
+from station.log import table
+from station.profile import load_aircraft
+from station.programme.flown_points import inputs_of
+from station.programme.programme import Programme, programme
+
+METHODS = ("II", "III", "split", "physical")
+THIN = """
+[flight.truth]
+derivatives.CL_alpha = { at = ["60 s", "62 s"], factor = [1.0, 0.8] }
+derivatives.Cm_de = { at = ["60 s", "62 s"], factor = [1.0, 0.85] }
+"""
+POINTS = (
+    {"name": "one", "condition": "baseline, calm", "start": "5 s", "end": "32 s"},
+    {"name": "two", "condition": "Baseline", "start": "35 s", "end": "62 s"},
+    {"name": "three", "condition": "iced; calm", "start": "65 s", "end": "92 s"},
+    {"name": "short", "start": "93 s", "end": "96 s"},
+)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return flown(tmp_path_factory.mktemp("programme"), POINTS, 100.0, THIN)
+
+
+@pytest.fixture(scope="module")
+def made(log: Path) -> Programme:
+    return programme([log], [], load_aircraft("twin_otter"), METHODS, lambda _: None)
+
+
+def test_points_are_those_marked(made: Programme) -> None:
+    assert [(p.name, p.condition) for p in made.points] == [
+        ("one", "baseline, calm"), ("two", "Baseline"), ("three", "iced; calm"), ("short", "")
+    ]  # fmt: skip
+    assert [(round(p.start_s), round(p.end_s)) for p in made.points] == [(5, 32), (35, 62), (65, 92), (93, 96)]
+    assert made.baseline.points == ("one (baseline, calm)", "two (Baseline)")
+
+
+def test_inputs_are_found_where_they_were_flown(made: Programme) -> None:
+    """A doublet of 1.2 s at 8 s and a 3-2-1-1 of 3.5 s at 16 s, each 30 s; an actuator's lag of 0.08 s."""
+    found = [(i.start_s, i.end_s) for i in made.points[2].inputs]
+    np.testing.assert_allclose(found, [(68.0, 69.2), (76.0, 79.5)], atol=0.35)
+
+
+def test_a_point_s_change_is_what_was_changed(made: Programme) -> None:
+    """The aircraft's own derivatives: -20 and -15 %, the others as they were."""
+    change = made.changes[2]["physical"]
+    truth = {"CL_alpha": -20.0, "Cm_de": -15.0, "CL_de": 0.0, "Cm_q": 0.0}
+    for name, percent in truth.items():
+        assert change[name].low <= percent <= change[name].high, name
+    assert change["CL_alpha"].is_significant
+    assert change["Cm_de"].is_significant
+    # Narrow enough to be of use: with 0 % and -40 % left out.
+    assert change["CL_alpha"].high < -10
+    assert change["CL_alpha"].low > -30
+
+
+def test_methods_for_turbulence_do_not_apply_to_calm_inputs(made: Programme) -> None:
+    point = made.points[0]
+    assert point.turbulence == "calm"
+    assert point.methods is not None
+    assert point.methods["III"].why == "calm during the input"
+    assert all(p.status.value == "invalid" for p in point.methods["III"].parameters)
+    assert not made.changes[0]["III"]["CL_alpha"].is_known
+
+
+def test_a_point_of_three_seconds_is_said_to_be_too_short(made: Programme) -> None:
+    assert made.points[3].found is None
+    assert made.points[3].why == "3.0 s long: 6 s are the least"
+
+
+@pytest.mark.parametrize(("start", "level"), [("26 s", "calm"), ("0 s", "light")])
+def test_turbulence_is_judged_during_the_input(tmp_path: Path, start: str, level: str) -> None:
+    """Martos 2013, test point 12: gusts that come after the input are none of its business."""
+    gusts = f'gust_sigma = "5 ft/s"\ngust_start = "{start}"\n'
+    points = ({"name": "TP 12", "start": "5 s", "end": "37 s"},)
+    log = flown(tmp_path, points, 38.0, gusts)
+    made = programme([log], [], load_aircraft("twin_otter"), ("II", "III"), lambda _: None)
+    assert made.points[0].turbulence == level
+    assert made.points[0].methods is not None
+    assert (made.points[0].methods["III"].why == "calm during the input") == (level == "calm")
+    assert made.baseline.source == "profile"
+    assert any("no point is marked as baseline" in r for r in made.remarks)
+
+
+def test_an_elevator_that_rests_has_no_inputs(log: Path) -> None:
+    from station.estimation.flight_record import FlightRecord
+
+    still = table(log).between(40.0, 44.0)
+    columns = {**still.columns, "elevator": np.full(len(still.t_s), -0.02)}
+    record = FlightRecord.of(still.t_s, columns, load_aircraft("twin_otter"))
+    assert inputs_of(record) == ()
+
+
+def test_the_command(station, log: Path, tmp_path: Path) -> None:
+    """JSON to a file, a page, a table; exit code 3 for the point that cannot be used."""
+    where, page = tmp_path / "points.json", tmp_path / "report"
+    words = ("points", str(log), "--method", "II", "split", "--json", str(where), "--report", str(page))
+    code, out, err = station(*words)
+    assert code == 3
+    assert "short: 3.0 s long" in err
+    assert "one (baseline, calm)" in out
+    said = json.loads(where.read_text())
+    assert said["schema"] == "station.points/1"
+    assert [p["name"] for p in said["points"]] == ["one", "two", "three", "short"]
+    assert said["baseline"]["CL_alpha"]["points"] == 2
+    assert said["baseline"]["CL_alpha"]["definition"] == "quasi_steady"
+    percent = said["points"][2]["methods"]["split"]["change_percent"]["CL_alpha"]
+    assert percent["ci95"][0] < percent["estimate"] < percent["ci95"][1]
+    assert -30 < percent["estimate"] < -10
+    assert (page / "points.html").read_text().count("<img") == 4  # the flight's air, and three points
+
+
+def test_a_recording_without_points_is_one(station, log: Path, tmp_path: Path) -> None:
+    bare = flown(tmp_path, (), 30.0)
+    made = programme([bare], [log], load_aircraft("twin_otter"), ("split",), lambda _: None)
+    assert [p.name for p in made.points][-1] == "flight"
+    assert any("no test point is marked" in r for r in made.remarks)
+    assert len(made.baseline.points) == 3  # all that can be used of the baseline's recording
