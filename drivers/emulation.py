@@ -8,6 +8,7 @@ they need is imported once, and they speak at once. Until a simulation is compil
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import tempfile
 import threading
@@ -35,7 +36,7 @@ Recording = Mapping[str, Floats]
 CHUNK = 20
 """Rows of truth handed over at once: 0.1 s."""
 AHEAD_S = 0.45
-READY_TIMEOUT_S = 60.0
+TELL_EVERY_S = 10.0
 _START_DELAY_S = 0.05
 _POLL_S = 0.02
 _FORK = multiprocessing.get_context("fork")
@@ -251,8 +252,9 @@ def serve(
     """Emulate every device of the rig until `stop` is set, then leave no process, link or file behind.
 
     Announces, as dictionaries fit for JSON: {"device", "link", "endpoint"} for each device when it can be opened, then
-    {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the
-    rig's signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
+    {"preparing", "seconds"} each TELL_EVERY_S while a process is not ready (compiling takes minutes on a busy machine);
+    {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the rig's
+    signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
     {"process", "error"} if a process fails. Raises StationError for what keeps the flight from starting.
     """
     flight = profiles.card.flight
@@ -268,7 +270,7 @@ def serve(
         _processes(profiles, flown, absent, Path(folder)) as children,
     ):
         for child in children:
-            word, detail = _first_word(child, stop)
+            word, detail = _first_word(child, announce, stop)
             if word == "stop":
                 return
             if word == "error":
@@ -311,13 +313,16 @@ def _processes(
             ours.close()
 
 
-def _first_word(child: _Child, stop: threading.Event) -> tuple[str, Any]:
-    for _ in range(round(READY_TIMEOUT_S / _POLL_S)):
+def _first_word(child: _Child, announce: Callable[[dict[str, Any]], None], stop: threading.Event) -> tuple[str, Any]:
+    """Waits for as long as the process lives, and says what for."""
+    for looked in itertools.count(1):
         if stop.is_set():
-            return "stop", None
+            break
         if word := child.heard(_POLL_S):
             return word
-    return "error", DeviceError(f"{child.name}: not ready after {READY_TIMEOUT_S:g} s")
+        if looked % round(TELL_EVERY_S / _POLL_S) == 0:
+            announce({"preparing": child.name, "seconds": round(looked * _POLL_S)})
+    return "stop", None
 
 
 def _watch(children: Sequence[_Child], announce: Callable[[dict[str, Any]], None], stop: threading.Event) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, Final
 
 from station.clock import Clock
@@ -20,7 +21,7 @@ from station.flight.bus import Bus
 from station.profile import Rig
 from station.rows import Code, DeviceError, Event, StationError
 
-ENDPOINTS_WITHIN_S: Final = 90.0
+_LOOK_S: Final = 0.5
 Serve = Callable[[Callable[[dict[str, Any]], None], threading.Event], None]
 """Serves the devices until the event is set, and announces what drivers.emulation.serve says."""
 _FORK: Final = multiprocessing.get_context("fork")
@@ -54,7 +55,7 @@ def emulators(serve: Serve, bus: Bus, clock: Clock) -> Iterator[Emulated]:
     theirs.close()
     listener = threading.Thread(target=_hear, args=(ours, bus, clock), name="emulators", daemon=True)
     try:
-        emulated = _started(ours)
+        emulated = _started(ours, child)
         listener.start()
         yield emulated
     finally:
@@ -73,6 +74,8 @@ def emulators(serve: Serve, bus: Bus, clock: Clock) -> Iterator[Emulated]:
 def _served(serve: Serve, foreign: Connection, pipe: Connection) -> None:
     """The devices' process: ends when the station's end of the pipe closes, however it closes."""
     foreign.close()
+    # Standard output is the station's, for what was asked of it: a library's stray line must not stand amid JSON.
+    os.dup2(2, 1)
     os.setsid()  # Ctrl-C is for the station, which then ends the devices
     stop = threading.Event()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -100,20 +103,29 @@ def _served(serve: Serve, foreign: Connection, pipe: Connection) -> None:
         announce({"refused": error})
 
 
-def _started(pipe: Connection) -> Emulated:
+def _started(pipe: Connection, child: BaseProcess) -> Emulated:
+    """Waits for as long as the devices' process lives: a first start compiles, on a busy machine for minutes."""
     endpoints: dict[str, str] = {}
-    while pipe.poll(ENDPOINTS_WITHIN_S):
+    while True:
         try:
+            if not pipe.poll(_LOOK_S):
+                if child.is_alive() or pipe.poll():
+                    continue
+                break
             said = pipe.recv()
-        except EOFError:
+        except (EOFError, OSError):
             break
+        if "preparing" in said:
+            say(f"waiting for the emulated devices: {said['preparing']}, {said['seconds']} s so far; Ctrl-C gives up")
         if "refused" in said:
             raise said["refused"]
         if "device" in said:
             endpoints[said["device"]] = said["endpoint"]
         if "start_ns" in said:
             return Emulated(endpoints, frozenset(said["absent"]))
-    raise DeviceError("the emulated devices did not start\nsee: station emulate")
+    child.join(_LOOK_S)
+    how = "" if child.exitcode is None else f" (exit status {child.exitcode})"
+    raise DeviceError(f"the emulated devices ended before they had started{how}\nsee: station emulate")
 
 
 def _hear(pipe: Connection, bus: Bus, clock: Clock) -> None:
