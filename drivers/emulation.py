@@ -253,8 +253,8 @@ def serve(
 
     Announces, as dictionaries fit for JSON: {"device", "link", "endpoint"} for each device when it can be opened, then
     {"preparing", "seconds"} each TELL_EVERY_S while a process is not ready (compiling takes minutes on a busy machine);
-    {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the rig's
-    signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
+    {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the
+    rig's signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
     {"process", "error"} if a process fails. Raises StationError for what keeps the flight from starting.
     """
     flight = profiles.card.flight

@@ -15,6 +15,7 @@ from drivers import emulated_device
 from drivers.adapter import open_devices
 from drivers.codec import Reading
 from drivers.emulated_messages import TRUTH_HZ, DeviceScript, Outgoing, Truth
+from drivers.mavlink import MavlinkEncoder
 from drivers.protocols import protocol_named
 from drivers.serial_boombox import BoomboxCodec
 from station.clock import ManualClock
@@ -218,6 +219,8 @@ def test_a_signal_that_shares_a_message_and_is_absent_is_no_zero(
     codec = open_devices(load_rig(rig), endpoints, RIGS, ManualClock(), lambda row: None)[device].codec
     channels = {n: c for s in own.streams if s.message == message for n, c in s.signals.items()}
     fields = {c.field: math.nan if n == absent else c.from_si(1.0) for n, c in channels.items()}
+    if own.link == "mavlink":
+        codec.feed(MavlinkEncoder().heartbeat())  # who it is
     (reading,) = codec.feed(wire.encode(Reading(message, 0, 0, fields)))
     assert isinstance(reading, Reading)
     assert math.isnan(reading.fields.get(channels[absent].field, math.nan))
