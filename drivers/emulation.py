@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,10 +27,11 @@ from drivers.emulated_device import flown_signals, heed_signals, serve_device
 from drivers.emulated_messages import TRUTH_HZ
 from station.clock import Clock, SystemClock
 from station.conventions import ANGLES_THAT_WRAP
-from station.profile import AlteredAircraft, Profiles
+from station.profile import AlteredAircraft, Manoeuvre, Profiles
 from station.rows import DeviceError, StationError
 
 Floats = NDArray[np.float64]
+Orders = SimpleQueue[Sequence[Manoeuvre]]
 Recording = Mapping[str, Floats]
 """Signals over time, SI: "time" (n,) s increasing and any of SIGNALS (n,), NaN where missing."""
 
@@ -47,6 +49,10 @@ class Source(Protocol):
 
     def advance(self, n: int) -> Mapping[str, Floats]:
         """The next n rows at TRUTH_HZ by signal; fewer, then none, at the end."""
+        ...
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
         ...
 
 
@@ -69,6 +75,9 @@ class Playback:
     def signals(self) -> frozenset[str]:
         """Those with at least two values."""
         return frozenset(self._curves)
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Nothing: a recording is flown as it is."""
 
     def advance(self, n: int) -> Mapping[str, Floats]:
         t = np.arange(self._k, min(self._k + n, self._rows)) / TRUTH_HZ
@@ -113,12 +122,12 @@ def _fly(
                     listening.remove((pipe, signals))
             k += n
             rows = source.advance(CHUNK)
-            wait_s = (start_ns - clock.now_ns()) * 1e-9 + k / TRUTH_HZ - AHEAD_S
-            if control.poll(max(0.0, wait_s)):
-                return
+            due_ns = start_ns + round((k / TRUTH_HZ - AHEAD_S) * 1e9)
+            while control.poll(max(0.0, (due_ns - clock.now_ns()) * 1e-9)):
+                source.ask(control.recv())
         for pipe, _ in devices:
             pipe.close()
-        if not control.poll(max(0.0, wait_s + AHEAD_S)):
+        if not control.poll(AHEAD_S):
             control.send(("end", k / TRUTH_HZ))
             control.poll(None)
     except StationError as error:
@@ -154,6 +163,9 @@ class _Begun:
     def __init__(self, source: Source, first: Mapping[str, Floats]) -> None:
         self._source, self._first = source, first
 
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        self._source.ask(manoeuvres)
+
     def advance(self, n: int) -> Mapping[str, Floats]:
         first, self._first = self._first, {}
         return first or self._source.advance(n)
@@ -166,6 +178,8 @@ class _Awaited:
         self._now, self._make = meanwhile, make
         self._made: Source | None = None
         self._failure: StationError | None = None
+        self._asked: Sequence[Manoeuvre] = ()
+        self._before, self._taken_over = 0, False
         self._thread = threading.Thread(target=self._prepare, name="simulation", daemon=True)
 
     def _prepare(self) -> None:
@@ -176,14 +190,22 @@ class _Awaited:
         except Exception as error:  # else level flight would go on, as if it were what the card flies
             self._failure = DeviceError(f"the simulation cannot be flown: {type(error).__name__}: {error}")
 
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        self._asked = manoeuvres
+        # The simulation's time begins when it takes over.
+        begun_s = self._before / TRUTH_HZ
+        self._now.ask([m.model_copy(update={"start": m.start - begun_s}) for m in manoeuvres])
+
     def advance(self, n: int) -> Mapping[str, Floats]:
         rows = self._now.advance(n)
+        self._before += 0 if self._taken_over else n
         if self._thread.ident is None:  # not before the first rows are out
             self._thread.start()
         elif self._failure is not None:
             raise self._failure
         elif self._made is not None:
-            self._now = self._made
+            self._now, self._made, self._taken_over = self._made, None, True
+            self.ask(self._asked)
         return rows
 
 
@@ -248,8 +270,11 @@ def serve(
     clock: Clock,
     recording: Recording | None = None,
     start_ns: int | None = None,
+    orders: Orders | None = None,
 ) -> None:
     """Emulate every device of the rig until `stop` is set, then leave no process, link or file behind.
+
+    `orders`: what the flight is asked to fly beside what its card says, as it comes, manoeuvres from flight time 0.
 
     Announces, as dictionaries fit for JSON: {"device", "link", "endpoint"} for each device when it can be opened, then
     {"preparing", "seconds"} each TELL_EVERY_S while a process is not ready (compiling takes minutes on a busy machine);
@@ -281,7 +306,7 @@ def serve(
         for child in children:
             child.control.send(began_ns)
         announce({"start_ns": began_ns, "absent": list(absent)})
-        _watch(children, announce, stop)
+        _watch(children, announce, stop, orders)
 
 
 @contextmanager
@@ -325,9 +350,17 @@ def _first_word(child: _Child, announce: Callable[[dict[str, Any]], None], stop:
     return "stop", None
 
 
-def _watch(children: Sequence[_Child], announce: Callable[[dict[str, Any]], None], stop: threading.Event) -> None:
+def _watch(
+    children: Sequence[_Child],
+    announce: Callable[[dict[str, Any]], None],
+    stop: threading.Event,
+    orders: Orders | None,
+) -> None:
     alive = list(children)
     while not stop.wait(_POLL_S):
+        while orders is not None and not orders.empty():
+            with suppress(OSError):
+                children[-1].control.send(orders.get())  # the flight's
         for child in list(alive):
             if (word_and_detail := child.heard(0.0)) is None:
                 continue

@@ -87,6 +87,9 @@ class Code(StrEnum):
     MARK = "MARK"
     POINT_START = "POINT_START"
     POINT_END = "POINT_END"
+    STEP = "STEP"
+    VERDICT = "VERDICT"
+    LIMIT = "LIMIT"
 
 
 LEVELS: Final = {
@@ -106,10 +109,12 @@ LEVELS: Final = {
             Code.MARK,
             Code.POINT_START,
             Code.POINT_END,
+            Code.STEP,
+            Code.VERDICT,
         ),
         Level.INFO,
     ),
-    **dict.fromkeys((Code.DISCONNECT, Code.DISK, Code.STALE, Code.ESTIMATOR), Level.ALARM),
+    **dict.fromkeys((Code.DISCONNECT, Code.DISK, Code.STALE, Code.ESTIMATOR, Code.LIMIT), Level.ALARM),
 }
 
 

@@ -29,7 +29,7 @@ def check(
     from station.flight import loop as live
     from station.flight.alignment import Aligner
     from station.flight.board import Board
-    from station.screen.go_no_go import print_check
+    from station.screen.go_no_go import print_check, print_steps
 
     profiles = load(card)
     check_devices(profiles.rig, profiles.rig_file)
@@ -54,5 +54,8 @@ def check(
             _, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
             told += [e for e in (*rows, *events) if isinstance(e, Event)]
             board.update([*rows, *events, *([health] if health else [])])
+    heard = {s.stream for s in board.health.streams if s.alive} if board.health is not None else set()
+    signals = {name for stream in streams if stream.name in heard for name in stream.signals}
     sent = {device.name: what_is_sent(device) for device in profiles.rig.devices}
-    return DONE if print_check(profiles.card.name, board, streams, told, sent) else DEGRADED
+    go = print_check(profiles.card.name, board, streams, told, sent)
+    return DONE if print_steps(profiles, signals) and go else DEGRADED

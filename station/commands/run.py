@@ -8,7 +8,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -20,16 +20,22 @@ from station.commands.cards import about_air, load, recorded_flight
 from station.commands.common import CardName, ViewMode, finite
 from station.commands.process import line_writer, stop_on_signals
 from station.console import judge, say
+from station.conventions import LONGITUDINAL, TICK_HZ
 from station.flight import loop as live
 from station.flight.alignment import Aligner
 from station.flight.board import Board
 from station.flight.bus import Bus
 from station.flight.emulators import Emulated, emulators, streams_flown
+from station.flight.guide import Guide
+from station.flight.point_marks import Points
 from station.flight.preparing import Preparation
+from station.flight.verdict import Option
 from station.log import About, WriterThread
-from station.profile import CanDevice, Profiles, Rig
-from station.rows import MISSED_SHARE, Code, Event, Rows
+from station.numerics.atmosphere import atmosphere
+from station.profile import CanDevice, Manoeuvre, Profiles, Rig
+from station.rows import MISSED_SHARE, Code, Event, Rows, UsageError
 from station.screen.rerun_feed import View
+from station.simulation.input_table import input_table
 
 TIMED_TICKS = 90_000
 """Half an hour of ticks, whose timing is told at the end."""
@@ -45,6 +51,7 @@ def run(
     log: Annotated[Path, typer.Option(metavar="DIR", help="folder for the recording")] = Path("logs"),
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.web,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON line a second on stdout")] = False,
+    auto: Annotated[bool, typer.Option("--auto", help="the card's steps one by one without keys, then end")] = False,
 ) -> int:
     """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
     profiles = load(card)
@@ -52,7 +59,11 @@ def run(
     # Unlike collecting it, freezing what the imports leave costs nothing; and a collection would stop the loop.
     gc.disable()
     with ExitStack() as stack:
-        flight = _Flight(stack, profiles, card, log, view)
+        if auto and not profiles.card.steps:
+            raise UsageError(
+                f"--auto: card {profiles.card.name} has no steps\nadd [[steps]], as in profiles/cards/guided.toml"
+            )
+        flight = _Flight(stack, profiles, card, log, view, auto=auto)
         for words in about_air(profiles.rig, profiles.aircraft):
             say(words)
         flight.fly(duration, as_json)
@@ -62,7 +73,9 @@ def run(
 class _Flight:
     """A flight's parts: devices, loop, recording, estimators and screens; what opens them ends them with `stack`."""
 
-    def __init__(self, stack: ExitStack, profiles: Profiles, card: str, log: Path, view: ViewMode) -> None:
+    def __init__(
+        self, stack: ExitStack, profiles: Profiles, card: str, log: Path, view: ViewMode, *, auto: bool = False
+    ) -> None:
         """Raises StationError for what keeps the flight from beginning."""
         from drivers.adapter import check_devices, open_devices
 
@@ -83,6 +96,10 @@ class _Flight:
         stack.callback(self.viewer.close)
         stack.callback(self.preparation.stop)
         self.board = Board(profiles, self.clock)
+        self.points = Points(self.bus.put, self.clock, [p.note for p in profiles.card.points])
+        self.guide = guide_of(profiles, self.board, self.points, self.bus.put, emulated.ask, auto=auto)
+        self.board.guide = self.guide if profiles.card.steps else None
+        self._auto = auto
         self.failure: list[BaseException] = []
         self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
         self.ticks = self.slots = 0
@@ -121,7 +138,7 @@ class _Flight:
         if as_json:
             json_lines(self.board, self.stop, self.clock, write)
         elif sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM") != "dumb":
-            callbacks = Callbacks(on_mark=self._mark, on_point=self._points(), on_quit=self.stop.set)
+            callbacks = Callbacks(self._mark, self.points.toggle, self.stop.set, self.guide.press)
             run_panel(self.board, callbacks, self.stop, self.clock)
         else:
             plain_lines(self.board, self.stop, self.clock, write)
@@ -139,6 +156,9 @@ class _Flight:
     def _take(self, rows: Sequence[Rows]) -> None:
         self.viewer.show(rows)
         self.board.update(rows)
+        self.guide.update(rows)
+        if self._auto and self.guide.is_over:
+            self.stop.set()
         self.board.recording(self.writer.path, self.writer.bytes_written, self.viewer.dropped)
 
     def _note_time(self, beat: live.Beat, _: Sequence[Rows]) -> None:
@@ -147,23 +167,6 @@ class _Flight:
 
     def _mark(self, note: str) -> None:
         self.bus.put(Event(self.clock.now_ns(), "operator", Code.MARK, 1, note))
-
-    def _points(self) -> Callable[[], int | None]:
-        """Starts and ends numbered test points in turn; returns the number of the open one, None when it was closed."""
-        state = {"number": 0, "open": False}
-
-        def toggle() -> int | None:
-            state["open"] = not state["open"]
-            if state["open"]:
-                state["number"] += 1
-            code = Code.POINT_START if state["open"] else Code.POINT_END
-            number = state["number"]
-            planned = self.profiles.card.points
-            note = planned[number - 1].note if number <= len(planned) else f"test point {number}"
-            self.bus.put(Event(self.clock.now_ns(), "operator", code, number, note))
-            return number if state["open"] else None
-
-        return toggle
 
     def verdict(self) -> int:
         """Say how the flight went; the exit code."""
@@ -190,6 +193,34 @@ class _Flight:
         return found
 
 
+def guide_of(
+    profiles: Profiles,
+    board: Board,
+    points: Points,
+    put: Callable[[Event], None],
+    ask: Callable[[Sequence[Manoeuvre]], None],
+    *,
+    auto: bool,
+) -> Guide:
+    """Who leads through the card's steps, with a better input at hand where one can be predicted."""
+    from station.identification.input_ranking import better_input
+    from station.numerics.regression import NotIdentifiable
+
+    card, aircraft = profiles.card, profiles.aircraft
+    options: list[dict[str, Option]] = []
+    for step in card.steps:
+        speed = step.condition.speed or card.flight.speed
+        height = card.flight.altitude if step.condition.altitude is None else step.condition.altitude
+        density = aircraft.air_density or atmosphere(height)[2]
+        own = input_table(step.inputs, TICK_HZ).surfaces.get("elevator", np.empty(0))
+        found = {}
+        for name in (n for n in step.accept if n in LONGITUDINAL):
+            with suppress(NotIdentifiable):
+                found[name] = Option(*better_input(aircraft, speed, density, name, own))
+        options.append(found)
+    return Guide(card, aircraft, board, points, put, ask, options, auto=auto)
+
+
 def emulated_flight(stack: ExitStack, profiles: Profiles, bus: Bus, clock: SystemClock) -> Emulated:
     """The card's emulated devices, flying until `stack` ends; none where it emulates none."""
     if not profiles.card.emulate:
@@ -198,7 +229,11 @@ def emulated_flight(stack: ExitStack, profiles: Profiles, bus: Bus, clock: Syste
 
     flown = recorded_flight(profiles)
     return stack.enter_context(
-        emulators(lambda announce, stop: serve(profiles, announce, stop, SystemClock(), flown), bus, clock)
+        emulators(
+            lambda announce, stop, orders: serve(profiles, announce, stop, SystemClock(), flown, orders=orders),
+            bus,
+            clock,
+        )
     )
 
 

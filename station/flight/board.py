@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
@@ -34,7 +34,12 @@ from station.rows import (
     Tick,
 )
 
-CONDITIONS: Final = frozenset((Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE))
+if TYPE_CHECKING:
+    from station.flight.guide import Guide
+
+CONDITIONS: Final = frozenset(
+    (Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE, Code.LIMIT)
+)
 """Events that hold until another ends them; all others are over when told."""
 RECENT_NS: Final = 3_000_000_000
 _MAX_EVENTS: Final = 200
@@ -100,7 +105,9 @@ class Board:
         self.log_bytes = 0
         self.view_dropped = 0
         self._recommendation = Recommendation()
-        self._clock = clock
+        self.clock = clock
+        self.guide: Guide | None = None
+        """Who leads through the card's steps, where it has any."""
         self._events: deque[tuple[int, Event]] = deque(maxlen=_MAX_EVENTS)
         self._told = 0
         self._take: dict[type, Callable[[Any], None]] = {
@@ -225,7 +232,7 @@ class Board:
         """Seconds since the first tick, now or at `t_ns`."""
         if self.start_ns is None:
             return 0.0
-        return ((self._clock.now_ns() if t_ns is None else t_ns) - self.start_ns) * 1e-9
+        return ((self.clock.now_ns() if t_ns is None else t_ns) - self.start_ns) * 1e-9
 
     def parameter(self, method: str, name: str) -> ParamEstimate | None:
         """A method's estimate of a derivative; None before there is one. Not applicable reads as invalid."""
@@ -257,6 +264,7 @@ class Board:
             "links": {} if health is None else {s.stream: _link(s) for s in health.streams},
             "overruns": 0 if health is None else health.overruns,
             "dropped": 0 if health is None else health.dropped,
+            "step": None if self.guide is None else self.guide.snapshot(),
             "test_point": None if point is None else point.count,
             "alarms": [_event(e, self.elapsed_s(e.t_ns)) for e in self.alarms],
             "disagreements": [_event(e, self.elapsed_s(e.t_ns)) for e in self.disagreements],

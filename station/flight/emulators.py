@@ -7,23 +7,25 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from queue import SimpleQueue
 from typing import Any, Final
 
 from station.clock import Clock
 from station.console import say
 from station.conventions import Stream
 from station.flight.bus import Bus
-from station.profile import Rig
+from station.profile import Manoeuvre, Rig
 from station.rows import Code, DeviceError, Event, StationError
 
 _LOOK_S: Final = 0.5
-Serve = Callable[[Callable[[dict[str, Any]], None], threading.Event], None]
-"""Serves the devices until the event is set, and announces what drivers.emulation.serve says."""
+Orders = SimpleQueue[Sequence[Manoeuvre]]
+Serve = Callable[[Callable[[dict[str, Any]], None], threading.Event, Orders], None]
+"""Serves the devices until the event is set, announces what drivers.emulation.serve says, and flies what is ordered."""
 _FORK: Final = multiprocessing.get_context("fork")
 
 
@@ -34,6 +36,18 @@ class Emulated:
     endpoints: Mapping[str, str] = field(default_factory=dict)
     absent: frozenset[str] = frozenset()
     """Signals that the recording they fly lacks."""
+    start_ns: int = 0
+    """Station time of flight time 0."""
+    pipe: Connection | None = None
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Have the emulated aircraft fly these, too, `start` in station time, s; none to fly what was asked no more.
+        Nothing where none is emulated: the pilot flies."""
+        if self.pipe is None:
+            return
+        begun_s = self.start_ns * 1e-9
+        with contextlib.suppress(OSError):
+            self.pipe.send([m.model_copy(update={"start": m.start - begun_s}) for m in manoeuvres])
 
 
 def streams_flown(rig: Rig, emulated: Emulated) -> tuple[Stream, ...]:
@@ -77,14 +91,15 @@ def _served(serve: Serve, foreign: Connection, pipe: Connection) -> None:
     # Standard output is the station's, for what was asked of it: a library's stray line must not stand amid JSON.
     os.dup2(2, 1)
     os.setsid()  # Ctrl-C is for the station, which then ends the devices
-    stop = threading.Event()
+    stop, orders = threading.Event(), Orders()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
 
-    def wait_for_the_end() -> None:
+    def obey_to_the_end() -> None:
         with contextlib.suppress(EOFError, OSError):
-            pipe.recv()
+            while True:
+                orders.put(pipe.recv())
         stop.set()
 
     def announce(said: dict[str, Any]) -> None:
@@ -95,10 +110,10 @@ def _served(serve: Serve, foreign: Connection, pipe: Connection) -> None:
         announce(said)
         # No thread before the devices' own processes are forked.
         if "start_ns" in said:
-            threading.Thread(target=wait_for_the_end, daemon=True).start()
+            threading.Thread(target=obey_to_the_end, daemon=True).start()
 
     try:
-        serve(watch, stop)
+        serve(watch, stop, orders)
     except StationError as error:
         announce({"refused": error})
 
@@ -122,7 +137,7 @@ def _started(pipe: Connection, child: BaseProcess) -> Emulated:
         if "device" in said:
             endpoints[said["device"]] = said["endpoint"]
         if "start_ns" in said:
-            return Emulated(endpoints, frozenset(said["absent"]))
+            return Emulated(endpoints, frozenset(said["absent"]), said["start_ns"], pipe)
     child.join(_LOOK_S)
     how = "" if child.exitcode is None else f" (exit status {child.exitcode})"
     raise DeviceError(f"the emulated devices ended before they had started{how}\nsee: station emulate")

@@ -63,7 +63,7 @@ def sifted(
 ) -> Mapping[str, SiftedMethod] | str:
     """For each method of `alphas` (its angle of attack (n,)) the derivatives of every axis from the lines of the card's
     multisines alone; or why there are none."""
-    waves = [m for m in (card.manoeuvres if card else ()) if isinstance(m, Multisine)]
+    waves = [m for m in (card.inputs if card else ()) if isinstance(m, Multisine)]
     if card is None or not waves:
         return "no multisine on the card"
     if not record.usable.all():

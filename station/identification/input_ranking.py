@@ -15,7 +15,7 @@ SI, per rad.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 DT: Final = 0.02
 SPAN_S: Final = 20.0
 PEAK: Final = math.radians(2.0)
+AFTER_S: Final = 3.0
+"""Of the response after an input that counts for it."""
 RESIDUAL: Final = {"CL": 0.01, "Cm": 0.005}
 """Of a good installation in light turbulence, where the record's own is unknown."""
 INDEPENDENT_S: Final = 0.25
@@ -72,26 +74,48 @@ def rank_inputs(
     equation, _, of = poorest.partition("_")
     if equation not in RESIDUAL or of not in DERIVATIVES:
         raise ValueError(f"{poorest}: not a longitudinal derivative")
-    a, b = _system(aircraft, speed, density)
     frequency, _ = short_period(aircraft, speed, density)
+    predict = _predictor(aircraft, speed, density, {**RESIDUAL, **(residual or {})})
+    made = [predict(name, PEAK * shape) for name, shape in _candidates(2 * math.pi / frequency)]
+    return sorted(made, key=lambda one: one.std_error[poorest])
+
+
+def better_input(aircraft: Aircraft, speed: float, density: float, derivative: str, own: Array) -> tuple[str, float]:
+    """The candidate that tells most of a derivative, at the peak of `own` (n,), rad from trim every DT, and its error
+    over that of `own`, both for the same time flown. Raises as rank_inputs does."""
+    peak = float(np.abs(own).max()) if len(own) else 0.0
+    if peak <= 0:
+        raise NotIdentifiable("the elevator does not move")
+    best = rank_inputs(aircraft, speed, density, derivative)[0]
+    padded = np.concatenate([own, np.zeros(round(AFTER_S / DT))])
+    mine = _predictor(aircraft, speed, density, RESIDUAL)("own", padded).std_error[derivative]
+    seconds = len(padded) * DT
+    return best.name, best.std_error[derivative] * PEAK / peak * math.sqrt(SPAN_S / seconds) / mine
+
+
+def _predictor(
+    aircraft: Aircraft, speed: float, density: float, residual: Mapping[str, float]
+) -> Callable[[str, Array], Input]:
+    """What an input, rad from trim every DT, would leave of each derivative's uncertainty."""
+    a, b = _system(aircraft, speed, density)
     discrete = cont2discrete((a, b, np.eye(2), np.zeros((2, 1))), DT, "foh")
-    known = {**RESIDUAL, **(residual or {})}
-    made = []
-    for name, shape in _candidates(2 * math.pi / frequency):
-        elevator = PEAK * _through_actuator(shape, aircraft.elevator.time_constant)
+
+    def predict(name: str, commanded: Array) -> Input:
+        elevator = _through_actuator(commanded, aircraft.elevator.time_constant)
         states = _respond(discrete, elevator)
         x = np.column_stack([states[:, 0], states[:, 1] * aircraft.geometry.chord / (2 * speed), elevator])
         x = x - x.mean(axis=0)
         covariance = np.linalg.pinv(x.T @ x)
         errors, relative = {}, {}
-        for of_equation, s in known.items():
+        for of_equation, s in residual.items():
             for i, derivative in enumerate(DERIVATIVES):
                 parameter = f"{of_equation}_{derivative}"
                 sd = s * math.sqrt(covariance[i, i] * INDEPENDENT_S / DT)
                 errors[parameter] = sd
                 relative[parameter] = 2 * sd / max(abs(aircraft.value(parameter)), 1e-9)
-        made.append(Input(name, errors, relative))
-    return sorted(made, key=lambda one: one.std_error[poorest])
+        return Input(name, errors, relative)
+
+    return predict
 
 
 def _system(aircraft: Aircraft, speed: float, density: float) -> tuple[Array, Array]:

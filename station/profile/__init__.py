@@ -22,19 +22,7 @@ from station.profile.aircraft import (
     Unsteady,
 )
 from station.profile.altered import AlteredAircraft, Change
-from station.profile.card import (
-    Card,
-    Doublet,
-    Fault,
-    Flight,
-    Manoeuvre,
-    Multisine,
-    Pilot,
-    Pulse,
-    Sweep,
-    TestPoint,
-    ThreeTwoOneOne,
-)
+from station.profile.card import Card, Fault, Flight, Pilot, TestPoint
 from station.profile.files import (
     Profiles,
     explain,
@@ -67,8 +55,11 @@ from station.profile.quantity import (
     quantity,
 )
 from station.profile.rig import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
+from station.profile.shapes import Doublet, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
+from station.profile.step import AIR, Condition, Limits, Step
 
 __all__ = [
+    "AIR",
     "ARGUMENTS",
     "COEFFICIENTS",
     "DERIVATIVE_NAMES",
@@ -82,6 +73,7 @@ __all__ = [
     "Card",
     "Change",
     "Channel",
+    "Condition",
     "Derivative",
     "Device",
     "Doublet",
@@ -96,6 +88,7 @@ __all__ = [
     "Instrument",
     "KilogramMetres2",
     "Kilograms",
+    "Limits",
     "Manoeuvre",
     "MavlinkDevice",
     "Metres",
@@ -114,6 +107,7 @@ __all__ = [
     "Separation",
     "SerialDevice",
     "SquareMetres",
+    "Step",
     "StreamProfile",
     "Sweep",
     "TestPoint",

@@ -21,63 +21,8 @@ from station.profile.quantity import (
     Seconds,
     nearest,
 )
-
-
-class _Input(Frozen):
-    start: Seconds
-    """Seconds of flight."""
-    surface: Literal["elevator", "aileron", "rudder"] = "elevator"
-    """Which surface moves."""
-    amplitude: Radians
-    """Of each half, or of each sine's sum; negative starts the other way."""
-    repeat: Annotated[Seconds, Positive] | None = None
-    """Fly it again each so many seconds, for as long as the flight lasts."""
-
-
-class Doublet(_Input):
-    kind: Literal["doublet"]
-    """The shape."""
-    width: Annotated[Seconds, Positive]
-    """Of each half."""
-
-
-class ThreeTwoOneOne(_Input):
-    kind: Literal["3-2-1-1"]
-    """The shape."""
-    unit: Annotated[Seconds, Positive]
-    """Width of a 1."""
-
-
-class Multisine(_Input):
-    kind: Literal["multisine"]
-    """The shape."""
-    duration: Annotated[Seconds, Positive]
-    """How long it lasts."""
-    low: Annotated[Hertz, Positive] = 0.1
-    """Lowest frequency."""
-    high: Annotated[Hertz, Positive] = 2.0
-    """Highest frequency."""
-
-
-class Sweep(_Input):
-    kind: Literal["sweep"]
-    """The shape."""
-    duration: Annotated[Seconds, Positive]
-    """How long it lasts."""
-    low: Annotated[Hertz, Positive] = 0.1
-    """Lowest frequency."""
-    high: Annotated[Hertz, Positive] = 2.0
-    """Highest frequency."""
-
-
-class Pulse(_Input):
-    kind: Literal["pulse"]
-    """The shape."""
-    width: Annotated[Seconds, Positive]
-    """How long it lasts."""
-
-
-Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]
+from station.profile.shapes import Manoeuvre
+from station.profile.step import Limits, Step
 
 
 class Fault(Frozen):
@@ -243,9 +188,13 @@ class Card(Frozen):
     flight: Flight = Flight()
     """What the emulated aircraft flies."""
     manoeuvres: tuple[Manoeuvre, ...] = ()
-    """What the pilot does."""
+    """What the pilot does, unasked."""
     points: tuple[TestPoint, ...] = ()
     """The test points, in the order flown."""
+    steps: tuple[Step, ...] = ()
+    """What the crew is guided through."""
+    limits: Limits = Limits()
+    """What must not be exceeded."""
     pilot: Pilot = Pilot()
     """What moves the elevator beside the manoeuvres."""
     faults: tuple[Fault, ...] = ()
@@ -259,13 +208,18 @@ class Card(Frozen):
     @property
     def asks_lateral(self) -> bool:
         """Whether the lateral derivatives are to be estimated."""
-        return any(m.surface != "elevator" for m in self.manoeuvres) if self.lateral is None else self.lateral
+        return any(m.surface != "elevator" for m in self.inputs) if self.lateral is None else self.lateral
+
+    @property
+    def inputs(self) -> tuple[Manoeuvre, ...]:
+        """All that may be flown: unasked, and step by step."""
+        return (*self.manoeuvres, *(m for step in self.steps for m in step.inputs))
 
     @model_validator(mode="before")
     @classmethod
     def _tuples(cls, raw: Any) -> Any:
         if isinstance(raw, dict):
-            keys = ("needs", "manoeuvres", "points", "faults")
+            keys = ("needs", "manoeuvres", "points", "steps", "faults")
             raw = {k: tuple(v) if k in keys and isinstance(v, list) else v for k, v in raw.items()}
         return raw
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -11,6 +11,8 @@ from rich.text import Text
 
 from station.conventions import Stream
 from station.flight.board import CONDITIONS, Board
+from station.flight.verdict import obstacles
+from station.profile import Profiles
 from station.rows import Code, Event, Level
 from station.screen.plots import event_text
 
@@ -41,6 +43,26 @@ def print_check(
     console.print(grid)
     for line in [*_remarks(board, streams, told), *(f"sent to {name}: {words}" for name, words in sent.items())]:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return all_go
+
+
+def print_steps(profiles: Profiles, signals: Collection[str]) -> bool:
+    """Whether the card's steps can reach what they are flown for with these signals; whether all can."""
+    if not profiles.card.steps:
+        return True
+    grid = Table(title=f"steps of {profiles.card.name}")
+    for name in ("step", "runs", "wanted", "verdict"):
+        grid.add_column(name, no_wrap=name == "verdict")
+    all_go = True
+    for step in profiles.card.steps:
+        told = obstacles(step, profiles.aircraft, signals)
+        all_go &= not told
+        wanted = ", ".join(f"{name} to {100 * share:g} %" for name, share in step.accept.items())
+        why = Text("; ".join(told) or wanted or "the record")
+        grid.add_row(step.name, f"{step.repeats}", why, "[red]NO-GO[/]" if told else "[green]GO[/]")
+    console = Console()
+    console = console if console.is_terminal else Console(width=100)
+    console.print(grid)
     return all_go
 
 

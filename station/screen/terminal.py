@@ -8,7 +8,6 @@ from __future__ import annotations
 import codecs
 import contextlib
 import json
-import math
 import os
 import select
 import sys
@@ -27,7 +26,7 @@ from rich.text import Text
 from station.clock import Clock
 from station.conventions import from_si
 from station.flight.board import Board
-from station.rows import LEVELS, AlphaEstimate, Level, Status, StreamHealth
+from station.rows import AlphaEstimate, Level, Status
 from station.screen.derivative_tables import (
     TITLE,
     derivative_lines,
@@ -37,6 +36,8 @@ from station.screen.derivative_tables import (
     styled,
     value_text,
 )
+from station.screen.guide_lines import guide_keys, guide_lines
+from station.screen.link_lines import fixed, link_lines
 from station.screen.plots import event_text, is_routine
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
@@ -46,13 +47,12 @@ SECOND_NS: Final = 1_000_000_000
 TWO_COLUMNS: Final = 160
 """Terminals as wide as this get the links and events beside the numbers."""
 LEFT: Final = 86
-_STREAM: Final = 22
 _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "bold red"}
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
-_CLOCK_STYLES: Final = {"synced": "green", "none": "", "converging": "yellow"}
 MOST_ALARMS: Final = 4
 MOST_WARNINGS: Final = 3
 LONGEST_NOTE: Final = 200
+GUIDE_KEYS: Final = "nrsa"
 MARK_DELAY_S: Final = 0.05
 """A mark typed this long after the key m says so."""
 NO_ALPHA: Final = {
@@ -70,6 +70,8 @@ class Callbacks:
     on_mark: Callable[[str], None]
     on_point: Callable[[], int | None]
     on_quit: Callable[[], None]
+    on_step: Callable[[str], None] = lambda _: None
+    """One of the guide's keys."""
 
 
 def run_panel(
@@ -86,8 +88,13 @@ def run_panel(
     try:
         tty.setcbreak(keyboard)
         with Live(screen, console=console, screen=True, auto_refresh=False) as live:
+            alarmed = 0
             while not stop.is_set() and not keys.quit:
                 live.refresh()
+                alarms = len(board.alarms)
+                if alarms > alarmed:
+                    live.console.bell()
+                alarmed = alarms
                 if not select.select([keyboard], [], [], REFRESH_S)[0]:
                     continue
                 pressed = os.read(keyboard, 1024)
@@ -130,6 +137,8 @@ class _Keys:
         elif key in "qQ":
             self.quit = True
             self._callbacks.on_quit()
+        elif key.lower() in GUIDE_KEYS:
+            self._callbacks.on_step(key.lower())
 
     def _type(self, key: str, note: str) -> None:
         if key in "\r\n":
@@ -164,7 +173,14 @@ def lines(board: Board, now_ns: int, width: int, height: int, note: str | None) 
     top = [*_header(board, now_ns), *_banner(board, width)]
     wide = LEFT if width >= TWO_COLUMNS else width
     numbers = [*alpha_lines(board), Text(), *derivative_lines(board, wide), *lateral_lines(board)]
-    links = list(_link_lines(board, now_ns))
+    if board.guide is not None:
+        kept = list(alpha_lines(board)) if width >= TWO_COLUMNS else list(alpha_lines(board))[:2]
+        numbers = [*guide_lines(board.guide, wide), *kept]
+        moved = board.guide.table.surfaces if board.guide.steps else {}
+        # Of a step that leaves the elevator alone, and has little room, only the lateral ones.
+        numbers += derivative_lines(board, wide) if "elevator" in moved or width >= TWO_COLUMNS else ()
+        numbers += lateral_lines(board)
+    links = list(link_lines(board, now_ns))
     room = height - len(top) - 1
     if width >= TWO_COLUMNS:
         right = [*links, Text()]
@@ -174,11 +190,11 @@ def lines(board: Board, now_ns: int, width: int, height: int, note: str | None) 
         if room < len(body) + 4:
             body = [line for line in body if line]
         if room < len(body) + 4:
-            body = [line for line in (*numbers, *_link_lines(board, now_ns, only_bad=True)) if line]
+            body = [line for line in (*numbers, *link_lines(board, now_ns, only_bad=True)) if line]
         body += _event_lines(board, room - len(body) - 1)
     body = body[:room]
     body += [Text()] * (room - len(body))
-    made = [*top, *body, _footer(note)]
+    made = [*top, *body, _footer(note, guide_keys(board.guide) if board.guide else ())]
     for line in made:
         line.truncate(width)
         line.no_wrap = True
@@ -268,39 +284,11 @@ def _air_line(a: AlphaEstimate) -> Text:
     line.append(f" {a.turbulence_level:5.3f} m/s" if settled else "    –    ", "" if settled else "dim")
     return (
         line.append("  w gust ", "dim")
-        .append(_fixed(a.gust_vertical, "+6.2f"), "" if a.valid else "dim")
+        .append(fixed(a.gust_vertical, "+6.2f"), "" if a.valid else "dim")
         .append(" wind N E D ", "dim")
-        .append(" ".join(_fixed(w, "+5.1f") for w in (a.wind_north, a.wind_east, a.wind_down)))
+        .append(" ".join(fixed(w, "+5.1f") for w in (a.wind_north, a.wind_east, a.wind_down)))
         .append(" m/s", "dim")
     )
-
-
-def _link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterator[Text]:
-    title = f"{' LINKS':<{_STREAM}}{'rate':>6}{'age':>8}  {'clock':<10}{'offset s':>10}{'ppm':>5}{'gaps/bad':>9}"
-    health = board.health
-    if health is None:
-        yield styled(" LINKS", TITLE).append("   nothing heard yet", "dim")
-        return
-    if only_bad:
-        title = f" LINKS  {sum(s.alive for s in health.streams)} of {len(health.streams)} alive"
-    yield styled(title, TITLE)
-    for s in health.streams:
-        flags = board.flags(s.stream, s.device, now_ns)
-        alive = s.alive and not any(LEVELS[flag] is Level.ALARM for flag in flags)
-        if flags or not alive or not only_bad:
-            yield _link_line(s, alive, " ".join(flags))
-
-
-def _link_line(s: StreamHealth, alive: bool, flags: str) -> Text:
-    style = "bold red" if not alive else "yellow" if flags else "green"
-    line = styled(f" {'●' if alive else '✗'} {s.stream:<{_STREAM - 3}}", style)
-    age = f"{1000 * s.age_s:.0f} ms" if s.age_s < 1 else f"{s.age_s:.1f} s" if math.isfinite(s.age_s) else "–"
-    line.append(f"{_fixed(s.rate_hz, '.0f'):>3} Hz{age:>8}", "" if alive else "bold red")
-    line.append(f"  {s.clock:<10}", _CLOCK_STYLES.get(s.clock, "bold red"))
-    known = s.clock not in ("none", "unsynced")
-    line.append(f"{_fixed(s.offset_s, '+.2f') if known else '–':>10}{_fixed(s.drift_ppm, '+.0f') if known else '–':>5}")
-    line.append(f"{f'{s.gaps}/{s.bad}':>9}", "yellow" if s.gaps or s.bad else "")
-    return line.append(f"  {flags}", "bold red" if not alive else "bold yellow")
 
 
 def _event_lines(board: Board, count: int) -> list[Text]:
@@ -314,7 +302,7 @@ def _event_lines(board: Board, count: int) -> list[Text]:
     return lines
 
 
-def _footer(note: str | None) -> Text:
+def _footer(note: str | None, more: tuple[tuple[str, str], ...] = ()) -> Text:
     if note is not None:
         return (
             styled(" note: ", "bold black on yellow")
@@ -322,7 +310,8 @@ def _footer(note: str | None) -> Text:
             .append("   Enter records  Esc drops it", "dim")
         )
     line = Text()
-    for key, what in (("m", "mark an event"), ("p", "start/end test point"), ("q", "quit")):
+    usual = (("m", "mark an event"), ("p", "start/end test point"), ("q", "quit"))
+    for key, what in (*more, ("m", "note"), usual[-1]) if more else usual:
         line.append(f" {key} ", "reverse").append(f" {what}   ")
     return line
 
@@ -334,11 +323,7 @@ def hms(seconds: float) -> str:
 
 
 def _deg(angle: float, *, sign: bool = True) -> str:
-    return _fixed(from_si(angle, "deg"), "+6.2f" if sign else ".2f")
-
-
-def _fixed(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else "–".rjust(int(form[1]) if form[1:2].isdigit() else 1)
+    return fixed(from_si(angle, "deg"), "+6.2f" if sign else ".2f")
 
 
 def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:

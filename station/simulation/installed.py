@@ -9,14 +9,14 @@ backlash is on its drive. The drift is the rig's; its noise, quantisation and ga
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS
-from station.profile import Aircraft, AlteredAircraft, Change, Instrument
+from station.profile import Aircraft, AlteredAircraft, Change, Instrument, Manoeuvre
 from station.rows import ProfileError
 from station.simulation.motion import DT
 from station.simulation.sensors import Late, Walk, lagged
@@ -29,6 +29,10 @@ DRIVES: Final = {"elevator": "elevator_drive"}
 
 class Source(Protocol):
     """What flies: rows at 200 Hz."""
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
+        ...
 
     def advance(self, n: int) -> Mapping[str, Array]:
         """The next n rows, (n,) each."""
@@ -109,6 +113,10 @@ class Installed:
         self._kept: dict[str, Array] = {}
         self._given = self._fed = 0
         self.truth: Mapping[str, Array] = {}
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
+        self._source.ask(manoeuvres)
 
     def advance(self, n: int) -> Mapping[str, Array]:
         """The next n rows as shown; SIGNALS that the source has."""

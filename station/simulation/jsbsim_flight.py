@@ -149,6 +149,7 @@ class JsbsimFlight:
         self._sim = trimmed(flight.speed, flight.altitude, flight.heading)
         self._flight = flight
         self._manoeuvres = tuple(manoeuvres)
+        self._asked: tuple[Manoeuvre, ...] = ()
         self._imu = np.array(imu_position)
         boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
         self._vane = vane_constants(boom, DT)
@@ -275,12 +276,19 @@ class JsbsimFlight:
         self._distance = begin + float(velocity @ np.array([math.cos(heading), math.sin(heading)])) * DT
         self._memory.marks[DONE] += 1
 
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """As Simulation's, from the next block of inputs on."""
+        self._asked = tuple(manoeuvres)
+
     def _commands(self, k: int) -> dict[str, float]:
         """What the pilot asks for at the end of step k, rad; sets the power too."""
         number, at = divmod(k + 1, _BLOCK)
         if at == 0 or not self._inputs:
             time = (np.arange(_BLOCK, dtype=np.float64) + number * _BLOCK) * DT
-            self._inputs = {n: surface_input(self._manoeuvres, time, n) for n in self._surfaces}
+            self._inputs = {
+                n: surface_input(self._manoeuvres, time, n) + surface_input(self._asked, time, n)
+                for n in self._surfaces
+            }
             self._inputs["elevator"] += self._tremor.half_steps(_BLOCK // EVERY)[: 2 * _BLOCK : 2]
         pilot, s = self._piloted(), self._now
         pilot["elevator"] += asked(self._hands, self._memory.asked, k, s["q"], s["theta"], s["altitude"])

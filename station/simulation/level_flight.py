@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0
 from station.numerics.atmosphere import atmosphere
-from station.profile import Aircraft, Flight
+from station.profile import Aircraft, Flight, Manoeuvre
 from station.simulation.airframe import find_trim
 from station.simulation.flown_aircraft import ORIGIN
 
@@ -21,6 +21,9 @@ class LevelFlight:
     def __init__(self, aircraft: Aircraft, flight: Flight) -> None:
         """Raises ProfileError if the aircraft cannot be trimmed."""
         self._row = level_flight(aircraft, flight)
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Nothing: level it is."""
 
     def advance(self, n: int) -> Mapping[str, NDArray[np.float64]]:
         """The next n rows, (n,) each."""

@@ -7,13 +7,14 @@ that was met. Wings level, at a constant density.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.profile import NO_BOOM, Aircraft, Flight
+from station.profile import NO_BOOM, Aircraft, Flight, Manoeuvre
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import constants, indicial_tables
 from station.simulation.boom import vane_constants
@@ -141,6 +142,9 @@ class _Played:
 
     def __init__(self, rows: dict[str, Array]) -> None:
         self._rows = rows
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Nothing: they have been flown."""
 
     def advance(self, n: int) -> dict[str, Array]:
         return {k: np.concatenate([v, np.full(max(n - len(v), 0), v[-1])])[:n] for k, v in self._rows.items()}

@@ -307,6 +307,8 @@ class LateralSimulation:
         self._hold = hold
         self.lateral = lateral_constants(self.aircraft.now, hold)
         self._manoeuvres = tuple(manoeuvres)
+        self._asked: tuple[Manoeuvre, ...] = ()
+        self._trimmed: NDArray[np.float64] = np.empty(0)
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
         self._begun = self.flown.constants
@@ -314,6 +316,12 @@ class LateralSimulation:
         self._state = np.zeros(SIZE)
         self._commands: NDArray[np.float64] = np.empty((3, 0))
         self._block = -1
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """As Simulation's."""
+        self._asked = tuple(manoeuvres)
+        if self._block >= 0:
+            self._command(self._block)
 
     @property
     def flown(self) -> Flown:
@@ -352,10 +360,16 @@ class LateralSimulation:
     def _prepare(self, number: int) -> None:
         """Commands and gusts for a block of steps."""
         if number != self._block:
-            half_steps = (np.arange(2 * BLOCK + 1, dtype=np.float64) + 2 * number * BLOCK) * (0.5 * DT)
-            self._commands = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
-            self._commands[0] += self._begun.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
+            self._trimmed = self._begun.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
+            self._command(number)
             self._block = number
         s = float(self._memory.x[eq.DISTANCE])
         far = SPEED_MARGIN * self._begun.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)
+
+    def _command(self, number: int) -> None:
+        """What is commanded at the half steps of a block."""
+        half_steps = (np.arange(2 * BLOCK + 1, dtype=np.float64) + 2 * number * BLOCK) * (0.5 * DT)
+        unasked = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
+        self._commands = unasked + np.stack([surface_input(self._asked, half_steps, s) for s in SURFACES])
+        self._commands[0] += self._trimmed

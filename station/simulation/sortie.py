@@ -29,7 +29,7 @@ def source_of(
     place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":
         return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed, card.pilot)
-    if any(m.surface != "elevator" for m in card.manoeuvres):
+    if any(m.surface != "elevator" for m in card.inputs):
         return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
     return Simulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
 

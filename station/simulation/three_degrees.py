@@ -51,6 +51,8 @@ class Simulation:
         self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot)
         self._tremor = tremor(flight, pilot, seed)
         self._manoeuvres = tuple(manoeuvres)
+        self._asked: tuple[Manoeuvre, ...] = ()
+        self._trimmed: NDArray[np.float64] = np.empty(0)
         self._deflection = deflection
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
@@ -64,6 +66,12 @@ class Simulation:
     def flown(self) -> Flown:
         """What the equations take, now."""
         return self.aircraft.flown
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Fly these beside the others from now on, `start` in seconds of flight; none to fly what was asked no more."""
+        self._asked = tuple(manoeuvres)
+        if self._block:
+            self._commands = self._trimmed + self._added(self._block - 1)
 
     @property
     def steps_done(self) -> int:
@@ -95,16 +103,20 @@ class Simulation:
         """Elevator commands and gusts for the block that the step is in."""
         number = step // BLOCK
         if self._block != number + 1:
-            half_steps = np.arange(2 * BLOCK + 1) + 2 * number * BLOCK
-            if self._deflection is None:
-                added = elevator_input(self._manoeuvres, half_steps.astype(np.float64) * (0.5 * DT))
-            else:
-                added = self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
-            self._commands = self._begun.trim_elevator + added + self._tremor.half_steps(BLOCK // EVERY)
+            self._trimmed = self._begun.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
+            self._commands = self._trimmed + self._added(number)
             self._block = number + 1
         s = float(self._memory.x[DISTANCE])
         far = SPEED_MARGIN * self._begun.trim_speed * BLOCK * DT
         self._field.cover(s - self._behind, s + self._ahead + far)
+
+    def _added(self, number: int) -> NDArray[np.float64]:
+        """What the inputs add at the half steps of a block, rad."""
+        half_steps = np.arange(2 * BLOCK + 1) + 2 * number * BLOCK
+        if self._deflection is not None:
+            return self._deflection[np.minimum(half_steps, len(self._deflection) - 1)]
+        time = half_steps.astype(np.float64) * (0.5 * DT)
+        return elevator_input(self._manoeuvres, time) + elevator_input(self._asked, time)
 
 
 def tremor(flight: Flight, pilot: Pilot, seed: int | None) -> Tremor:

@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 from station.campaign import spec
 from station.conventions import from_si
-from station.profile import aircraft, altered, card, rig, uncertainty
+from station.profile import aircraft, altered, card, rig, shapes, step, uncertainty
 
 SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
 """Units in which a default is written, where SI is not what one says."""
@@ -151,18 +151,21 @@ def rig_keys() -> str:
 
 
 def card_keys() -> str:
-    wave = card.Doublet.__mro__[1]
+    wave = shapes.Doublet.__mro__[1]
     return of(
         ("Top of the file", card.Card),
         ("`[flight]`", card.Flight),
         ("`[flight.truth]`, by key of the aircraft's profile", altered.Change),
         ("`[[manoeuvres]]`, any", wave),
-        ('`kind = "doublet"`', card.Doublet, wave),
-        ('`kind = "3-2-1-1"`', card.ThreeTwoOneOne, wave),
-        ('`kind = "multisine"`', card.Multisine, wave),
-        ('`kind = "sweep"`', card.Sweep, wave),
-        ('`kind = "pulse"`', card.Pulse, wave),
+        ('`kind = "doublet"`', shapes.Doublet, wave),
+        ('`kind = "3-2-1-1"`', shapes.ThreeTwoOneOne, wave),
+        ('`kind = "multisine"`', shapes.Multisine, wave),
+        ('`kind = "sweep"`', shapes.Sweep, wave),
+        ('`kind = "pulse"`', shapes.Pulse, wave),
         ("`[[points]]`", card.TestPoint),
+        ("`[[steps]]`, whose `[[steps.inputs]]` are as `[[manoeuvres]]`", step.Step),
+        ("`[steps.condition]`", step.Condition),
+        ("`[limits]`", step.Limits),
         ("`[pilot]`, and `[pilots.NAME]` of a campaign", card.Pilot),
         ("`[[faults]]`", card.Fault),
     )

@@ -1,0 +1,314 @@
+"""A card's steps, flown one by one: condition, countdown, input, verdict; the crew says what comes next.
+
+`update` runs in the 50 Hz loop, `press` in the screen's thread; what is shown is replaced whole, never edited.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import LATERAL, SIGNAL_INDEX, TICK_HZ, from_si
+from station.flight.board import Board
+from station.flight.limits import LimitWatch
+from station.flight.point_marks import Points
+from station.flight.verdict import Option, Verdict, judge, known
+from station.model.airframe_error import relative_errors
+from station.profile import AIR, Aircraft, Card, Manoeuvre, Step
+from station.rows import AlphaEstimate, Code, Event, Frame, Row
+from station.simulation.input_table import InputTable, input_table
+
+Array = NDArray[np.float64]
+
+COUNTDOWN_S: Final = 5.0
+"""Time to get ready in, and for an emulated pilot's order to arrive."""
+SETTLE_S: Final = 3.0
+"""After the input: the response dies down, and the estimators have seen it."""
+STEADY_S: Final = 2.0
+"""Without keys: in the condition for so long before the countdown."""
+SHOWN_S: Final = 4.0
+"""Without keys: a verdict stands so long."""
+LEAST_MOTION: Final = 0.5
+"""Of the drawn input's rms, that must be flown."""
+
+
+class Phase(StrEnum):
+    READY = "ready"
+    COUNTDOWN = "countdown"
+    FLYING = "flying"
+    SETTLING = "settling"
+    VERDICT = "verdict"
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing of a step's condition."""
+
+    words: str
+    good: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What there is to see of the guide, at one time."""
+
+    phase: Phase
+    number: int
+    """Of the step, from 1."""
+    run: int
+    """How often the step has been flown; the one under way counts."""
+    since_s: float = 0.0
+    """Since the input begins; negative in the countdown."""
+    checks: tuple[Check, ...] = ()
+    verdict: Verdict | None = None
+    results: tuple[tuple[str, str], ...] = ()
+    """Steps that are over: name, and how they ended."""
+
+
+class Guide:
+    """Leads through the card's steps. `ask` has an emulated aircraft fly inputs, `start` in station time (s)."""
+
+    def __init__(
+        self,
+        card: Card,
+        aircraft: Aircraft,
+        board: Board,
+        points: Points,
+        put: Callable[[Event], None],
+        ask: Callable[[Sequence[Manoeuvre]], None] = lambda _: None,
+        options: Sequence[Mapping[str, Option]] = (),
+        *,
+        auto: bool = False,
+    ) -> None:
+        """`options`: of each step, a better input by derivative; `auto`: nobody presses keys."""
+        self.steps = card.steps
+        self.tables: tuple[InputTable, ...] = tuple(input_table(s.inputs, TICK_HZ) for s in card.steps)
+        self.shown = Shown(Phase.READY if card.steps else Phase.DONE, 1, 0)
+        self.flown: dict[str, Array] = {}
+        """What each surface has done about its trim, by the ticks of the step's table; NaN to come."""
+        self._watch = LimitWatch(card.limits)
+        self._aircraft, self._board, self._points, self._put, self._ask = aircraft, board, points, put, ask
+        self._options, self._auto = tuple(options), auto
+        self._alpha: AlphaEstimate | None = None
+        self._pressed = ""
+        self._start_ns = self._steady_ns = self._told_ns = 0
+        self._trim: dict[str, float] = {}
+        self._faults: list[str] = []
+        self._worst_air = 0
+        self._mass_recorded = False
+        self._warm_up_ns, self._settled_ns = round(card.warm_up * 1e9), 0
+
+    @property
+    def step(self) -> Step:
+        """The one under way, or the last."""
+        return self.steps[min(self.shown.number, len(self.steps)) - 1]
+
+    @property
+    def table(self) -> InputTable:
+        """What it draws."""
+        return self.tables[min(self.shown.number, len(self.steps)) - 1]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether every step has been left, and the end been told."""
+        return self.shown.phase is Phase.DONE and bool(self.steps) and self.shown.since_s > SHOWN_S
+
+    def press(self, key: str) -> None:
+        """n next, r repeat, s skip, a abort; heeded at the next tick."""
+        self._pressed = key
+
+    def update(self, rows: Iterable[Row]) -> None:
+        """Digest the rows of a tick."""
+        for row in rows:
+            if isinstance(row, AlphaEstimate):
+                self._alpha = row
+                self._settled_ns = self._settled_ns or row.t_ns + self._warm_up_ns
+            elif isinstance(row, Frame):
+                for event in self._watch.step(row, self._alpha):
+                    self._put(event)
+                    if event.code is Code.LIMIT and self.shown.phase in (Phase.FLYING, Phase.SETTLING):
+                        self._faults.append(f"{event.source} {event.detail}")
+                if self.steps:
+                    self._advance(row)
+
+    def _advance(self, frame: Frame) -> None:
+        key, self._pressed = self._pressed, ""
+        now, shown = frame.t_ns, self.shown
+        self._mass_recorded = math.isfinite(frame.values[SIGNAL_INDEX["mass"]])
+        since_s = (now - self._start_ns) * 1e-9
+        checks = tuple(self._checks(frame))
+        if any(not c.good for c in checks):
+            self._steady_ns = now
+        self.shown = shown = replace(shown, checks=checks, since_s=since_s)
+        match shown.phase:
+            case Phase.READY:
+                if key == "n" or (self._auto and now - self._steady_ns > STEADY_S * 1e9):
+                    self._count_down(now)
+            case Phase.COUNTDOWN:
+                self._await_the_input(frame, since_s)
+            case Phase.FLYING | Phase.SETTLING:
+                self._follow(frame, since_s)
+            case Phase.VERDICT:
+                self._go_on(key, now)
+        self._obey(key)
+
+    def _await_the_input(self, frame: Frame, since_s: float) -> None:
+        if since_s < 0:
+            self._trim = {n: _smoothed(self._trim.get(n), _signal(frame, n)) for n in self.table.surfaces}
+        else:
+            self._faults += [f"{c.words} when it began" for c in self.shown.checks if not c.good]
+            self.shown = replace(self.shown, phase=Phase.FLYING)
+            self._follow(frame, since_s)
+
+    def _follow(self, frame: Frame, since_s: float) -> None:
+        self._take(frame, round(since_s * TICK_HZ))
+        ended = since_s - float(self.table.t_s[-1])
+        if ended > SETTLE_S:
+            self._judge(frame.t_ns)
+        elif ended > 0:
+            self.shown = replace(self.shown, phase=Phase.SETTLING)
+
+    def _go_on(self, key: str, now: int) -> None:
+        kind = "" if self.shown.verdict is None else self.shown.verdict.kind
+        if self._auto and now - self._told_ns > SHOWN_S * 1e9:
+            key = "r" if kind == "repeat" else "n"
+        if key == "n":
+            self._leave(kind)
+        elif key == "r":
+            self._count_down(now)
+
+    def _obey(self, key: str) -> None:
+        """Keys that do the same whenever they are pressed."""
+        if key == "s" and self.shown.phase is not Phase.DONE:
+            self._ask(())
+            self._leave("skipped")
+        elif key == "a" and self.shown.phase in (Phase.COUNTDOWN, Phase.FLYING, Phase.SETTLING):
+            self._ask(())
+            self._say(Code.STEP, f"{self.step.name}: run {self.shown.run} aborted")
+            self.shown = replace(self.shown, phase=Phase.READY, run=self.shown.run - 1)
+
+    def _count_down(self, now: int) -> None:
+        shown, step = self.shown, self.step
+        if shown.run == 0:
+            more = f"; {step.condition.configuration}" if step.condition.configuration else ""
+            self._points.begin(f"{step.name}{more}")
+        self._start_ns = now + round(COUNTDOWN_S * 1e9)
+        begins, first = self._start_ns * 1e-9, min(m.start for m in step.inputs)
+        self._ask([m.model_copy(update={"start": begins + m.start - first}) for m in step.inputs])
+        self.flown = {name: np.full(len(x), math.nan) for name, x in self.table.surfaces.items()}
+        self._trim, self._faults, self._worst_air = {}, [], 0
+        self._say(Code.STEP, f"{step.name}: run {shown.run + 1} begins in {COUNTDOWN_S:g} s")
+        self.shown = replace(shown, phase=Phase.COUNTDOWN, run=shown.run + 1, since_s=-COUNTDOWN_S, verdict=None)
+
+    def _take(self, frame: Frame, tick: int) -> None:
+        """What is flown, and in which air."""
+        if self._alpha is not None and self._alpha.turbulence in AIR:
+            self._worst_air = max(self._worst_air, AIR.index(self._alpha.turbulence))
+        if 0 <= tick < len(self.table.t_s):
+            for name, values in self.flown.items():
+                values[tick] = _signal(frame, name) - self._trim.get(name, math.nan)
+
+    def _judge(self, now: int) -> None:
+        step, shown, board = self.step, self.shown, self._board
+        wanted = step.condition.air
+        if wanted is not None and self._worst_air > AIR.index(wanted):
+            self._faults.append(f"the air was {AIR[self._worst_air]}, {wanted} is wanted")
+        self._faults += [words for words in map(self._unlike, self.flown) if words]
+        names = tuple(step.accept)
+        method = {n: board.lateral_method if n in LATERAL else board.recommended for n in names}
+        found = {n: board.parameter(method[n], n) for n in names}
+        shares = relative_errors(self._aircraft, names)[int(self._mass_recorded)].tolist() if names else []
+        floors = {n: 2 * share for n, share in zip(names, shares, strict=True)}
+        options = self._options[shown.number - 1] if self._options else {}
+        verdict = judge(step, shown.run, known(step, found, floors), self._faults, options)
+        self._told_ns = now
+        self._say(Code.VERDICT, f"{step.name}, run {shown.run}: {verdict.words}")
+        self.shown = replace(shown, phase=Phase.VERDICT, verdict=verdict)
+
+    def _unlike(self, surface: str) -> str:
+        """Where a surface was not moved as drawn."""
+        drawn, flown = self.table.surfaces[surface], self.flown[surface]
+        seen = np.isfinite(flown)
+        if seen.mean() < LEAST_MOTION:
+            return f"the {surface} was not recorded"
+        share = float(np.std(flown[seen])) / max(float(np.std(drawn)), 1e-9)
+        return f"the {surface} moved {share:.0%} of what is drawn" if share < LEAST_MOTION else ""
+
+    def _leave(self, how: str) -> None:
+        self._points.end()
+        shown = self.shown
+        results = (*shown.results, (self.step.name, how))
+        self._say(Code.STEP, f"{self.step.name}: {how}")
+        last = shown.number == len(self.steps)
+        self.flown = {}
+        self.shown = Shown(Phase.DONE if last else Phase.READY, shown.number + (not last), 0, results=results)
+        if last:
+            self._start_ns = self._board.clock.now_ns()
+            enough = sum(how == "enough" for _, how in results)
+            self._say(Code.STEP, f"the card is flown: {enough} of {len(results)} steps enough")
+
+    def _checks(self, frame: Frame) -> Iterable[Check]:
+        """The step's condition as it is now."""
+        c = self.step.condition
+        if not self._settled_ns:
+            yield Check("estimators not ready", good=False)
+        elif frame.t_ns < self._settled_ns:
+            yield Check(f"estimators settle for {(self._settled_ns - frame.t_ns) * 1e-9:.0f} s", good=False)
+        before = self.shown.phase in (Phase.READY, Phase.COUNTDOWN, Phase.VERDICT)
+        if c.speed is not None:
+            yield _check("speed", _signal(frame, "airspeed"), c.speed, c.speed_tolerance, "kt")
+        if c.altitude is not None:
+            yield _check("altitude", _signal(frame, "altitude"), c.altitude, c.altitude_tolerance, "ft")
+        if before:
+            yield _check("bank", _signal(frame, "phi"), 0.0, c.bank_tolerance, "deg")
+            rate = _signal(frame, "q")
+            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s"
+            yield Check(words, not abs(rate) > c.pitch_rate_tolerance)
+        if c.air is not None:
+            air = self._alpha.turbulence if self._alpha is not None else "unknown"
+            yield Check(f"air {air} (at most {c.air})", air not in AIR or AIR.index(air) <= AIR.index(c.air))
+
+    def _say(self, code: Code, words: str) -> None:
+        self._put(Event(self._board.clock.now_ns(), "card", code, 1, words))
+
+    def snapshot(self) -> dict[str, Any]:
+        """For JSON lines."""
+        shown = self.shown
+        verdict = shown.verdict
+        return {
+            "name": self.step.name,
+            "number": shown.number,
+            "of": len(self.steps),
+            "phase": shown.phase.value,
+            "run": shown.run,
+            "since_s": round(shown.since_s, 3),
+            "out_of_tolerance": [c.words for c in shown.checks if not c.good],
+            "verdict": None if verdict is None else {"kind": verdict.kind, "words": verdict.words},
+            "results": [{"name": name, "ended": how} for name, how in shown.results],
+        }
+
+
+def _signal(frame: Frame, name: str) -> float:
+    return frame.values[SIGNAL_INDEX[name]]
+
+
+def _smoothed(old: float | None, new: float) -> float:
+    """Over half a second."""
+    if old is None or not math.isfinite(old):
+        return new
+    return old + (new - old) * 2.0 / TICK_HZ if math.isfinite(new) else old
+
+
+def _check(name: str, value: float, wanted: float, tolerance: float, unit: str) -> Check:
+    """What cannot be known is not held against the crew."""
+    shown = from_si(value, unit)
+    digits = 0 if unit in ("ft", "kt") else 1
+    words = f"{name} {shown:.{digits}f} {unit} ({from_si(wanted, unit):.0f}±{from_si(tolerance, unit):.0f})"
+    return Check(words if math.isfinite(value) else f"{name} unknown", not abs(value - wanted) > tolerance)

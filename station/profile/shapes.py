@@ -1,0 +1,66 @@
+"""Shapes of test inputs: what a surface does about its trim."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from station.profile.quantity import Frozen, Hertz, Positive, Radians, Seconds
+
+
+class _Input(Frozen):
+    start: Seconds
+    """Seconds of flight."""
+    surface: Literal["elevator", "aileron", "rudder"] = "elevator"
+    """Which surface moves."""
+    amplitude: Radians
+    """Of each half, or of each sine's sum; negative starts the other way."""
+    repeat: Annotated[Seconds, Positive] | None = None
+    """Fly it again each so many seconds, for as long as the flight lasts."""
+
+
+class Doublet(_Input):
+    kind: Literal["doublet"]
+    """The shape."""
+    width: Annotated[Seconds, Positive]
+    """Of each half."""
+
+
+class ThreeTwoOneOne(_Input):
+    kind: Literal["3-2-1-1"]
+    """The shape."""
+    unit: Annotated[Seconds, Positive]
+    """Width of a 1."""
+
+
+class Multisine(_Input):
+    kind: Literal["multisine"]
+    """The shape."""
+    duration: Annotated[Seconds, Positive]
+    """How long it lasts."""
+    low: Annotated[Hertz, Positive] = 0.1
+    """Lowest frequency."""
+    high: Annotated[Hertz, Positive] = 2.0
+    """Highest frequency."""
+
+
+class Sweep(_Input):
+    kind: Literal["sweep"]
+    """The shape."""
+    duration: Annotated[Seconds, Positive]
+    """How long it lasts."""
+    low: Annotated[Hertz, Positive] = 0.1
+    """Lowest frequency."""
+    high: Annotated[Hertz, Positive] = 2.0
+    """Highest frequency."""
+
+
+class Pulse(_Input):
+    kind: Literal["pulse"]
+    """The shape."""
+    width: Annotated[Seconds, Positive]
+    """How long it lasts."""
+
+
+Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]

@@ -1,0 +1,114 @@
+"""Steps of a test card: what is flown, in which condition, until what is known how well; and its limits."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from station.conventions import LATERAL, LONGITUDINAL
+from station.profile.quantity import Frozen, Metres, MetresPerSecond, Positive, Radians, nearest
+from station.profile.shapes import Manoeuvre
+
+AIR = ("calm", "light", "moderate", "severe")
+
+
+def _share(value: object) -> object:
+    """ "3 %", or 0.03."""
+    if isinstance(value, str):
+        number, _, unit = value.strip().partition(" ")
+        try:
+            share = float(number.removesuffix("%")) / 100
+        except ValueError:
+            share = math.nan
+        if not math.isfinite(share) or (unit != "%" and not (number.endswith("%") and not unit)):
+            raise PydanticCustomError("quantity", '{text} is not a share: write "3 %" or 0.03', {"text": repr(value)})
+        return share
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Share = Annotated[float, BeforeValidator(_share), Field(gt=0, le=1)]
+
+
+class Limits(Frozen):
+    """What must not be exceeded, of whatever is flown: told at once. Attitudes are by default those of an
+    upset (Airplane Upset Recovery Training Aid; ICAO Doc 10011; the upsets that 14 CFR 60 has simulators show)."""
+
+    bank: Annotated[Radians, Positive] | None = math.radians(45.0)
+    """Either way."""
+    pitch_up: Annotated[Radians, Positive] | None = math.radians(25.0)
+    """Nose above the horizon."""
+    pitch_down: Annotated[Radians, Positive] | None = math.radians(10.0)
+    """Nose below the horizon."""
+    angle_of_attack: Annotated[Radians, Positive] | None = None
+    """Highest, corrected; that of the vane where none is valid."""
+    sideslip: Annotated[Radians, Positive] | None = None
+    """Either way, as the vane shows it."""
+    load_factor: Annotated[float, Field(gt=1)] | None = None
+    """Highest."""
+    least_load_factor: Annotated[float, Field(lt=1)] | None = None
+    """Lowest."""
+    speed: Annotated[MetresPerSecond, Positive] | None = None
+    """Highest true airspeed."""
+    least_speed: Annotated[MetresPerSecond, Positive] | None = None
+    """Lowest true airspeed."""
+
+
+class Condition(Frozen):
+    """In which the step is to be flown. What is left out does not matter."""
+
+    speed: Annotated[MetresPerSecond, Positive] | None = None
+    """True airspeed."""
+    speed_tolerance: Annotated[MetresPerSecond, Positive] = 3.0
+    """Either way."""
+    altitude: Metres | None = None
+    """Above mean sea level."""
+    altitude_tolerance: Annotated[Metres, Positive] = 60.0
+    """Either way."""
+    bank_tolerance: Annotated[Radians, Positive] = math.radians(5.0)
+    """Of wings level, before the input."""
+    pitch_rate_tolerance: Annotated[float, Field(gt=0)] = 0.03
+    """Of none, before the input, rad/s."""
+    air: Literal["calm", "light", "moderate", "severe"] | None = None
+    """The most turbulence that is wanted, during the input."""
+    configuration: str = ""
+    """What the crew sets: flaps, power, ice. Shown, and kept with the test point."""
+
+
+class Step(Frozen):
+    """One step of a card: fly the inputs in the condition, and again, until the derivatives are known."""
+
+    name: str
+    """What the crew calls it."""
+    inputs: tuple[Manoeuvre, ...] = ()
+    """What is flown; `start` counts from the end of the countdown."""
+    accept: dict[str, Share] = Field(default_factory=dict)
+    """Enough: 2 sd below this share of the value, by derivative; without any, once flown is enough."""
+    repeats: int = Field(default=3, ge=1)
+    """How often it is flown at most."""
+    condition: Condition = Condition()
+    """In which it is flown."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _tuples(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and isinstance(raw.get("inputs"), list):
+            raw = {**raw, "inputs": tuple(raw["inputs"])}
+        return raw
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if ";" in self.name or not self.name.strip():
+            raise PydanticCustomError("step", "name: write one, without a semicolon")
+        known = (*LONGITUDINAL, *LATERAL)
+        for name in self.accept:
+            if name not in known:
+                words = {"name": name, "near": nearest(name, known)}
+                raise PydanticCustomError("derivative", "accept: unknown derivative {name}{near}", words)
+        if not self.inputs:
+            raise PydanticCustomError("step", "inputs: missing: what is to be flown?")
+        if any(m.repeat is not None for m in self.inputs):
+            raise PydanticCustomError("step", "inputs: repeat is for [[manoeuvres]]; a step has repeats")
+        return self

@@ -1,0 +1,50 @@
+"""Steps of a card: what is read, and what is refused with the key and how to mend it."""
+
+import pytest
+
+from station.profile import Card, load_card, profiles_dir
+from station.rows import ProfileError
+
+GUIDED = (profiles_dir() / "cards" / "guided.toml").read_text()
+
+
+def test_shares_are_percent_or_numbers_and_lateral_inputs_ask_for_lateral_derivatives() -> None:
+    card = load_card("guided").card
+    assert card.steps[0].accept == {"CL_alpha": 0.1, "Cm_alpha": 0.2, "Cm_q": 0.15}
+    assert card.asks_lateral
+    assert not card.manoeuvres
+    doublet = {"kind": "doublet", "start": "0 s", "amplitude": "2 deg", "width": "1 s"}
+    steps = [{"name": "a", "inputs": [doublet], "accept": {"Cm_q": 0.2}}]
+    made = Card.model_validate({"name": "x", "aircraft": "", "rig": "", "steps": steps})
+    assert made.steps[0].accept == {"Cm_q": 0.2}
+    assert not made.asks_lateral
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('CL_alpha = "10 %"', 'CL_alfa = "10 %"', "unknown derivative CL_alfa; did you mean CL_alpha?"),
+        ('CL_alpha = "10 %"', 'CL_alpha = "10 deg"', 'write "3 %" or 0.03'),
+        ('CL_alpha = "10 %"', "CL_alpha = 10", "less than or equal to 1"),
+        ('name = "Short period, 110 kt"', 'title = "x"', "unknown key"),
+        ('air = "light"', 'air = "smooth"', "unknown: smooth"),
+        ('speed_tolerance = "5 kt"', 'speed_tolerance = "5"', "missing unit"),
+        ('start = "0 s"', 'start = "0 s"\nrepeat = "9 s"', "a step has repeats"),
+        ("load_factor = 2.0", "load_factor = 0.5", "greater than 1"),
+        ("[limits]", "[limits]\nbanking = 3", "unknown key"),
+    ],
+)
+def test_a_mistake_names_its_key(tmp_path, old: str, new: str, words: str) -> None:
+    assert old in GUIDED
+    path = tmp_path / "mine.toml"
+    path.write_text(GUIDED.replace(old, new, 1))
+    with pytest.raises(ProfileError, match=r"mine\.toml: ") as told:
+        load_card(str(path))
+    assert words in str(told.value)
+
+
+def test_a_step_without_an_input_is_none(tmp_path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(GUIDED.partition("[[steps.inputs]]")[0])
+    with pytest.raises(ProfileError, match="what is to be flown"):
+        load_card(str(path))
