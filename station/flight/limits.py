@@ -58,8 +58,8 @@ class LimitWatch:
         load, side = -signal("az") / G0, signal("beta_vane")
         for name, value, limit, sign, unit in (
             ("bank", abs(bank), at.bank, 1, "deg"),
-            ("pitch up", pitch, at.pitch_up, 1, "deg"),
-            ("pitch down", pitch, None if at.pitch_down is None else -at.pitch_down, -1, "deg"),
+            ("nose up", pitch, at.nose_up, 1, "deg"),
+            ("nose down", pitch, None if at.nose_down is None else -at.nose_down, -1, "deg"),
             ("angle of attack", angle, at.angle_of_attack, 1, "deg"),
             ("sideslip", abs(side), at.sideslip, 1, "deg"),
             ("load factor", load, at.load_factor, 1, "1"),

@@ -38,9 +38,9 @@ class Limits(Frozen):
 
     bank: Annotated[Radians, Positive] | None = math.radians(45.0)
     """Either way."""
-    pitch_up: Annotated[Radians, Positive] | None = math.radians(25.0)
+    nose_up: Annotated[Radians, Positive] | None = math.radians(25.0)
     """Nose above the horizon."""
-    pitch_down: Annotated[Radians, Positive] | None = math.radians(10.0)
+    nose_down: Annotated[Radians, Positive] | None = math.radians(10.0)
     """Nose below the horizon."""
     angle_of_attack: Annotated[Radians, Positive] | None = None
     """Highest, corrected; that of the vane where none is valid."""

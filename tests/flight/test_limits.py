@@ -28,8 +28,8 @@ def flown(watch: LimitWatch, *stretches: tuple[float, dict[str, float]]) -> list
     ("limits", "signal", "value", "name"),
     [
         ({}, "phi", to_si(-46, "deg"), "bank"),
-        ({}, "theta", to_si(26, "deg"), "pitch up"),
-        ({}, "theta", to_si(-11, "deg"), "pitch down"),
+        ({}, "theta", to_si(26, "deg"), "nose up"),
+        ({}, "theta", to_si(-11, "deg"), "nose down"),
         ({"angle_of_attack": "12 deg"}, "alpha_vane", to_si(13, "deg"), "angle of attack"),
         ({"sideslip": "10 deg"}, "beta_vane", to_si(-11, "deg"), "sideslip"),
         ({"load_factor": 2.0}, "az", -2.1 * 9.80665, "load factor"),
