@@ -10,10 +10,17 @@ import typer
 from station.commands.common import LogPath, there
 from station.console import DONE, say
 from station.log import recover as write_recovered
+from station.profile import load_aircraft
 
 
-def recover(log: LogPath, out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="new file")]) -> int:
+def recover(
+    log: LogPath,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="new file")],
+    aircraft: Annotated[
+        str | None, typer.Option(metavar="NAME", help="what flew, where the recording can no longer say it")
+    ] = None,
+) -> int:
     """Write every readable row of a broken recording into a new, complete file."""
-    summary = write_recovered(there(log), out)
+    summary = write_recovered(there(log), out, None if aircraft is None else load_aircraft(aircraft))
     say(f"{out}: {summary.rows} rows; the original is {summary.verdict}")
     return DONE

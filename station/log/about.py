@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
 from station.conventions import Stream
-from station.log.scan import PartReader
+from station.log.scan import CRC, PartReader, seal
 from station.profile import Aircraft, Card, Rig, from_json, to_json
 from station.rows import LogError, ProfileError
 
@@ -85,11 +85,22 @@ def preamble(
     if about.card is not None:
         attachments["card.json"] = to_json(about.card).encode()
     attachments.update({f"files/{name}": data for name, data in about.files.items()})
-    return metadata, attachments
+    return {name: {**found, CRC: seal(found)} for name, found in metadata.items()}, attachments
 
 
 def info_of(reader: PartReader) -> LogInfo:
-    """What the metadata read by a PartReader says. Raises LogError if it is cut or not a station's."""
+    """What the metadata read by a PartReader says, from its second copy where the first is hurt. Raises LogError if it
+    is cut or not a station's."""
+    if reader.damage:
+        reader.open_again()
+    try:
+        return _info_of(reader)
+    except LogError:
+        reader.open_again()
+        return _info_of(reader)
+
+
+def _info_of(reader: PartReader) -> LogInfo:
     station, clock = reader.metadata.get("station"), reader.metadata.get("clock")
     aircraft = reader.attachments.get("aircraft.json")
     if station is None or clock is None or aircraft is None:

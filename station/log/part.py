@@ -12,7 +12,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -74,8 +74,9 @@ class _Channel:
 class PartWriter:
     """A file being written. Every method may raise OSError; after that only `abandon` is allowed.
 
-    The file is created exclusively (FileExistsError). Each chunk goes to the operating system in one write, together
-    with the channels it needs, so that a kill leaves whole chunks.
+    What it says of itself stands at its start, and a second time behind the first chunk. The file is created
+    exclusively (FileExistsError). Each chunk goes to the operating system in one write, together with the channels it
+    needs, so that a kill leaves whole chunks.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class PartWriter:
         out = RecordBuilder()
         out.write(MAGIC)
         Header("", "flight-test-station").write(out)
+        begin = out.count
         for name, data in metadata.items():
             at = out.count
             Metadata(name=name, metadata=dict(data)).write(out)
@@ -123,7 +125,18 @@ class PartWriter:
             self._other_indexes.append(
                 AttachmentIndex(at, out.count - at, 0, 0, data_size=len(blob), name=name, media_type=kind)
             )
-        self._write(_taken(out))
+        head = _taken(out)
+        self._write(head)
+        self._begin, self._profiles = begin, head[begin:]
+
+    def _profiles_again(self, at: int) -> bytes:
+        """What a recording says of itself, a second time at this place: one wrong byte costs no flight its profiles."""
+        moved: list[McapRecord] = []
+        for index in self._other_indexes:
+            assert isinstance(index, MetadataIndex | AttachmentIndex)
+            moved.append(replace(index, offset=index.offset + at - self._begin))
+        self._other_indexes += moved
+        return self._profiles
 
     @property
     def messages(self) -> int:
@@ -198,6 +211,8 @@ class PartWriter:
             out.append(struct.pack(f"<{len(entries)}Q", *entries))
             places += (channel.number, index_at)
             index_at += _INDEX.size + size
+        if self._chunk_count == 0:
+            out.append(self._profiles_again(index_at))
         self._write(b"".join(out))
         mapped = struct.pack("<" + "HQ" * len(self._open), *places)
         rest = _CHUNK_INDEX.size - RECORD.size + len(mapped) + _CHUNK_INDEX_END.size

@@ -30,7 +30,9 @@ def _escaped(text: str) -> str:
 def metadata(path: Path) -> LogInfo:
     """What a recording says of itself, from its first file. Raises LogError if that is nothing."""
     if not path.is_file():
-        raise LogError(f"{path}: no such recording")
+        later = parts(path)[1:]
+        mend = f"\nlater files of it are: read {later[0]} and those after it one by one" if later else ""
+        raise LogError(f"{path}: no such recording{mend}")
     reader = PartReader(path)
     reader.open()
     return info_of(reader)
@@ -61,15 +63,31 @@ def read_rows(path: Path, kinds: Collection[type[Row]] | None = None) -> Iterato
         yield from read_part(reader, names)
 
 
-def readers(path: Path) -> Iterator[PartReader]:
-    """Each file of a recording, opened. Files of another flight or without a readable start are passed over."""
-    first = metadata(path)
+def absent(path: Path) -> list[str]:
+    """Files of a recording that ought to be beside the one that is named, and are not."""
+    files = parts(path)
+    if number := _PART.search(path.stem):
+        first = path.with_name(f"{path.stem[: number.start()]}.mcap")
+        return [] if first.exists() else [first.name]
+    last = int(files[-1].stem.rpartition(".")[2]) if len(files) > 1 else 0
+    wanted = [path.with_name(f"{path.stem}.{n:04d}.mcap") for n in range(1, last)]
+    return [p.name for p in wanted if not p.exists()]
+
+
+def readers(path: Path, first: LogInfo | None = None) -> Iterator[PartReader]:
+    """Each file of a recording, opened. Passed over is what is of another flight or no recording; of a file that cannot
+    say whose it is, its name does. `first`: what the recording is, where its own file cannot say that either."""
+    flight = (first or metadata(path)).flight
     for part in parts(path):
         reader = PartReader(part)
         try:
             reader.open()
-            info = info_of(reader)
         except LogError:
             continue
-        if info.flight == first.flight:
-            yield reader
+        try:
+            if info_of(reader).flight != flight and first is None:
+                continue
+        except LogError:
+            if part.stat().st_size and not reader.doubtful and not reader.damage and reader.truncated_at is None:
+                continue  # an MCAP file of somebody else
+        yield reader

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import mmap
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +20,10 @@ from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
 from station.rows import LogError
 
 _LARGEST_CHUNK: Final = 1 << 28
+CRC: Final = "crc32"
+"""In metadata, the checksum of the rest of it: MCAP has none for metadata."""
+_PROFILES_AGAIN: Final = 2
+"""Behind so many chunks what a recording says of itself has been read a second time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +52,8 @@ class PartReader:
     truncated_at: int | None = None
     tail_s: float | None = None
     """Seconds of recording in the chunk that the end of a truncated file cuts, if its head can be read."""
-    _data: Any = b""
+    doubtful: set[str] = field(default_factory=set)
+    """Metadata and attachments whose checksum does not fit, and of which there is no second copy that does."""
     _last_ns: int | None = None
     _hurt: int | None = None
 
@@ -60,6 +66,12 @@ class PartReader:
         """Read the metadata and attachments at the start. Raises LogError if it is no MCAP file or cannot be read."""
         for _ in self._records(head_only=True):
             pass
+
+    def open_again(self) -> None:
+        """Read on to where what it says of itself stands a second time, and take that for what was hurt."""
+        for number, _ in enumerate(self._records(head_only=False), 1):
+            if number > _PROFILES_AGAIN:
+                return
 
     def messages(self) -> Iterator[tuple[Channel, int, bytes]]:
         self.channels.clear()
@@ -106,7 +118,9 @@ class PartReader:
 
     def _walk(self, data: Any, size: int, head_only: bool) -> Iterator[tuple[int, bytes]]:
         if data[: min(8, size)] != MAGIC[: min(8, size)]:
-            raise LogError(f"{self.path}: not an MCAP file\nimport other formats with: station import")
+            if self._next_chunk(data, 0) is None:
+                raise LogError(f"{self.path}: not an MCAP file\nimport other formats with: station import")
+            self._hurts(0, "the first bytes are wrong", 0.0)
         at, before, ended = 8, 8, False
         while True:
             if at + RECORD.size > size:
@@ -163,17 +177,29 @@ class PartReader:
                 self._channel(data[start:end])
             elif kind == Opcode.METADATA:
                 name, rest = _string(data[start:end])
-                self.metadata[name] = _mapping(rest)
+                found = _mapping(rest)
+                stated = found.pop(CRC, None)
+                if self._keeps(at, name, stated is None or stated == seal(found)):
+                    self.metadata[name] = found
             elif kind == Opcode.ATTACHMENT:
                 (crc,) = struct.unpack_from("<I", data, end - 4)
                 name, rest = _string(data[start + 16 : end - 4])
-                if crc and crc != zlib.crc32(data[start : end - 4]):
-                    # Kept all the same: the flight's rows must not be lost to one wrong byte of a profile.
-                    self._hurts(at, f"the checksum of {name!r} does not fit", 0.0)
-                _, rest = _string(rest)
-                self.attachments[name] = rest[8:]
+                if self._keeps(at, name, not crc or crc == zlib.crc32(data[start : end - 4])):
+                    _, rest = _string(rest)
+                    self.attachments[name] = rest[8:]
         except (struct.error, UnicodeDecodeError, IndexError) as error:
             self._hurts(at, f"a record cannot be taken apart: {error}", None)
+
+    def _keeps(self, at: int, name: str, is_sound: bool) -> bool:
+        """Whether what is read is to be kept: what is hurt only until a sound copy comes, as it may be readable."""
+        is_new = name not in self.metadata and name not in self.attachments
+        if is_sound:
+            self.doubtful.discard(name)
+            return True
+        self._hurts(at, f"the checksum of {name!r} does not fit", 0.0)
+        if is_new:
+            self.doubtful.add(name)
+        return is_new
 
     def _body(self, data: Any, start: int, end: int) -> bytes | str:
         """A chunk's records, or what is wrong with it."""
@@ -262,6 +288,11 @@ class PartReader:
             self._hurts(end, "the last bytes are wrong", 0.0)
         elif crc and summary < start and crc != _checksum(data, summary, end - 4) and not self.damage:
             self._hurts(start, "the checksum of the index does not fit", 0.0)
+
+
+def seal(metadata: Mapping[str, str]) -> str:
+    """The checksum that metadata carry under CRC."""
+    return f"{zlib.crc32(json.dumps(dict(metadata), sort_keys=True).encode()):08x}"
 
 
 def _checksum(data: Any, start: int, end: int) -> int:

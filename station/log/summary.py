@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from station.conventions import Stream
+from station.conventions import SIGNALS, Stream
 from station.log.about import About, LogInfo
 from station.log.messages import RowWriter
-from station.log.reading import metadata, read_part, readers
+from station.log.reading import absent, metadata, read_part, readers
 from station.log.scan import PartReader
 from station.log.writer import write_log
+from station.profile import Aircraft
 from station.rows import MISSED_SHARE, Code, Event, Frame, LogError, MethodEstimate, Rows, Sample, Tick
 
 Verdict = Literal["complete", "truncated", "damaged"]
@@ -113,10 +115,10 @@ class _StreamCount:
             summary.rate_hz = (summary.samples - 1) / ((self._last - self._first) * 1e-9)
 
 
-def summarise(path: Path) -> Summary:
+def summarise(path: Path, info: LogInfo | None = None) -> Summary:
     """Read a whole recording and judge it. Raises LogError only if there is no such file, it is no recording of a
-    station, or nothing of its start can be read."""
-    info = metadata(path)
+    station, or nothing of its start can be read; `info` says what it is, where its start does not."""
+    given, info = info, info or metadata(path)
     out = _empty(path, info)
     counts = {s.name: _StreamCount(s) for s in info.streams}
     methods: dict[str, None] = {}
@@ -125,7 +127,7 @@ def summarise(path: Path) -> Summary:
     last = previous_last = 0
     k: int | None = None
     broke = False
-    for reader in readers(path):
+    for reader in readers(path, given):
         out.files += 1
         out.bytes += reader.path.stat().st_size
         part_first: int | None = None
@@ -162,7 +164,10 @@ def summarise(path: Path) -> Summary:
     out.utc_start_ns = info.utc_ns + ((first or 0) - info.station_ns)
     known = [x for x in lost if x is not None]
     out.seconds_lost = sum(known) if known or not lost else None
-    out.degraded = _shortcomings(out)
+    gone = absent(path)
+    if gone:
+        out.problems.append(f"not here: {', '.join(gone)}")
+    out.degraded = _shortcomings(out) + [f"not here: {name}" for name in gone]
     return out
 
 
@@ -242,14 +247,22 @@ def describe(summary: Summary) -> str:
     return "\n".join(lines)
 
 
-def recover(path: Path, out: Path) -> Summary:
+def recover(path: Path, out: Path, aircraft: Aircraft | None = None) -> Summary:
     """Write every readable row of a recording, all its files in one, into a new complete file, and read that back.
 
-    Returns the summary of the source. Raises LogError if nothing can be read, `out` exists or cannot be written, or
-    what is read back differs.
+    Where the recording can no longer say what it is of, it is of `aircraft`, and its streams are told from their rows.
+    Returns the summary of the source. Raises LogError, and leaves no `out`, if nothing can be read, `out` exists or
+    cannot be written, or what is read back differs.
     """
-    info = metadata(path)
-    summary = summarise(path)
+    given = None
+    try:
+        info = metadata(path)
+    except LogError as error:
+        if aircraft is None or not path.is_file():
+            mend = "" if not path.is_file() else "\nsay what flew: station recover --aircraft NAME"
+            raise LogError(f"{error}{mend}") from error
+        info = given = _told_by_rows(path, aircraft)
+    summary = summarise(path, given)
     if not summary.rows:
         raise LogError(f"{path}: no row of it can be read")
     notes = {**info.about.notes, "recovered_from": path.name, "verdict_of_original": summary.verdict}
@@ -257,21 +270,50 @@ def recover(path: Path, out: Path) -> Summary:
         aircraft=info.about.aircraft, streams=info.streams, rig=info.about.rig, card=info.about.card,
         source=info.about.source, imported=info.about.imported, notes=notes, files=info.about.files,
     )  # fmt: skip
-    written = write_log(out, about, _rows(path), info.station_ns, info.utc_ns)
-    if summarise(out).verdict != "complete" or _digest(path, info) != _digest(out, info) or written != summary.rows:
-        raise LogError(f"{out}: does not read back as it was written: do not use it\nthe original is as it was: {path}")
+    written = write_log(out, about, _rows(path, given), info.station_ns, info.utc_ns)
+    try:
+        whole = summarise(out).verdict == "complete" and written == summary.rows
+        whole = whole and _digest(path, info, given) == _digest(out, info)
+    except LogError:
+        whole = False
+    if not whole:
+        out.unlink(missing_ok=True)
+        raise LogError(
+            f"{out}: does not read back as it was written, and was removed\nthe original is as it was: {path}"
+        )
     return summary
 
 
-def _rows(path: Path) -> Iterator[Rows]:
-    for reader in readers(path):
+def _told_by_rows(path: Path, aircraft: Aircraft) -> LogInfo:
+    """What a recording is, by its channels and rows alone."""
+    names: dict[str, tuple[str, ...]] = {}
+    spans: dict[str, tuple[int, int, int]] = {}
+    reader = PartReader(path)
+    for channel, time_ns, data in reader.messages():
+        if channel.metadata.get("row") == "Sample":
+            stream = channel.metadata["key"]
+            if stream not in names:
+                names[stream] = tuple(n for n in json.loads(data) if n in SIGNALS)
+            first, _, count = spans.get(stream, (time_ns, 0, 0))
+            spans[stream] = first, time_ns, count + 1
+    rates = {s: max(1.0, round((n - 1) * 1e9 / (b - a))) if b > a else 1.0 for s, (a, b, n) in spans.items()}
+    streams = tuple(
+        Stream(s, signals, rates[s], max(0.2, 10 / rates[s]), s.partition(".")[0])
+        for s, signals in names.items()
+        if signals
+    )
+    return LogInfo(About(aircraft, streams, notes={"aircraft": "named when it was recovered"}), "unknown", "", 0, 0, 0)
+
+
+def _rows(path: Path, given: LogInfo | None = None) -> Iterator[Rows]:
+    for reader in readers(path, given):
         yield from read_part(reader, None)
 
 
-def _digest(path: Path, info: LogInfo) -> bytes:
+def _digest(path: Path, info: LogInfo, given: LogInfo | None = None) -> bytes:
     """Of all rows as they are encoded, so that NaN counts as equal to NaN."""
     writer, digest = RowWriter(info.streams), hashlib.blake2b()
-    for row in _rows(path):
+    for row in _rows(path, given):
         topic, data = writer.message(row)
         digest.update(f"{topic.name} {row.t_ns} {len(data)}\n".encode())
         digest.update(data)

@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from station.clock import ManualClock
 from station.conventions import SIGNALS, Stream
-from station.log import About, describe, metadata, read_rows, recover, summarise, write_log
+from station.log import About, LogWriter, describe, metadata, parts, read_rows, recover, summarise, write_log
 from station.log.disk import Disk
 from station.log.part import PartWriter
 from station.profile import load_aircraft
@@ -149,21 +149,93 @@ def test_a_flipped_byte_is_called_damaged(whole: tuple[Path, list[Rows]], tmp_pa
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_flipped_byte_in_the_profiles_is_called_damaged_or_refused(
+def test_a_flipped_byte_in_the_profiles_costs_nothing(
+    whole: tuple[Path, list[Rows]], tmp_path: Path, seed: int
+) -> None:
+    """They stand a second time behind the first chunk."""
+    path, rows = whole
+    data = bytearray(path.read_bytes())
+    at = random.Random(seed).randrange(0, data.index(b"zstd") - 37)
+    data[at] ^= 1 << random.Random(seed + 1000).randrange(8)
+    hurt = tmp_path / "hurt.mcap"
+    hurt.write_bytes(data)
+    assert summarise(hurt).verdict == "damaged", at
+    assert list(read_rows(hurt)) == rows
+    assert metadata(hurt) == metadata(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2000))
+def test_a_flipped_byte_anywhere_alters_no_row_and_costs_at_most_its_chunk(
     whole: tuple[Path, list[Rows]], tmp_path: Path, seed: int
 ) -> None:
     path, rows = whole
     data = bytearray(path.read_bytes())
-    at = random.Random(seed).randrange(8, data.index(b"zstd") - 37)
-    data[at] ^= 1 << random.Random(seed + 1000).randrange(8)
+    data[random.Random(seed).randrange(len(data))] ^= 1 << random.Random(seed + 10_000).randrange(8)
     hurt = tmp_path / "hurt.mcap"
     hurt.write_bytes(data)
-    try:
-        summary = summarise(hurt)
-    except LogError:
-        return
-    assert summary.verdict == "damaged"
+    assert summarise(hurt).verdict == "damaged"
+    found = list(read_rows(hurt))
+    assert set(map(repr, found)) <= set(map(repr, rows))
+    assert len(found) >= len(rows) - 600
+
+
+@pytest.mark.parametrize("size", [8, 100, 6000])
+def test_a_head_that_is_gone_costs_nothing(whole: tuple[Path, list[Rows]], tmp_path: Path, size: int) -> None:
+    path, rows = whole
+    data = path.read_bytes()
+    assert size < data.index(b"zstd") - 37
+    hurt = tmp_path / "hurt.mcap"
+    hurt.write_bytes(bytes(size) + data[size:])
+    assert summarise(hurt).verdict == "damaged"
     assert list(read_rows(hurt)) == rows
+    assert metadata(hurt) == metadata(path)
+
+
+def test_the_profiles_stand_twice_for_other_readers_too(whole: tuple[Path, list[Rows]]) -> None:
+    with whole[0].open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert [a.name for a in reader.iter_attachments()] == ["aircraft.json"] * 2
+        found = [(m.name, m.metadata) for m in reader.iter_metadata()]
+    assert found[:3] == found[3:]
+    assert [name for name, _ in found[:3]] == ["station", "clock", "notes"]
+
+
+def test_what_cannot_say_what_it_is_of_is_told_from_outside(whole: tuple[Path, list[Rows]], tmp_path: Path) -> None:
+    path, rows = whole
+    data = bytearray(path.read_bytes())
+    for name in (b"aircraft.json", b"station"):
+        for at in [i for i in range(len(data)) if data.startswith(name, i)]:
+            data[at] ^= 0x40
+    hurt, saved = tmp_path / "hurt.mcap", tmp_path / "saved.mcap"
+    hurt.write_bytes(data)
+    with pytest.raises(LogError, match=r"station recover --aircraft NAME"):
+        recover(hurt, saved)
+    assert recover(hurt, saved, load_aircraft("twin_otter")).rows == len(rows)
+    assert list(read_rows(saved)) == rows
+    about = metadata(saved).about
+    assert about.aircraft == ABOUT.aircraft
+    (stream,) = about.streams
+    assert (stream.name, stream.signals, stream.rate_hz, stream.device) == ("boom.vanes", STREAM.signals, 50.0, "boom")
+    assert about.notes["aircraft"] == "named when it was recovered"
+
+
+def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path, ABOUT, ManualClock(), lambda event: None, "flight", rotate_bytes=30_000)
+    for row in flight_rows(1500, random.Random(3)):
+        writer.append([row])
+    writer.close()
+    first, *later = parts(tmp_path / "flight.mcap")
+    assert len(later) > 2
+    assert summarise(first).degraded == []
+    later[1].unlink()
+    assert f"not here: {later[1].name}" in summarise(first).degraded
+    assert summarise(later[0]).degraded == []
+    first.unlink()
+    assert summarise(later[0]).degraded == ["not here: flight.mcap"]
+    assert "not here: flight.mcap" in describe(summarise(later[0]))
+    with pytest.raises(LogError, match=rf"no such recording\nlater files of it are: read .*{later[0].name}"):
+        summarise(first)
 
 
 def test_after_a_damaged_chunk_reading_goes_on_and_the_loss_is_told(
@@ -221,6 +293,7 @@ def test_recover_fails_if_what_it_wrote_does_not_read_back(
     monkeypatch.setattr(PartWriter, "_write", spoil)
     with pytest.raises(LogError, match="does not read back"):
         recover(whole[0], tmp_path / "saved.mcap")
+    assert not (tmp_path / "saved.mcap").exists()
 
 
 def test_what_is_no_recording_is_a_short_error(tmp_path: Path) -> None:
