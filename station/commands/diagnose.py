@@ -20,12 +20,12 @@ from station.console import DEGRADED, DONE, check_json, say, write_json
 from station.convert.jsbsim_aircraft import SUFFIX, write_jsbsim
 from station.diagnosis.checks import Checked, checked
 from station.diagnosis.diagnosis_result import Result, partly_judged, summary
-from station.diagnosis.extension import write_profile as write_aircraft
 from station.identification.instrument_table import InstrumentTable, of_recording, print_table
 from station.identification.instrument_table import as_json as lags_json
 from station.identification.listing import WIDTH
 from station.log import Table, metadata, points, table, verdict
 from station.profile import Aircraft, load_aircraft
+from station.profile.profile_text import write_profile as write_aircraft
 from station.rows import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def diagnose(
         there(path)
     check_json(as_json)
     if write_profile is not None and write_profile.exists():
-        raise UsageError(f"{write_profile}: is there already: an extended profile never replaces a file; name another")
+        raise UsageError(f"{write_profile}: is there already: a written profile never replaces a file; name another")
     say(f"  reading {len(logs) + len(hold_out or [])} recordings")
     subject = load_aircraft(aircraft) if aircraft else metadata(logs[0]).about.aircraft
     flown = {path: table(path) for path in (*logs, *(hold_out or []))}

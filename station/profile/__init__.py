@@ -18,6 +18,7 @@ from station.profile.aircraft import (
     Indicial,
     Inertia,
     Instrument,
+    Measured,
     Separation,
     Unsteady,
 )
@@ -91,6 +92,7 @@ __all__ = [
     "Limits",
     "Manoeuvre",
     "MavlinkDevice",
+    "Measured",
     "Metres",
     "MetresPerSecond",
     "Multisine",

@@ -225,6 +225,24 @@ class Instrument(Frozen):
     """Per square of the signal's SI unit."""
 
 
+class Measured(Frozen):
+    """What `station baseline` measured: the aircraft as it is, which a flight is held against. Measured derivatives,
+    and their sd with the scatter between points in it, are the profile's."""
+
+    points: int = Field(ge=1)
+    """Test points that it is pooled of."""
+    condition: str = ""
+    """What they were flown in: configuration, air."""
+    lowest_speed: MetresPerSecond
+    """Mean airspeed of the slowest point,"""
+    highest_speed: MetresPerSecond
+    """and of the fastest."""
+    CD_0: float | None = None
+    """Drag beside the induced, as measured with the recorded thrust; none where that was not recorded."""
+    CD_0_sd: float = Field(default=0.0, ge=0)
+    """By which that of another point would lie off it, standard deviation."""
+
+
 COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
 ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr", "gust")
 DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
@@ -261,6 +279,7 @@ class Aircraft(Frozen):
     rudder: Actuator = Actuator()
     kinematics_only: bool = False
     """Geometry and mass are placeholders: instruments can be calibrated with such a profile, derivatives not found."""
+    measured: Measured | None = None
     instruments: dict[str, Instrument] = Field(default_factory=dict)
     """Errors of sensors that the rig does not know of, by signal: diagnosis writes them, the simulation flies them."""
     imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)

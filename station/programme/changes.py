@@ -24,6 +24,8 @@ OWN: Final = "derivatives"
 CALM: Final = "quasi_steady"
 DEFINITIONS: Final = (OWN, CALM)
 PROFILE: Final = "profile"
+MEASURED: Final = "measured"
+"""Where a baseline is from that no point of the recordings belongs to: a profile, or one that was measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +37,11 @@ class Baseline:
     points: tuple[str, ...]
     """Titles of its points."""
     source: str
-    """"points", or "profile" where no point is one of the baseline's."""
+    """"points", or PROFILE or MEASURED where no point is one of the baseline's."""
     method: str = ""
     """By which its points were estimated."""
+    drag: Pooled | None = None
+    """CD_0, where its points have it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +107,12 @@ def baseline_of(points: Iterable[FlownPoint], aircraft: Aircraft) -> Baseline:
     }
     if any(values.values()):
         methods = sorted({recommended(p) or "" for p in used})
-        return Baseline(values, tuple(p.title for p in used), "points", ", ".join(methods))
-    return Baseline({OWN: _of_profile(aircraft), CALM: {}}, (), PROFILE)
+        drags = [p.drag for p in used if p.drag is not None and p.drag.error > 0]
+        drag = pooled([d.value for d in drags], [d.error for d in drags]) if drags else None
+        return Baseline(values, tuple(p.title for p in used), "points", ", ".join(methods), drag)
+    measured = aircraft.measured
+    drag = Pooled(measured.CD_0, measured.CD_0_sd, math.nan, 1) if measured and measured.CD_0 is not None else None
+    return Baseline({OWN: _of_profile(aircraft), CALM: {}}, (), MEASURED if measured else PROFILE, drag=drag)
 
 
 def _of_profile(aircraft: Aircraft) -> dict[str, Pooled]:
@@ -139,6 +147,13 @@ def changes_of(point: FlownPoint, method: str, baseline: Baseline) -> dict[str, 
     return {n: change_of(values.get(n), reference.get(n)) for n in LONGITUDINAL}
 
 
+def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
+    """Of CD_0."""
+    if point.drag is None or baseline.drag is None:
+        return _unknown("thrust is not recorded")
+    return change_of(ParamEstimate("CD_0", *point.drag, Status.ESTIMATED, ""), baseline.drag)
+
+
 def definition_of(method: str, baseline: Baseline) -> str:
     """In which a method is held against the baseline: its own where the baseline has that."""
     own = METHODS[method].definition
@@ -154,6 +169,8 @@ def compared(point: FlownPoint, method: str, baseline: Baseline) -> Mapping[str,
 
 def scatter_of(baseline: Baseline) -> Sequence[str]:
     """What is to be known of a baseline before it is relied upon, in sentences."""
+    if baseline.source == MEASURED:
+        return ()
     if baseline.source == PROFILE:
         return ("no point is marked as baseline: changes are against the profile's derivatives and their sd",)
     if len(baseline.points) == 1:

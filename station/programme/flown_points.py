@@ -25,6 +25,7 @@ from station.identification.request import Request
 from station.log import Point, Table
 from station.numerics.turbulence import HIGH_HZ, LOW_HZ, classified
 from station.profile import Aircraft, Card
+from station.programme.drag import DragOfPoint, drag_of, has_thrust
 from station.rows import UsageError
 
 Array = NDArray[np.float64]
@@ -71,12 +72,14 @@ class FlownPoint:
     """During the inputs, as `gust_sd` is."""
     gust_sd: float = math.nan
     """Standard deviation of the vertical gust in 2-7 Hz, m/s."""
+    drag: DragOfPoint | None = None
+    """Where thrust is recorded."""
     methods: Mapping[str, MethodResult] | None = None
     """Those that the air during the input lets apply."""
 
     @property
     def is_baseline(self) -> bool:
-        return BASELINE in self.condition.lower()
+        return _says_baseline(self.condition)
 
     @property
     def title(self) -> str:
@@ -88,6 +91,15 @@ def named(point: Point) -> tuple[str, str]:
     name, _, condition = point.note.partition(";")
     name = name.strip()
     return (f"TP {point.n}" if not name or name == f"test point {point.n}" else name), condition.strip()
+
+
+def is_of_baseline(point: Point) -> bool:
+    """Whether a marked point's condition says that it is one of the baseline's."""
+    return _says_baseline(named(point)[1])
+
+
+def _says_baseline(condition: str) -> bool:
+    return BASELINE in condition.lower()
 
 
 def marked(table: Table, points: Sequence[Point], log: Path) -> list[Point]:
@@ -127,6 +139,7 @@ def flown_point(
         inputs=inputs,
         turbulence=level,
         gust_sd=gust_sd,
+        drag=drag_of(found.record) if has_thrust(table) else None,
         methods={n: _judged(n, r, level) for n, r in found.methods.items()},
     )
 

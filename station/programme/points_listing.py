@@ -12,9 +12,9 @@ from rich.table import Table as Grid
 from station.conventions import LONGITUDINAL
 from station.identification.listing import WIDTH
 from station.numerics.random_effects import Pooled
-from station.programme.changes import CALM, OWN, Baseline, Change, compared, recommended
+from station.programme.changes import CALM, MEASURED, OWN, Baseline, Change, compared, recommended
 from station.programme.flown_points import FlownPoint
-from station.programme.programme import Programme, significant
+from station.programme.programme import Programme, likeness, significant
 from station.rows import ParamEstimate, Status
 
 
@@ -41,6 +41,8 @@ def print_programme(made: Programme) -> None:
         changed = "; ".join(significant(made.change(place)))
         if changed and point.title not in made.baseline.points:
             console.print(f"changed at {point.title}: {changed}", highlight=False, markup=False)
+            like = likeness(made.change(place), made.aircraft)
+            console.print(f"  {like}", highlight=False, markup=False)
     for remark in made.remarks:
         console.print(remark, highlight=False, markup=False)
 
@@ -58,7 +60,13 @@ def _points(made: Programme) -> Grid:
 
 
 def _print_baseline(baseline: Baseline, console: Console) -> None:
-    of = f"{len(baseline.points)} points by {baseline.method}" if baseline.points else "the profile"
+    of = (
+        f"{len(baseline.points)} points by {baseline.method}"
+        if baseline.points
+        else f"the profile, {baseline.source}"
+        if baseline.source == MEASURED
+        else "the profile"
+    )
     console.print(f"baseline: {of}", highlight=False, markup=False, style="bold")
     grid = Grid("", *LONGITUDINAL, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for definition, called in ((OWN, "own"), (CALM, "q.s.")):

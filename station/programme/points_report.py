@@ -24,7 +24,7 @@ from station.programme.air_of_flight import air_of
 from station.programme.changes import CALM, OWN, Change, compared, estimates, recommended
 from station.programme.flown_points import FlownPoint
 from station.programme.points_listing import rounded
-from station.programme.programme import Flight, Programme, significant
+from station.programme.programme import Flight, Programme, likeness, significant
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -59,6 +59,8 @@ def _points(made: Programme) -> str:
         gust = f"{p.gust_sd:.3f}" if math.isfinite(p.gust_sd) else "–"
         of = "baseline" if p.title in made.baseline.points else ""
         words = "; ".join(significant(made.change(place))) or p.why or "nothing significant"
+        like = "" if of else likeness(made.change(place), made.aircraft)
+        words += f": {like}" if like else ""
         cells = (p.name, p.condition, f"{p.start_s:.0f}–{p.end_s:.0f}", len(p.inputs), p.turbulence, gust)
         left = "".join(f"<td>{text(c)}</td>" for c in cells)
         rows.append(f"<tr>{left}<td>{text(recommended(p) or '–')}</td><td class='words'>{text(of or words)}</td></tr>")

@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from station.conventions import LONGITUDINAL
 from station.log import Point, Table, metadata, points, table
+from station.model.change_patterns import NAMES, in_words, matches, patterns
+from station.numerics.random_effects import NORMAL_95
 from station.profile import Aircraft
-from station.programme.changes import Baseline, Change, baseline_of, changes_of, recommended, scatter_of
+from station.programme.changes import Baseline, Change, baseline_of, changes_of, drag_change, recommended, scatter_of
 from station.programme.flown_points import FlownPoint, flown_point, marked
 from station.rows import UsageError
 
@@ -37,9 +38,10 @@ class Programme:
     """By the point's place, by method, by derivative."""
 
     def change(self, place: int) -> Mapping[str, Change]:
-        """A point's changes by its recommended method; none where it has none."""
-        best = recommended(self.points[place])
-        return self.changes[place][best] if best else {}
+        """A point's changes by its recommended method, where it has one, and that of drag."""
+        point = self.points[place]
+        best = recommended(point)
+        return {**(self.changes[place][best] if best else {}), "CD_0": drag_change(point, self.baseline)}
 
 
 def flights_of(logs: Sequence[Path]) -> tuple[Flight, ...]:
@@ -58,18 +60,20 @@ def programme(
     aircraft: Aircraft,
     methods: Sequence[str],
     say: Callable[[str], None],
+    asked: Callable[[Flight], tuple[Point, ...]] = lambda flight: flight.points,
 ) -> Programme:
     """Every point of the recordings by these methods.
 
     The baseline is made of every point of `baseline_logs`; without such, of those points whose condition says
-    "baseline". `say` is told of each point as it begins. Raises LogError, and UsageError where no point can be used.
+    "baseline". `say` is told of each point as it begins; `asked` gives those to be used of a flight. Raises LogError,
+    and UsageError where no point can be used.
     """
     flights = flights_of(tuple(dict.fromkeys((*baseline_logs, *logs))))
     made = []
     for flight in flights:
         about = metadata(flight.path).about
         noise, place = about.noise_si(flight.table.aligned), about.imu_position
-        for point in flight.points:
+        for point in asked(flight):
             say(f"  {flight.path.name}: {point.note or point.n}, {point.start_s:.0f} to {point.end_s:.0f} s")
             made.append(flown_point(flight.table, point, aircraft, about.card, place, noise, methods, str(flight.path)))
     if not any(p.found for p in made):
@@ -84,9 +88,17 @@ def programme(
     return Programme(aircraft, flights, tuple(made), baseline, (*remarks, *scatter_of(baseline)), changes)
 
 
+def likeness(changes: Mapping[str, Change], aircraft: Aircraft) -> str:
+    """What a point's changes look like, in words; "" where nothing has changed."""
+    known = {n: (c.estimate / 100, (c.high - c.low) / (200 * NORMAL_95)) for n, c in changes.items() if c.is_known}
+    if not any(c.is_significant for c in changes.values()):
+        return ""
+    return in_words(matches(known, patterns(aircraft)))
+
+
 def significant(changes: Mapping[str, Change]) -> Iterable[str]:
     """Derivatives that have changed, in words."""
-    for name in LONGITUDINAL:
+    for name in NAMES:
         change = changes.get(name)
         if change is not None and change.is_significant:
             yield f"{name} {change.estimate:+.0f} % ({change.low:.0f} to {change.high:.0f})"

@@ -11,10 +11,10 @@ import pytest
 
 from station.__main__ import app
 from station.diagnosis.effects import EFFECTS, extended
-from station.diagnosis.extension import to_toml, write_profile
 from station.diagnosis.free_parameters import DERIVATIVES
 from station.model.flying_qualities import Condition, qualities
 from station.profile import load_aircraft
+from station.profile.profile_text import to_toml, write_profile
 from station.rows import UsageError
 
 

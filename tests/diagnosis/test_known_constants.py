@@ -6,10 +6,10 @@ import pytest
 from blind import BIASES, MODEL_BIASES, SIGMAS, Case, aircraft, records
 from known import surely
 
-from station.diagnosis.extension import to_toml
 from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.procedure import diagnose
 from station.profile import load_aircraft
+from station.profile.profile_text import to_toml
 
 OF_THE_DAY = {**{f"{n}_zero": x for n, x in BIASES.items()}, **MODEL_BIASES}
 """What the flights draw anew, as the profile then states it."""

@@ -134,6 +134,7 @@ def aircraft_keys() -> str:
         ("`[uncertainty]`", uncertainty.Uncertainty),
         ("`[elevator]`, `[aileron]`, `[rudder]`", aircraft.Actuator),
         ("`[instruments.SIGNAL]`", aircraft.Instrument),
+        ("`[measured]`", aircraft.Measured),
     )
 
 

@@ -1,4 +1,4 @@
-"""The extended aircraft as a profile file, written beside the old one."""
+"""An aircraft as a profile file, in SI, written beside the old one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from station.conventions import from_si
-from station.profile import Aircraft, Instrument, load_aircraft
+from station.profile.aircraft import Aircraft, Instrument
+from station.profile.files import load_aircraft
 from station.rows import LogError, UsageError
 
 UNIT_OF: Final[Mapping[str, str]] = {
@@ -18,6 +19,7 @@ UNIT_OF: Final[Mapping[str, str]] = {
     "tail_arm": "m", "downwash_delay": "s", "reference_chord": "m", "time_constant": "s",
     "rate_limit": "rad/s", "position_limit": "rad", "latency": "s", "lag": "s", "reference_speed": "m/s",
     "alpha_star": "rad", "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
+    "lowest_speed": "m/s", "highest_speed": "m/s",
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""
 _OF_UNCERTAINTY: Final = {
@@ -62,7 +64,7 @@ def _value(key: str, value: Any, units: Mapping[str, str] = UNIT_OF) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
-    number = repr(float(value))
+    number = repr(value) if isinstance(value, int) else repr(float(value))
     if key in units:
         return f'"{from_si(float(value), units[key])!r} {units[key]}"'
     return number
@@ -71,7 +73,7 @@ def _value(key: str, value: Any, units: Mapping[str, str] = UNIT_OF) -> str:
 def write_profile(aircraft: Aircraft, path: Path, heading: str) -> None:
     """Write a profile that reads back the same. Raises UsageError where a file is already, LogError where it fails."""
     if path.exists():
-        raise UsageError(f"{path}: is there already: an extended profile never replaces a file; name another")
+        raise UsageError(f"{path}: is there already: a written profile never replaces a file; name another")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(to_toml(aircraft, heading), encoding="utf-8")
