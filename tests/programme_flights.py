@@ -10,7 +10,7 @@ from station.commands.simulate import simulate
 HEAD = """
 name = "test"
 aircraft = "twin_otter"
-rig = "bench"
+rig = "boom_thrust"
 [flight]
 speed = "110 kt"
 altitude = "2500 ft"

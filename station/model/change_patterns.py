@@ -34,6 +34,8 @@ DRAG_OF_ICE: Final = 5.0
 """Relative rise of CD_0 by the relative loss of the lift slope."""
 TAIL_DRAG: Final = 0.1
 """Share of it that is the tail's."""
+DRAG_DOUBT: Final = 0.5
+"""Share by which drag may be another than the pattern's beside the same loss of lift: shape and place of the ice."""
 NOT_APART: Final = 4.0
 """Deviance, two standard deviations, by which a pattern must fit better than another to be told from it."""
 UNLIKELY: Final = 1e-3
@@ -134,15 +136,20 @@ def matches(changes: Mapping[str, tuple[float, float]], known: tuple[Pattern, ..
         return []
     at = [NAMES.index(n) for n in names]
     d, s = np.array([changes[n][0] for n in names]), np.array([changes[n][1] for n in names])
+    is_drag = np.array(names) == "CD_0"
     found = []
     for pattern in known:
-        p = pattern.shares[at] / s
+        shares = pattern.shares[at]
+        # Drag that a pattern has none of cannot be put down to the ratio in which it has it.
+        doubted = np.where(is_drag & (shares != 0.0), np.hypot(s, DRAG_DOUBT * d), s)
+        p = shares / doubted
         size = float(p @ p)
         if size == 0.0:
             continue
-        amount = float(p @ (d / s)) / size
+        amount = float(p @ (d / doubted)) / size
         amount = max(0.0, amount) if pattern.one_way else amount
-        left = float(np.sum((d / s - amount * p) ** 2))
+        allowed = np.where(is_drag, np.hypot(s, DRAG_DOUBT * amount * shares), s)
+        left = float(np.sum(((d - amount * shares) / allowed) ** 2))
         found.append(Match(pattern, amount, 1 / math.sqrt(size), left, float(chi2.sf(left, max(1, len(names) - 1)))))
     found = sorted((m for m in found if m.likely > UNLIKELY and m.amount != 0.0), key=lambda m: m.left)
     return [m for m in found if m.left - found[0].left < NOT_APART]

@@ -148,10 +148,12 @@ def changes_of(point: FlownPoint, method: str, baseline: Baseline) -> dict[str, 
 
 
 def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
-    """Of CD_0."""
-    if point.drag is None or baseline.drag is None:
+    """Of CD_0; what a recorded thrust is wrong by, of the change too, is in its error."""
+    if point.drag is None or baseline.drag is None or point.found is None:
         return _unknown("thrust is not recorded")
-    return change_of(ParamEstimate("CD_0", *point.drag, Status.ESTIMATED, ""), baseline.drag)
+    value, error = point.drag
+    doubt = point.found.aircraft.uncertainty.thrust * abs(value - baseline.drag.value)
+    return change_of(ParamEstimate("CD_0", value, math.hypot(error, doubt), Status.ESTIMATED, ""), baseline.drag)
 
 
 def definition_of(method: str, baseline: Baseline) -> str:
