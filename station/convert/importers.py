@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from station.convert.confined import confined
 from station.convert.delimited import read_csv, read_hfb
 from station.convert.fdata import read_fdata
 from station.convert.onspeed import is_onspeed, read_onspeed
@@ -82,5 +83,9 @@ def import_file(path: Path, out: Path, aircraft: Aircraft, more: Sequence[Import
         raise LogError(f"{path}: no such file")
     if out.exists():
         raise LogError(f"{out}: exists already, and a recording is never overwritten")
-    row = next((row for row in fitting if row.is_it(path)), fitting[-1])
-    return write_record(out, row.read(path, aircraft))
+
+    def read() -> Record:
+        row: Importer = next((row for row in fitting if row.is_it(path)), fitting[-1])
+        return row.read(path, aircraft)
+
+    return write_record(out, confined(path, read))

@@ -19,7 +19,8 @@ from mcap.records import Channel
 from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
 from station.rows import LogError
 
-_LARGEST_CHUNK: Final = 1 << 28
+_LARGEST_CHUNK: Final = 1 << 26
+"""The station closes a chunk at 32 KiB and a tick, others at some MiB: larger ones are not worth the memory."""
 CRC: Final = "crc32"
 """In metadata, the checksum of the rest of it: MCAP has none for metadata."""
 _PROFILES_AGAIN: Final = 2
@@ -212,6 +213,9 @@ class PartReader:
         packed = data[at + 8 : end]
         if length != len(packed) or size > _LARGEST_CHUNK:
             return "a chunk's length does not fit"
+        # What is packed says its size too, and would get the memory for that.
+        if name == "zstd" and _unpacked_size(packed) not in (size, None):
+            return "a chunk's size does not fit"
         if name not in ("", "zstd"):
             return f"a chunk is compressed with {name!r}, which the station does not write"
         try:
@@ -293,6 +297,15 @@ class PartReader:
 def seal(metadata: Mapping[str, str]) -> str:
     """The checksum that metadata carry under CRC."""
     return f"{zlib.crc32(json.dumps(dict(metadata), sort_keys=True).encode()):08x}"
+
+
+def _unpacked_size(packed: bytes) -> int | None:
+    """As zstd's frame states it; None where it does not."""
+    try:
+        size = int(zstandard.frame_content_size(packed))
+    except zstandard.ZstdError:
+        return None
+    return None if size < 0 else size
 
 
 def _checksum(data: Any, start: int, end: int) -> int:

@@ -31,6 +31,8 @@ SYNC_NS: Final = 1_000_000_000
 """Between syncs: a power cut costs what was written since, 1.5 s at most (disk.STALL_NS). A sync of a second's 150 kB
 takes some ms on an SSD and up to 0.1 s on an SD card."""
 _LOOK_NS: Final = 200_000_000
+ROWS_OF_A_CHUNK: Final = 500
+"""At most, even where each is a datagram of 64 kB: readers refuse chunks of more than 64 MiB."""
 _HELD_ROWS: Final = 5_000
 """Rows kept while no file can be written: 4 s of a busy flight, re-encoded in some 40 ms when a disk is back."""
 
@@ -263,9 +265,11 @@ class LogWriter:
         except OSError as error:
             self.failed = f"{self._folder}: {error.strerror}"
             return
-        self._write(part, self._held)
+        rows = list(self._held)
         try:
-            part.close_chunk()
+            for at in range(0, len(rows), ROWS_OF_A_CHUNK):
+                self._write(part, rows[at : at + ROWS_OF_A_CHUNK])
+                part.close_chunk()
         except OSError as error:
             part.abandon()
             part.path.unlink(missing_ok=True)

@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -28,9 +28,15 @@ def profiles_dir() -> Path:
     return checkout if (checkout / "cards").is_dir() else package / "profiles"
 
 
+LONGEST_NAME: Final = 200
+"""Of a file, less than the 255 bytes that systems allow."""
+
+
 def find(kind: Literal["aircraft", "rigs", "cards", "campaigns"], name: str, beside: Path | None = None) -> Path:
     """The file of a profile given by name or path. Raises ProfileError listing the known names."""
     given = Path(name)
+    if any(len(part) > LONGEST_NAME for part in given.parts):
+        raise ProfileError(f"no {kind.rstrip('s')} has a name of more than {LONGEST_NAME} letters: {name[:40]}...")
     if given.suffix == ".toml" or "/" in name:
         places: list[Path] = [given, beside.parent / given] if beside else [given]
         for path in places:

@@ -1,0 +1,175 @@
+"""Whatever a file from elsewhere does to its reader, the user gets a LogError or a recording."""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import signal
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from scipy.io import savemat
+
+from drivers.dataflash import read_dataflash
+from station.convert import Importer, Record, import_file, reader_of
+from station.convert.confined import confined
+from station.log import About, read_rows, summarise, write_log
+from station.profile import load_aircraft
+from station.rows import LogError, ProfileError, RawBlock, Tick
+
+AIRCRAFT = load_aircraft("twin_otter")
+DATAFLASH = Importer(".bin", "DataFlash", reader_of("dataflash", read_dataflash))
+MIB = 2**20
+
+
+def for_ever() -> Record:
+    while True:
+        pass
+
+
+def crash() -> Record:
+    os.kill(os.getpid(), signal.SIGSEGV)
+    raise AssertionError
+
+
+def all_there_is() -> Record:
+    return [bytearray(MIB) for _ in range(100_000)]  # type: ignore[return-value]
+
+
+def end() -> Record:
+    os._exit(9)
+
+
+def raise_one() -> Record:
+    raise OverflowError("Python int too large to convert to C long")
+
+
+@pytest.mark.parametrize(
+    ("read", "says"),
+    [
+        (for_ever, "it took more than 1 s of processor time"),
+        (crash, r"the parser crashed \(SIGSEGV\)"),
+        (all_there_is, "it would take more than 64 MiB"),
+        (end, r"the parser ended by itself \(exit status 9\)"),
+        (raise_one, "OverflowError: Python int too large"),
+    ],
+)
+def test_what_a_parser_may_do_is_an_error_of_the_file(tmp_path: Path, read: Callable[[], Record], says: str) -> None:
+    path = tmp_path / "a.mat"
+    path.write_bytes(b"")
+    with pytest.raises(LogError, match=says) as error:
+        confined(path, read, seconds=1, memory=64 * MIB)
+    assert str(error.value).startswith(f"{path}: cannot be read: ")
+    assert len(str(error.value).splitlines()) == 2
+    assert resource.getrlimit(resource.RLIMIT_DATA)[0] == resource.RLIM_INFINITY, "the station's own limits are not set"
+
+
+def mat(path: Path, compressed: bool) -> bytes:
+    fdata = np.zeros((200, 90))
+    fdata[:, 0] = np.arange(200) * 0.02
+    fdata[:, 1] = 100.0
+    savemat(path, {"fdata": fdata}, do_compression=compressed)
+    return path.read_bytes()
+
+
+def dataflash(times_us: list[int]) -> bytes:
+    """ATT messages, packed by hand after ArduPilot's FMT."""
+    kinds = [
+        (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
+        (131, 17, b"ATT", b"Qccc", b"TimeUS,Roll,Pitch,Yaw"),
+    ]
+    out = b"".join(b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *kind) for kind in kinds)
+    return out + b"".join(b"\xa3\x95\x83" + struct.pack("<Qhhh", t, 100, 200, 300) for t in times_us)
+
+
+def ulog() -> bytes:
+    """A topic of PX4, packed by hand after its specification."""
+
+    def message(kind: bytes, content: bytes) -> bytes:
+        return struct.pack("<H", len(content)) + kind + content
+
+    out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000) + message(b"B", bytes(40))
+    out += message(b"F", b"airspeed_validated:uint64_t timestamp;float true_airspeed_m_s;")
+    out += message(b"A", struct.pack("<BH", 0, 0) + b"airspeed_validated")
+    return out + b"".join(message(b"D", struct.pack("<HQf", 0, 1_000_000 + k * 20_000, 50.0)) for k in range(100))
+
+
+def mutated(data: bytes, noise: random.Random) -> bytes:
+    """Flipped bits, bytes of all ones and noughts, stretches cut out or doubled, an end cut off."""
+    out = bytearray(data)
+    for _ in range(noise.choice((1, 2, 8))):
+        at = noise.randrange(len(out))
+        kind = noise.randrange(5)
+        if kind == 0:
+            out[at] ^= 1 << noise.randrange(8)
+        elif kind == 1:
+            out[at : at + 4] = noise.choice((b"\xff", b"\0", b"\x7f")) * len(out[at : at + 4])
+        elif kind == 2:
+            del out[at : at + noise.randrange(1, 64)]
+        elif kind == 3:
+            out[at:at] = out[at : at + noise.randrange(1, 64)]
+        else:
+            del out[max(at, 16) :]
+    return bytes(out)
+
+
+@pytest.mark.parametrize("kind", ["mat", "mat compressed", "bin", "ulg"])
+@pytest.mark.parametrize("inputs", [40, pytest.param(2000, marks=pytest.mark.slow)])
+def test_damaged_files_end_in_an_error_or_a_recording(tmp_path: Path, kind: str, inputs: int) -> None:
+    data = {
+        "mat": lambda: mat(tmp_path / "made.mat", False),
+        "mat compressed": lambda: mat(tmp_path / "made.mat", True),
+        "bin": lambda: dataflash([1_000_000 + k * 20_000 for k in range(100)]),
+        "ulg": ulog,
+    }[kind]()
+    noise = random.Random(zlib.crc32(kind.encode()))
+    path, out = tmp_path / f"a.{kind.split()[0]}", tmp_path / "a.mcap"
+    path.write_bytes(data)
+    assert import_file(path, out, AIRCRAFT, (DATAFLASH,)) > 0
+    for _ in range(inputs):
+        out.unlink(missing_ok=True)
+        path.write_bytes(mutated(data, noise))
+        try:
+            import_file(path, out, AIRCRAFT, (DATAFLASH,))
+        except LogError:
+            assert not out.exists()
+        else:
+            assert summarise(out).verdict == "complete"
+
+
+def test_a_time_beyond_64_bits_is_an_error_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(dataflash([1_000_000, 2**63 - 1, 2**64 - 1]))
+    with pytest.raises(LogError, match="cannot be read"):
+        import_file(path, tmp_path / "a.mcap", AIRCRAFT, (DATAFLASH,))
+
+
+def test_a_profile_of_5000_letters_is_a_short_error() -> None:
+    with pytest.raises(ProfileError, match="more than 200 letters") as error:
+        load_aircraft("a" * 5000)
+    assert len(str(error.value)) < 200
+
+
+def test_a_chunk_that_claims_little_and_unpacks_to_much_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    """56 kB of zstd are 512 MiB of noughts; what the chunk says of itself is 100 bytes."""
+    path = tmp_path / "a.mcap"
+    write_log(path, About(AIRCRAFT, ()), [RawBlock(1, "boom", b"x" * 50), Tick(1, 0, 0)])
+    data = path.read_bytes()
+    at = data.index(b"\x04\0\0\0zstd") + 8
+    bomb = zstandard.ZstdCompressor(level=19).compress(bytes(512 * MIB))
+    assert len(bomb) < 60_000
+    start = at - 8 - 28 - 9
+    head = b"\x06" + struct.pack("<Q", at - start - 9 + 8 + len(bomb))
+    hurt = data[:start] + head + data[start + 9 : at] + struct.pack("<Q", len(bomb)) + bomb
+    hurt += data[at + 8 + struct.unpack_from("<Q", data, at)[0] :]
+    path.write_bytes(hurt)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert list(read_rows(path)) == []
+    assert summarise(path).verdict == "damaged"
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 * 1024
