@@ -124,6 +124,8 @@ def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> Can
         options["timeout"] = 0.02
         if is_emulated:
             options["sleep_after_open"] = 0.0
+        if channel.startswith(serial_port.USB):
+            channel = serial_port.path_of(channel)
         if "://" not in channel:
             # Says why a port cannot be had, and keeps python-can from writing into another program's adapter.
             serial_port.open_port(channel.partition("@")[0], baud=115_200).close()

@@ -3,7 +3,7 @@
     udpin:HOST:PORT    listen (also udp:); only to the address of the vehicle's first heartbeat, where what is sent goes
     udpout:HOST:PORT   send first and hear what comes back; needs something to send
     tcp:HOST:PORT      connect to a server
-    PATH               a serial port
+    PATH, usb:SERIAL   a serial port
 
 An empty HOST (udpin::14550 or udpin:14550) is the loopback, so is anything not named.
 """
@@ -131,7 +131,7 @@ def open_port(device: MavlinkDevice, url: str, gate: Gate, clock: Clock) -> Port
     """The link at `url`, open, `gate` knowing whose it is. Raises DeviceError saying why not and how to mend it."""
     scheme, _, rest = url.partition(":")
     if scheme not in _SCHEMES:
-        if ":" in url and not url.startswith(("/", "COM")):
+        if ":" in url and not url.startswith(("/", "COM", serial_port.USB)):
             raise DeviceError(
                 f"{device.name}: cannot open {url}: write one of {', '.join(_SCHEMES)}:HOST:PORT or a path"
             )

@@ -1,12 +1,25 @@
-"""A serial port of the operating system as a Port."""
+"""A serial port of the operating system as a Port: by its path, or by its USB adapter's serial number.
+
+    PATH               /dev/ttyUSB0, /dev/serial/by-id/..., COM3
+    usb:SERIAL         the port of the adapter with this serial number, whatever its path is now
+    usb:SERIAL:1.0     of an adapter with several ports the one of this USB interface
+
+A path is given to whoever is plugged in next: an adapter that was away for a moment may come back under another.
+"""
 
 from __future__ import annotations
 
 import errno
+from typing import Final
 
 import serial
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from station.rows import DeviceError
+
+USB: Final = "usb:"
+MOST_NAMED: Final = 6
 
 
 class SerialPort:
@@ -30,8 +43,36 @@ class SerialPort:
         self._port.close()
 
 
-def open_port(path: str, baud: int) -> SerialPort:
-    """The port at `path`. Raises DeviceError saying why not and what to do."""
+def path_of(port: str) -> str:
+    """Where a port is now. Raises DeviceError for an adapter that is not plugged in, naming those that are."""
+    if not port.startswith(USB):
+        return port
+    found = [there for there in list_ports.comports() if port in _names(there)]
+    if len(found) == 1:
+        return str(found[0].device)
+    if found:
+        several = ", ".join(f"{_names(there)[-1]} ({there.device})" for there in sorted(found))
+        raise DeviceError(f"cannot open {port}: several ports have this serial number; use one of {several}")
+    raise DeviceError(f"cannot open {port}: no such adapter; is it plugged in?{_plugged_in()}")
+
+
+def _names(there: ListPortInfo) -> list[str]:
+    """What a port may be called in a rig, the most exact last; none without a serial number."""
+    if not there.serial_number:
+        return []
+    name, (_, _, interface) = f"{USB}{there.serial_number}", str(there.location or "").partition(":")
+    return [name, f"{name}:{interface}"] if interface else [name]
+
+
+def _plugged_in() -> str:
+    """The USB ports that are there, as a rig may name them."""
+    words = [f"{_names(there)[0]} ({there.device})" for there in sorted(list_ports.comports()) if _names(there)]
+    return f"\nplugged in: {', '.join(words[:MOST_NAMED])}" if words else ""
+
+
+def open_port(port: str, baud: int) -> SerialPort:
+    """The port of this path or USB serial number. Raises DeviceError saying why not and what to do."""
+    path = path_of(port)
     try:
         return SerialPort(serial.Serial(path, baud, timeout=0.0, write_timeout=0.5, exclusive=True))
     except (OSError, ValueError) as error:
@@ -41,7 +82,10 @@ def open_port(path: str, baud: int) -> SerialPort:
 def _why(error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number == errno.ENOENT:
-        return "no such port; is the device plugged in?"
+        return (
+            "no such port; is the device plugged in?\n"
+            f'port = "usb:SERIAL" in the rig finds it under another path too{_plugged_in()}'
+        )
     if number == errno.EACCES:
         return "permission denied; is this user in the group that owns the port (dialout)?"
     if number in (errno.EBUSY, errno.EAGAIN) or "lock" in str(error):

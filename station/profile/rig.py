@@ -146,7 +146,7 @@ class SerialDevice(_Device):
     protocol: str
     """boombox, boombox_ascii, ubx, nmea, or one that an installed package adds (drivers/README.md)."""
     port: str
-    """A port's path, or "emulated"."""
+    """A port's path, "usb:SERIAL" for the USB adapter with that serial number under whatever path, or "emulated"."""
     baud: int | None = Field(default=None, gt=0)
     """The protocol's usual one if left out."""
 
@@ -159,7 +159,7 @@ class CanDevice(_Device):
     interface: str = "slcan"
     """One of python-can's interfaces: slcan, socketcan, pcan, ..."""
     channel: str
-    """What python-can's interface calls its channel (for slcan a port's path), or "emulated"."""
+    """What python-can's interface calls its channel (for slcan a port's path or "usb:SERIAL"), or "emulated"."""
     bitrate: int = Field(default=1_000_000, gt=0)
     """Bits per second of the bus."""
     listen_only: bool = True
@@ -175,7 +175,7 @@ class MavlinkDevice(_Device):
     link: Literal["mavlink"]
     """The kind of link."""
     url: str
-    """pymavlink's connection string (udpin:HOST:PORT, tcp:HOST:PORT, a serial path), or "emulated"."""
+    """pymavlink's connection string (udpin:HOST:PORT, tcp:HOST:PORT, a serial path or usb:SERIAL), or "emulated"."""
     baud: int = Field(default=115_200, gt=0)
     """Bits per second, of a serial link."""
     system_id: int | None = Field(default=None, ge=1, le=255)
