@@ -82,7 +82,13 @@ SIGNALS: Final = _signals(
     Signal("pdot", "rad/s2", -100.0, 100.0, "right wing down"),
     Signal("qdot", "rad/s2", -100.0, 100.0, "nose up"),
     Signal("rdot", "rad/s2", -100.0, 100.0, "nose right"),
+    Signal("shaft_power", "W", 0.0, 1e8, "of all engines together"),
+    Signal("engine_speed", "1", 0.0, 1.5, "N1, share of rated: 0.9 is 90 %"),
+    Signal("fuel_flow", "kg/s", 0.0, 20.0, "of all engines together"),
 )
+
+ENGINE_SIGNALS: Final = ("shaft_power", "engine_speed", "fuel_flow")
+"""What a profile's [engine] tells thrust by; the last of SIGNALS."""
 
 SIGNAL_INDEX: Final[Mapping[str, int]] = MappingProxyType({name: i for i, name in enumerate(SIGNALS)})
 """Column of each signal in a frame."""
@@ -118,6 +124,7 @@ MAX_AGE_S: Final[Mapping[str, float]] = MappingProxyType(
         **dict.fromkeys(("phi", "theta", "psi", "v_north", "v_east", "v_down"), 1.0),
         # They change slowly.
         **dict.fromkeys(("static_pressure", "air_temperature", "altitude", "thrust", "mass"), 5.0),
+        **dict.fromkeys(("shaft_power", "engine_speed", "fuel_flow"), 5.0),
     }
 )
 """How old a value may be and still be used, live as in a record: filters run on over it; then it is missing."""
@@ -130,7 +137,7 @@ STREAMS: Final = _streams(
     ("velocity", "v_north v_east v_down", 50.0),
     ("position", "latitude longitude altitude", 10.0),
     ("surfaces", "elevator aileron rudder", 100.0),
-    ("propulsion", "thrust mass", 10.0),
+    ("propulsion", "thrust mass shaft_power engine_speed fuel_flow", 10.0),
     ("angular_acceleration", "pdot qdot rdot", 50.0),
 )
 """How signals are grouped where no rig says otherwise: imported records and the simulation."""
@@ -202,6 +209,12 @@ UNITS: Final[Mapping[str, Unit]] = MappingProxyType(
         "N": Unit("N", 1.0),
         "kN": Unit("N", 1000.0),
         "lbf": Unit("N", _LBF),
+        "W": Unit("W", 1.0),
+        "kW": Unit("W", 1000.0),
+        "hp": Unit("W", 550 * _FT * _LBF),
+        "kg/s": Unit("kg/s", 1.0),
+        "kg/h": Unit("kg/s", 1 / 3600),
+        "lb/h": Unit("kg/s", 0.45359237 / 3600),
         "kg": Unit("kg", 1.0),
         "lb": Unit("kg", 0.45359237),
         "slug": Unit("kg", _SLUG),
@@ -256,6 +269,8 @@ UNIT_ALIASES: Final[Mapping[str, str]] = MappingProxyType(
         "F": "degF",
         "°F": "degF",
         "lbs": "lb",
+        "shp": "hp",
+        "pph": "lb/h",
         "lbm": "lb",
         "kg/m^3": "kg/m3",
         "slug/ft^3": "slug/ft3",

@@ -241,7 +241,7 @@ class Room:
             np.zeros((runs, 5)),
             np.zeros((runs, setup.points, 5)),
             np.zeros((runs, len(setup.sensors.noisy), ticks)),
-            np.empty((runs, ticks, len(SIGNAL_INDEX))),
+            np.full((runs, ticks, len(SIGNAL_INDEX)), np.nan),
             np.empty((runs, ticks)),
             np.zeros(runs),
         )

@@ -31,14 +31,14 @@ from station.simulation.boom import SecondOrder, VaneConstants
 from station.simulation.distortion import distort
 from station.simulation.gusts import Field, FieldConstants, fill
 from station.simulation.longitudinal import DISTANCE
-from station.simulation.motion import COLUMNS, EVERY, Flown, Site, advance, at_rest, places
+from station.simulation.motion import COLUMNS, EVERY, FLOWN, Flown, Site, advance, at_rest, places
 from station.simulation.pilot import Hands, Tremor
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _DT: Final = 1.0 / TICK_HZ
-_SIGNALS: Final = len(SIGNAL_INDEX)
+_SIGNALS: Final = len(FLOWN)
 _VANE: Final = SIGNAL_INDEX["alpha_vane"]
 _TRUE_ALPHA, _TRUE_GUST = places("alpha", "alpha_gust")
 _INPUTS: Final = tuple(SIGNAL_INDEX[name] for name in cond.INPUTS)

@@ -22,6 +22,7 @@ from station.model.coefficients import (
     coefficients,
     thrust_by_drag_polar,
 )
+from station.model.thrust import thrust_by_engine
 from station.numerics.atmosphere import air_densities
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.regression import NotIdentifiable
@@ -66,6 +67,8 @@ class FlightRecord:
     aircraft: Aircraft
     noise: Mapping[str, float]
     remarks: tuple[str, ...] = field(default=())
+    thrust_known: bool = True
+    """Recorded, or told by the profile's engine; else it is what the drag polar leaves over."""
 
     @classmethod
     def of(
@@ -103,8 +106,12 @@ class FlightRecord:
         usable &= np.isfinite(motion["ax"]) & np.isfinite(motion["az"])
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
         alpha, beta = flow_angles(motion, aircraft)
+        known = True
+        if "thrust" not in motion and (push := _by_engine(aircraft, motion, remarks)) is not None:
+            motion["thrust"] = push
         if "thrust" not in motion:
             motion["thrust"] = _thrust(motion, airframe, aircraft, alpha, usable, remarks)
+            known = False
         return cls(
             t_s=grid,
             dt=dt,
@@ -117,6 +124,7 @@ class FlightRecord:
             aircraft=aircraft,
             noise={**DEFAULT_NOISE, **{k: v for k, v in (noise or {}).items() if v > 0}},
             remarks=tuple(remarks),
+            thrust_known=known,
         )
 
     def has(self, *names: str) -> bool:
@@ -251,6 +259,23 @@ def _thrust(
     mean = float(np.mean(push[usable]))
     remarks.append(f"thrust not recorded: taken as {mean:.0f} N throughout, from the profile's drag polar")
     return np.full(len(alpha), mean)
+
+
+def _by_engine(aircraft: Aircraft, motion: Mapping[str, Array], remarks: list[str]) -> Array | None:
+    """N, by the profile's engine where its setting is recorded; where it says nothing, what it last said."""
+    push = thrust_by_engine(aircraft, motion)
+    if push is None or aircraft.engine is None:
+        return None
+    good = np.isfinite(push)
+    if good.mean() < LEAST_SHARE:
+        remarks.append(f"the engine's table says nothing of {1 - good.mean():.0%} of the record: it is not used")
+        return None
+    if not good.all():
+        remarks.append(f"the engine's table is exceeded in {1 - good.mean():.0%} of the record: thrust held there")
+        push = push[good][np.maximum(np.cumsum(good) - 1, 0)]
+    share = 100 * aircraft.engine.uncertainty
+    remarks.append(f"thrust by the profile's engine: {np.mean(push):.0f} N on average, known to {share:.2g} %")
+    return push
 
 
 def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array] | None, same_grid: bool) -> Airframe:

@@ -15,6 +15,7 @@ from station.estimation import tick
 from station.estimation.alpha import Seen
 from station.estimation.conditioning import Array, Conditioner
 from station.estimation.derivatives import Derivatives
+from station.estimation.engine_thrust import EngineThrust
 from station.estimation.equation_error import Sides
 from station.estimation.inertial import Flow
 from station.estimation.lateral_derivatives import Lateral
@@ -94,6 +95,7 @@ class Estimator:
         self._force = force
         names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
         self._conditioner = Conditioner(given)
+        self._engine = EngineThrust(aircraft) if aircraft.engine is not None else None
         place = aircraft.imu_at(imu_position)
         self._constants = tick.constants(aircraft, place, dt, card.high, "physical" in methods)
         self.filters = blank(tick.State)
@@ -186,6 +188,8 @@ class Estimator:
         """One frame in, the angle of attack and every method's estimates as of it out."""
         code = self._conditioner.step(frame)
         u = self._conditioner.u
+        if self._engine is not None and not math.isfinite(u[cond.THRUST]):
+            u[cond.THRUST] = self._engine.step(frame)
         why = self._conditioner.why(code)
         usable = not cond.LOST <= code < cond.FROZEN
         ticks = round((frame.t_ns - self._last_ns) / TICK_NS)

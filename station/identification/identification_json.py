@@ -11,6 +11,7 @@ from station.estimation.method_table import METHODS
 from station.estimation.results import Axes, MethodResult
 from station.identification.advice import NextInput, SiftedMethod
 from station.identification.angle_consistency import Consistency, Transformation
+from station.identification.drag_results import drag_json, drag_of
 from station.identification.handling_qualities import derived_json, identified_qualities
 from station.identification.identified import Identification
 from station.identification.instrument_table import as_json as instruments_json
@@ -57,6 +58,7 @@ def as_json(found: Identification) -> Json:
         "methods": {name: _method(name, result) for name, result in found.methods.items()},
         "recommended": found.recommended,
         "derived": derived_json(identified_qualities(found)),
+        "drag": drag_json(drag_of(found.record)),
         "consistency": _consistency(found.consistency, found.axes),
         **(kinematics_json(found.kinematics, found.record) if found.kinematics else {}),
         **_section("model_structure", found.structures, _structures),

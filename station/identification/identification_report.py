@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from station.conventions import LATERAL
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, equations
+from station.identification.drag_page import drag_page
+from station.identification.drag_results import drag_of
 from station.identification.handling_pages import derived_page
 from station.identification.handling_qualities import identified_qualities
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, write_page
@@ -66,6 +68,7 @@ def write_report(found: Identification, folder: Path) -> Path:
             lateral = (_fits(found, m, found.record.alpha, LATERAL) for m in found.methods if _gives_sideslip(m))
             body += next(filter(None, lateral), [])
     body += derived_page(identified_qualities(found))
+    body += drag_page(drag_of(found.record))
     body.append(_consistency(found))
     body += _spectra(found)
     if found.kinematics is not None:

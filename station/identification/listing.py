@@ -12,6 +12,7 @@ from rich.table import Table as Grid
 from station.conventions import LATERAL
 from station.estimation.method_table import METHODS
 from station.identification.advice import NextInput
+from station.identification.drag_results import drag_lines, drag_of
 from station.identification.handling_qualities import derived_lines, identified_qualities
 from station.identification.identified import Identification
 from station.identification.instrument_table import print_table
@@ -45,7 +46,7 @@ def print_estimates(found: Identification) -> None:
             reasons.setdefault(made.why, []).append(name)
     for why, names in reasons.items():
         console.print(f"{', '.join(names)}: {why}", highlight=False, markup=False)
-    for line in derived_lines(identified_qualities(found)):
+    for line in (*derived_lines(identified_qualities(found)), *drag_lines(drag_of(found.record))):
         console.print(line, highlight=False, markup=False)
     against = _consistency(found)
     if against is not None:

@@ -36,6 +36,7 @@ from station.profile.files import (
     read_profile,
     to_json,
 )
+from station.profile.propulsion import Propeller, ThrustTable
 from station.profile.quantity import (
     Bytes,
     Frozen,
@@ -100,6 +101,7 @@ __all__ = [
     "Pilot",
     "Positive",
     "Profiles",
+    "Propeller",
     "Pulse",
     "Radians",
     "RadiansPerMetre",
@@ -114,6 +116,7 @@ __all__ = [
     "Sweep",
     "TestPoint",
     "ThreeTwoOneOne",
+    "ThrustTable",
     "Unsteady",
     "explain",
     "find",

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS
+from station.profile.propulsion import Engine
 from station.profile.quantity import (
     Frozen,
     Hertz,
@@ -271,6 +272,7 @@ class Aircraft(Frozen):
     thrust_pitch_arm: Metres = 0.0
     """Nose-up moment per newton of thrust, m."""
     drag: Drag | None = None
+    engine: Engine | None = None
     unsteady: Unsteady = Unsteady(memory=False)
     separation: Separation = Separation()
     uncertainty: Uncertainty = Uncertainty()

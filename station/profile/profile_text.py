@@ -20,6 +20,7 @@ UNIT_OF: Final[Mapping[str, str]] = {
     "rate_limit": "rad/s", "position_limit": "rad", "latency": "s", "lag": "s", "reference_speed": "m/s",
     "alpha_star": "rad", "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
     "lowest_speed": "m/s", "highest_speed": "m/s",
+    "static_thrust": "N", "speeds": "m/s", "altitudes": "m",
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""
 _OF_UNCERTAINTY: Final = {

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS
 from station.profile import Aircraft, AlteredAircraft, Change, Instrument, Manoeuvre
 from station.rows import ProfileError
+from station.simulation.engine_setting import engine_setting
 from station.simulation.motion import DT
 from station.simulation.sensors import Late, Walk, lagged
 
@@ -98,6 +99,7 @@ class Installed:
                 known = ", ".join(DRIVES)
                 raise ProfileError(f"aircraft {aircraft.name}: instruments.{name}.backlash: flown of {known} only")
         self._source = source
+        self._engine = aircraft.engine
         # One step of the time ahead goes into the slope of a negative lag.
         earliest = max((-e.latency + (DT if e.lag < 0 else 0.0) for e in errors.values()), default=0.0)
         self._ahead = max(0, math.ceil(earliest / DT - 1e-9))
@@ -120,7 +122,10 @@ class Installed:
 
     def advance(self, n: int) -> Mapping[str, Array]:
         """The next n rows as shown; SIGNALS that the source has."""
-        flown = self._source.advance(n + (self._ahead if not self._kept else 0))
+        flown = dict(self._source.advance(n + (self._ahead if not self._kept else 0)))
+        if self._engine is not None:
+            name, setting = engine_setting(self._engine, *(flown[x] for x in ("thrust", "airspeed", "altitude")))
+            flown[name] = setting
         rows = {name: np.concatenate((self._kept.get(name, values[:0]), values)) for name, values in flown.items()}
         ready = max(0, len(next(iter(rows.values()))) - self._ahead)
         shown = {name: values[:ready] for name, values in rows.items() if name in SIGNALS}

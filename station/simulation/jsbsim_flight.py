@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import SIGNALS, to_si
+from station.conventions import to_si
 from station.profile import NO_BOOM, Actuator, Aircraft, Flight, Manoeuvre, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
@@ -23,7 +23,7 @@ from station.simulation.boom import vane_constants
 from station.simulation.flown_aircraft import ORIGIN, elevator_backlash, site
 from station.simulation.gusts import dryden_of, gust_at
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import DONE, DT, EVERY, TRUTH, memory_of, vanes_now
+from station.simulation.motion import DONE, DT, EVERY, FLOWN, TRUTH, memory_of, vanes_now
 from station.simulation.pilot import asked, hands
 from station.simulation.sensors import lagged
 from station.simulation.three_degrees import HANDS_OFF, gusts_of, tremor
@@ -131,7 +131,7 @@ class _Surface:
 
 
 class JsbsimFlight:
-    """As `Simulation`, flown by JSBSim: rows at 200 Hz with every signal of SIGNALS, and TRUTH.
+    """As `Simulation`, flown by JSBSim: rows at 200 Hz with every signal of FLOWN, and TRUTH.
 
     It begins within 1 % of the flight's speed and 10 m of its altitude.
     """
@@ -180,7 +180,7 @@ class JsbsimFlight:
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
         """The next `n` instants at 200 Hz: "time" (s of flight), every signal true in SI, and TRUTH; each (n,)."""
-        names = (*SIGNALS, *TRUTH)
+        names = (*FLOWN, *TRUTH)
         out = np.empty((len(names), n))
         begin = int(self._memory.marks[DONE])
         for k in range(n):

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import SIGNALS, TICK_HZ
+from station.conventions import ENGINE_SIGNALS, SIGNALS, TICK_HZ
 from station.numerics.atmosphere import atmosphere
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants, Tables
@@ -25,7 +25,9 @@ TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL
 """What no sensor shows: angle of attack at the CG and its parts from motion and gust (rad), the gust at the CG (m/s,
 updraught and headwind positive), the aerodynamic coefficients about the CG, and the angle (rad) that drives the
 elevator's surface through its backlash: where the sensor is."""
-COLUMNS: Final = (*SIGNALS, *TRUTH)
+FLOWN: Final = tuple(name for name in SIGNALS if name not in ENGINE_SIGNALS)
+"""Signals that every simulated flight has; an engine's come with the profile's engine (engine_setting.py)."""
+COLUMNS: Final = (*FLOWN, *TRUTH)
 
 
 def places(*names: str) -> tuple[int, ...]:

@@ -63,5 +63,7 @@ def fly(
     drifts = {name: sensor.drift for name, sensor in channels.items()}
     flight = Installed(source_of(aircraft, card, place, seed), aircraft, drifts, seed, card.flight.truth)
     exact = flight.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
-    shown = {name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items()}
+    shown = {
+        name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items() if name in exact
+    }
     return shown, {name: values[::EVERY].copy() for name, values in flight.truth.items()}

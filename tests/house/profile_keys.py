@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 from station.campaign import spec
 from station.conventions import from_si
-from station.profile import aircraft, altered, card, rig, shapes, step, uncertainty
+from station.profile import aircraft, altered, card, propulsion, rig, shapes, step, uncertainty
 
 SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
 """Units in which a default is written, where SI is not what one says."""
@@ -128,6 +128,8 @@ def aircraft_keys() -> str:
         ("`[boom]`", aircraft.Boom),
         ("`[derivatives.CL_alpha]` and so on", aircraft.Derivative),
         ("`[drag]`", aircraft.Drag),
+        ('`[engine]` with `kind = "propeller"`', propulsion.Propeller),
+        ('`[engine]` with `kind = "table"`', propulsion.ThrustTable),
         ("`[unsteady]`", aircraft.Unsteady),
         ("`[unsteady.lift_motion]` and the other indicial responses", aircraft.Indicial),
         ("`[separation]`", aircraft.Separation),
