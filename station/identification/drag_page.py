@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from station.identification.drag_results import DragResult, drag_lines
 from station.identification.html_page import BLUE, ORANGE, image, text
-from station.model.drag import WINDOW_S
+from station.model.energy_drag import WINDOW_S
 
 
 def drag_page(found: DragResult | str) -> list[str]:

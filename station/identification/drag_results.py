@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from station.estimation.flight_record import FlightRecord
-from station.model.drag import FEWEST, WINDOW_S, EnergyDrag, drag_by_energy
+from station.model.energy_drag import FEWEST, WINDOW_S, EnergyDrag, drag_by_energy
 
 SIGNIFICANT: Final = 2.0
 """Standard errors that a change must exceed to be told."""

@@ -88,8 +88,8 @@ def plain_flight() -> float:
     def flight() -> None:
         shown, _ = fly(flown, {}, card, 20.0)
         estimator = Estimator(known, card, methods=("II",), axes="body")
-        nothing = np.full(len(shown["q"]), np.nan)
-        for k, row in enumerate(np.stack([shown.get(name, nothing) for name in SIGNALS], axis=1).tolist()):
+        unknown = np.full(len(shown["q"]), np.nan)
+        for k, row in enumerate(np.stack([shown.get(name, unknown) for name in SIGNALS], axis=1).tolist()):
             estimator.step(Frame(k * TICK_NS, k, tuple(row), nothing, fresh))
 
     return fastest(flight, 3)

@@ -75,8 +75,8 @@ def plain(p: Plan, seed: int) -> tuple[MethodEstimate, ...]:
     methods = (*KINDS, "physical") if "physical" in campaign.methods else KINDS
     estimator = Estimator(known_aircraft(scenario, flown), card, axes=campaign.axes, force=True, methods=methods)
     nothing, fresh = (0.0,) * len(SIGNALS), (0,) * len(SIGNALS)
-    nothing = np.full(len(shown["q"]), np.nan)
-    for k, row in enumerate(np.stack([shown.get(name, nothing) for name in SIGNALS], axis=1).tolist()):
+    unknown = np.full(len(shown["q"]), np.nan)
+    for k, row in enumerate(np.stack([shown.get(name, unknown) for name in SIGNALS], axis=1).tolist()):
         _, found = estimator.step(Frame(k * TICK_NS, k, tuple(row), nothing, fresh))
     return found
 

@@ -15,7 +15,7 @@ from station.identification.preparation import flight_record
 from station.identification.request import Request
 from station.log import Table
 from station.model.coefficients import Airframe
-from station.model.drag import drag_by_energy
+from station.model.energy_drag import drag_by_energy
 from station.model.thrust import thrust_by_engine
 from station.profile import Aircraft, Card, Doublet, Flight, Propeller, ThrustTable, load_aircraft
 from station.profile.profile_text import to_toml
