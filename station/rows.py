@@ -81,6 +81,8 @@ class Code(StrEnum):
     ESTIMATOR = "ESTIMATOR"
     DISAGREE = "DISAGREE"
     AGREE = "AGREE"
+    CHANGED = "CHANGED"
+    UNCHANGED = "UNCHANGED"
     VIEW = "VIEW"
     PREPARING = "PREPARING"
     READY = "READY"
@@ -103,6 +105,7 @@ LEVELS: Final = {
             Code.HEARD,
             Code.FRESH,
             Code.AGREE,
+            Code.UNCHANGED,
             Code.CLOCK_STATE,
             Code.PREPARING,
             Code.READY,

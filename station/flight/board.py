@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from station.flight.guide import Guide
 
 CONDITIONS: Final = frozenset(
-    (Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE, Code.LIMIT)
+    (Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE, Code.CHANGED, Code.LIMIT)
 )
 """Events that hold until another ends them; all others are over when told."""
 RECENT_NS: Final = 3_000_000_000
@@ -194,6 +194,8 @@ class Board:
             self.conditions.pop((source, Code.DISCONNECT), None)
         elif code is Code.AGREE:
             self.conditions.pop((source, Code.DISAGREE), None)
+        elif code is Code.UNCHANGED:
+            self.conditions.pop((source, Code.CHANGED), None)
         elif code is Code.DISK and row.detail.startswith("recording again"):
             self.conditions.pop((source, code), None)
         elif code in CONDITIONS:
@@ -212,8 +214,10 @@ class Board:
 
     @property
     def disagreements(self) -> list[Event]:
-        """Where instruments, or they and the model, disagree now; oldest first."""
-        return sorted((e for e in list(self.conditions.values()) if e.code is Code.DISAGREE), key=lambda e: e.t_ns)
+        """Where instruments, they and the model, or the aircraft and its baseline disagree now; oldest first."""
+        return sorted(
+            (e for e in list(self.conditions.values()) if e.code in (Code.DISAGREE, Code.CHANGED)), key=lambda e: e.t_ns
+        )
 
     def flags(self, stream: str, device: str, now_ns: int) -> list[Code]:
         """What is or was just now the matter with a stream or its device."""

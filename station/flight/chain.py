@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from typing import Final
+
 import numpy as np
 
 from station.conventions import LONGITUDINAL, TICK_HZ
+from station.estimation.change_monitor import ChangeMonitor
 from station.estimation.instrument_errors import Corrector, corrector, known
 from station.estimation.method_table import LIVE
 from station.estimation.methods import Estimator
@@ -15,15 +19,28 @@ from station.model.physical_signals import SIGNALS
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft, Card, Profiles, Rig
 
+FORGETTING_S: Final = 120.0
+"""Four test inputs or more of one each 20 to 30 s, as many as make a point; ice that builds up in minutes is seen."""
+
 
 def chain(aircraft: Aircraft, card: Card, rig: Rig) -> Chain:
     """What corrects, estimates and watches in a flight, all compiled: no tick of it has to."""
     place, noise = rig.imu_position, rig.frame_noise_si()
-    estimator = Estimator(aircraft, card, place, noise)
+    forgetting = forgetting_s(aircraft, card)
+    estimator = Estimator(aircraft, card, place, noise, forgetting_s=forgetting)
     estimator.warm_up()
+    monitor = ChangeMonitor(aircraft, forgetting) if aircraft.measured else None
     watch = Disagreement(aircraft, place, noise)
     watch.warm_up()
-    return Chain(estimator, watch, corrector(aircraft, noise, place))
+    return Chain(estimator, watch, corrector(aircraft, noise, place), monitor)
+
+
+def forgetting_s(aircraft: Aircraft, card: Card) -> float:
+    """With what time constant the live estimates forget: the card's; where the aircraft is held against its baseline,
+    FORGETTING_S; else never."""
+    if card.forgetting is not None:
+        return card.forgetting
+    return FORGETTING_S if aircraft.measured else math.inf
 
 
 def undone(aircraft: Aircraft, correct: object) -> str:

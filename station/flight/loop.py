@@ -41,7 +41,7 @@ ESTIMATORS: Final = "estimators"
 """Sources of the events PREPARING and READY."""
 MADE_UP: Final = 25
 """Ticks that may be made up for while the estimators are prepared."""
-WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.ESTIMATOR))
+WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.CHANGED, Code.UNCHANGED, Code.ESTIMATOR))
 """Events that are made from frames, and not from what was drained."""
 _VANE: Final = SIGNAL_INDEX["alpha_vane"]
 
@@ -84,6 +84,12 @@ class Recording(Protocol):
     def flush(self) -> None: ...
 
 
+class Monitoring(Protocol):
+    """What the loop asks of who holds the aircraft against its baseline. `step` never raises."""
+
+    def step(self, frame: Frame, alpha: AlphaEstimate, methods: Sequence[MethodEstimate]) -> Sequence[Event]: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Chain:
     """What is made of a frame, in this order: instrument errors undone, estimates, warnings. See chain.py."""
@@ -91,6 +97,7 @@ class Chain:
     estimator: Estimating
     watch: Watching | None = None
     correct: Correcting | None = None
+    monitor: Monitoring | None = None
 
     def step(self, frame: Frame) -> tuple[list[Rows], str]:
         """The rows made, and what went wrong: nothing here is to raise, but if it does, the recording goes on."""
@@ -106,6 +113,8 @@ class Chain:
             made += (alpha, *methods)
             if self.watch is not None:
                 made += self.watch.step(seen, alpha)
+            if self.monitor is not None:
+                made += self.monitor.step(seen, alpha, methods)
         except Exception as error:
             why = f"{type(error).__name__}: {error}"
             unknown = (math.nan,) * 12

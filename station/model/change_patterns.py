@@ -38,6 +38,8 @@ DRAG_DOUBT: Final = 0.5
 """Share by which drag may be another than the pattern's beside the same loss of lift: shape and place of the ice."""
 NOT_APART: Final = 4.0
 """Deviance, two standard deviations, by which a pattern must fit better than another to be told from it."""
+SURE: Final = 2.0
+"""Standard errors from which an amount is told."""
 UNLIKELY: Final = 1e-3
 """Probability of what a pattern leaves, below which it is not that pattern."""
 
@@ -151,7 +153,8 @@ def matches(changes: Mapping[str, tuple[float, float]], known: tuple[Pattern, ..
         allowed = np.where(is_drag, np.hypot(s, DRAG_DOUBT * amount * shares), s)
         left = float(np.sum(((d - amount * shares) / allowed) ** 2))
         found.append(Match(pattern, amount, 1 / math.sqrt(size), left, float(chi2.sf(left, max(1, len(names) - 1)))))
-    found = sorted((m for m in found if m.likely > UNLIKELY and m.amount != 0.0), key=lambda m: m.left)
+    # Those that fit alike in the order of `known`, so that what is said first does not flutter.
+    found = sorted((m for m in found if m.likely > UNLIKELY and m.amount != 0.0), key=lambda m: round(m.left))
     return [m for m in found if m.left - found[0].left < NOT_APART]
 
 
@@ -160,8 +163,10 @@ def in_words(found: list[Match]) -> str:
     if not found:
         return "like none of the changes known by name"
     best = found[0]
+    others = "; not told from " + ", ".join(m.pattern.words for m in found[1:]) if found[1:] else ""
+    if abs(best.amount) < SURE * best.error:
+        return f"as by {best.pattern.words}{others}. To confirm: {best.pattern.confirm}"
     share = f"{100 * best.amount:.0f} ± {200 * best.error:.0f} %"
     unit = best.pattern.unit
     amount = f"{best.amount:.2f} ± {2 * best.error:.2f} {unit}" if unit else share
-    others = "; not told from " + ", ".join(m.pattern.words for m in found[1:]) if found[1:] else ""
     return f"as by {best.pattern.words} ({amount}){others}. To confirm: {best.pattern.confirm}"

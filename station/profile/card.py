@@ -181,6 +181,9 @@ class Card(Frozen):
     """Filters run this long before the transform opens."""
     rotate: Annotated[Bytes, Positive] = 512 * 1024.0**2
     """A recording goes on in a new file at this size."""
+    forgetting: Annotated[Seconds, Field(ge=20)] | None = None
+    """Time constant with which live estimates forget; without one they do not, but with a measured baseline they do in
+    two minutes."""
     accuracy: float = Field(default=0.1, gt=0)
     """Enough: 2 sd below this share of the value."""
     lateral: bool | None = None

@@ -16,6 +16,7 @@ import threading
 import tty
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Final
 
 from rich.cells import set_cell_size
@@ -26,7 +27,7 @@ from rich.text import Text
 from station.clock import Clock
 from station.conventions import from_si
 from station.flight.board import Board
-from station.rows import AlphaEstimate, Level, Status
+from station.rows import AlphaEstimate, Code, Level, Status
 from station.screen.derivative_tables import (
     TITLE,
     derivative_lines,
@@ -51,6 +52,7 @@ _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "b
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
 MOST_ALARMS: Final = 4
 MOST_WARNINGS: Final = 3
+LINES_OF_CHANGE: Final = 3
 LONGEST_NOTE: Final = 200
 GUIDE_KEYS: Final = "nrsa"
 MARK_DELAY_S: Final = 0.05
@@ -236,7 +238,8 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
     disagreements = board.disagreements
     for warning in disagreements[-MOST_WARNINGS:]:
         text = f" CHECK  {hms(board.elapsed_s(warning.t_ns))}  {warning.detail}"
-        yield Text(set_cell_size(text, width), "bold black on yellow")
+        for line in wrap(text, width)[:LINES_OF_CHANGE] if warning.code is Code.CHANGED else [text]:
+            yield Text(set_cell_size(line, width), "bold black on yellow")
     if len(disagreements) > MOST_WARNINGS:
         text = f" and {len(disagreements) - MOST_WARNINGS} more to check"
         yield Text(set_cell_size(text, width), "bold black on yellow")

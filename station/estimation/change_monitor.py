@@ -1,0 +1,251 @@
+"""Notices in flight that the aircraft is no longer the one that `station baseline` measured: ice, above all.
+
+Two watches, each with a false alarm once in FALSE_ALARM_H of flight as it is set:
+drag    CD_0 by the power that the flight shows, means of 10 s, in a cumulative sum (Page 1954) set for a rise by
+        DRAG_TOLD, its limit by Siegmund's approximation of the time between false alarms. Only with recorded thrust.
+slopes  the derivatives of `physical`, which forgets, each, and all of a pattern together, against the baseline over
+        their joint error.
+What has changed is named by its pattern (change_patterns), with what it is not told from and what would confirm it.
+
+step never raises; the same rows give the same events.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence, Set
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from station.conventions import G0, LONGITUDINAL, SIGNAL_INDEX, TICK_HZ
+from station.model.airframe_error import relative_errors
+from station.model.change_patterns import in_words, matches, patterns
+from station.profile import Aircraft
+from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, Status
+
+SOURCE: Final = "aircraft"
+FALSE_ALARM_H: Final = 20.0
+"""Hours between false alarms of either watch: together one in ten."""
+BLOCK_S: Final = 10.0
+"""Over which drag is a mean."""
+DRAG_TOLD: Final = 0.2
+"""Rise of CD_0, of itself, that the sum is set for: two fifths of the reference icing condition's."""
+KNOWN_WITHIN: Final = 2.0
+"""Standard deviations that the baseline's CD_0 is allowed to be off before a rise counts."""
+LEAST_SIGMA: Final = 0.25
+"""Of DRAG_TOLD, that a mean is taken to scatter at least: a single mean that is off is no alarm."""
+FIRST_SIGMA: Final = 0.5
+FIRST_BLOCKS: Final = 6
+"""The scatter that is taken before it is seen, of DRAG_TOLD, and how many means it counts for."""
+SEEN_BLOCKS: Final = 30
+"""Over which the scatter is seen."""
+_CONTINUOUS: Final = 4.0
+"""Looks that continuous watching counts for in each time constant of what is forgotten."""
+HELD_TICKS: Final = 5 * TICK_HZ
+"""A derivative must stand off so long."""
+AGAIN_NS: Final = 60_000_000_000
+"""At the least between two events on a change that goes on."""
+_V, _QBAR, _AX, _AZ, _THRUST, _MASS = (
+    SIGNAL_INDEX[n] for n in ("airspeed", "dynamic_pressure", "ax", "az", "thrust", "mass")
+)
+
+
+def limit_of_sum(shift: float, blocks: float) -> float:
+    """Of a cumulative sum of values of variance 1 less `shift`, reached by chance once in so many of them on average
+    (Siegmund 1985: (exp(2 d b) - 2 d b - 1)/(2 d^2), b = h + 1.166)."""
+
+    def excess(b: float) -> float:
+        return math.expm1(2 * shift * b) - 2 * shift * b - 2 * shift**2 * blocks
+
+    return max(float(brentq(excess, 1e-6, 40.0 / max(2 * shift, 1e-3))) - 1.166, 0.1)
+
+
+class DragWatch:
+    """CD_0 against the baseline's."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        measured = aircraft.measured
+        self._base = measured.CD_0 if measured else None
+        self._allowed = KNOWN_WITHIN * measured.CD_0_sd if measured else 0.0
+        self._area, self._mass = aircraft.geometry.wing_area, aircraft.inertia.mass
+        self._cos, self._sin = math.cos(aircraft.thrust_angle), math.sin(aircraft.thrust_angle)
+        self._induced = aircraft.drag.induced if aircraft.drag else 0.0
+        self._doubt = aircraft.uncertainty.induced_drag * self._induced
+        speeds = (measured.lowest_speed, measured.highest_speed) if measured else (1.0, 1.0)
+        self._speeds = (min(speeds), max(speeds))
+        self._sum = self._sum_of_squares = 0.0
+        self._count = self._ticks = 0
+        self._lift = self._pressure = 0.0
+        self._last = math.nan
+        step = (self._base or 0.0) * DRAG_TOLD
+        self._step = step
+        self._variance = (FIRST_SIGMA * step) ** 2
+        self._blocks = FIRST_BLOCKS
+        self.cumulated = 0.0
+        self.limit = math.inf
+        self.value = self.error = math.nan
+        """CD_0 since the sum last stood at nought, and its standard error."""
+        self._rise: list[float] = []
+
+    @property
+    def is_on(self) -> bool:
+        return self._base is not None and self._base > 0
+
+    @property
+    def told(self) -> bool:
+        return self.cumulated > self.limit
+
+    @property
+    def change(self) -> tuple[float, float] | None:
+        """Relative, with its standard error."""
+        if not self._rise or not self._base:
+            return None
+        recent = self._rise[-3:]
+        error = math.sqrt(self._variance / len(recent)) + 0.5 * self._allowed
+        return float(np.mean(recent)) / self._base - 1.0, error / self._base
+
+    def step(self, frame: Frame, alpha: AlphaEstimate) -> None:
+        """One tick."""
+        self._ticks += 1
+        v = frame.values
+        if alpha.valid and all(math.isfinite(v[i]) for i in (_QBAR, _AX, _AZ, _THRUST)) and v[_QBAR] > 0:
+            mass = v[_MASS] if v[_MASS] > 0 else self._mass
+            force = v[_QBAR] * self._area
+            cx = (mass * v[_AX] - v[_THRUST] * self._cos) / force
+            cz = (mass * v[_AZ] + v[_THRUST] * self._sin) / force
+            sin, cos = math.sin(alpha.alpha), math.cos(alpha.alpha)
+            lift = cx * sin - cz * cos
+            self._sum += -cx * cos - cz * sin - self._induced * lift * lift
+            self._lift += lift
+            self._pressure += v[_QBAR] / max(v[_V], 1.0) ** 2 if math.isfinite(v[_V]) else math.nan
+            self._count += 1
+        if self._ticks >= BLOCK_S * TICK_HZ:
+            if self._count > 0.5 * self._ticks:
+                self._block(self._sum / self._count, self._lift / self._count, 2 * self._pressure / self._count)
+            self._sum = self._lift = self._pressure = 0.0
+            self._count = self._ticks = 0
+
+    def _block(self, drag: float, lift: float, density: float) -> None:
+        """A mean of BLOCK_S: CD_0, CL, and the air's density."""
+        assert self._base is not None
+        if math.isfinite(self._last):
+            seen = 0.5 * (drag - self._last) ** 2
+            weight = 1.0 / min(self._blocks, SEEN_BLOCKS)
+            self._variance += weight * (seen - self._variance)
+            self._blocks += 1
+        self._last = drag
+        sigma = max(math.sqrt(self._variance), LEAST_SIGMA * self._step)
+        shift = 0.5 * self._step / sigma
+        self.limit = limit_of_sum(shift, FALSE_ALARM_H * 3600 / BLOCK_S)
+        excess = (drag - self._base - self._allowed - self._of_lift(lift, density)) / sigma
+        self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
+        self._rise = [*self._rise[-5:], drag] if self.cumulated > 0 else []
+
+    def _of_lift(self, lift: float, density: float) -> float:
+        """What the doubt of the induced drag makes of a lift coefficient that the baseline did not have."""
+        if not math.isfinite(density) or density <= 0:
+            return 0.0
+        slow, fast = (self._mass * G0 / (0.5 * density * v * v * self._area) for v in self._speeds)
+        beyond = max(lift - slow, fast - lift, 0.0)
+        return self._doubt * beyond * (lift + slow)
+
+
+class SlopeWatch:
+    """The derivatives of `physical` against the baseline's."""
+
+    def __init__(self, aircraft: Aircraft, forgetting_s: float) -> None:
+        known = [aircraft.derivatives.get(n) for n in LONGITUDINAL]
+        self._base = [(d.value, d.sd or 0.0) if d is not None and d.sd is not None else None for d in known]
+        self._shares = relative_errors(aircraft, LONGITUDINAL)
+        tests = sum(b is not None for b in self._base) + len(patterns(aircraft))
+        looks = FALSE_ALARM_H * 3600 / min(forgetting_s, 3600.0) * _CONTINUOUS * tests
+        self.limit = float(norm.isf(0.5 / max(looks, 1.0)))
+        """Standard errors from which a derivative has changed."""
+        self.changes: dict[str, tuple[float, float]] = {}
+        """Relative, with their standard errors."""
+        self._since = 0
+        self._patterns = patterns(aircraft)
+
+    @property
+    def told(self) -> bool:
+        return self._since >= HELD_TICKS
+
+    def step(self, frame: Frame, methods: Sequence[MethodEstimate]) -> None:
+        """One tick."""
+        made = next((m for m in methods if m.method == "physical"), None)
+        if made is None or not made.applicable:
+            return
+        shares = self._shares[int(frame.values[_MASS] > 0)]
+        self.changes = {}
+        for p, base, share in zip(made.parameters, self._base, shares.tolist(), strict=False):
+            if base is None or p.status is not Status.ESTIMATED or not base[0]:
+                continue
+            own = math.sqrt(max(p.sd**2 - (share * p.value) ** 2, 0.0))
+            error = math.hypot(own, base[1])
+            self.changes[p.name] = ((p.value - base[0]) / base[0], error / abs(base[0]))
+        # What has been told stays until it is half back.
+        limit = self.limit * (0.5 if self.told else 1.0)
+        is_off = any(abs(v) > limit * e for v, e in self.changes.values())
+        is_off = is_off or any(m.amount > limit * m.error for m in matches(self.changes, self._patterns))
+        self._since = self._since + 1 if is_off else 0
+
+
+class _Said(NamedTuple):
+    """What the last event was about."""
+
+    t_ns: int
+    by_drag: bool
+    by_slopes: bool
+    like: str
+
+    def news(self, by_drag: bool, by_slopes: bool, names: Set[str]) -> bool:
+        more = (by_drag and not self.by_drag) or (by_slopes and not self.by_slopes)
+        return more or (self.like not in names and bool(self.like or names))
+
+
+class ChangeMonitor:
+    """Both watches, and what is said of them: one event when a change is noticed or looks otherwise, one when it is
+    over."""
+
+    def __init__(self, aircraft: Aircraft, forgetting_s: float) -> None:
+        """Of an aircraft with `measured`; `forgetting_s`: of the estimator's `physical`."""
+        self.drag = DragWatch(aircraft)
+        self.slopes = SlopeWatch(aircraft, forgetting_s)
+        self._patterns = patterns(aircraft)
+        self._said: _Said | None = None
+        self._ticks = 0
+
+    def step(self, frame: Frame, alpha: AlphaEstimate, methods: Sequence[MethodEstimate]) -> tuple[Event, ...]:
+        """A tick's rows; at most one event each second."""
+        if self.drag.is_on:
+            self.drag.step(frame, alpha)
+        self.slopes.step(frame, methods)
+        self._ticks += 1
+        if self._ticks % TICK_HZ:
+            return ()
+        by_drag, by_slopes = self.drag.is_on and self.drag.told, self.slopes.told
+        if not (by_drag or by_slopes):
+            over, self._said = self._said is not None, None
+            words = "as the baseline again, within its error"
+            return (Event(frame.t_ns, SOURCE, Code.UNCHANGED, 1, words),) if over else ()
+        changes = dict(self.slopes.changes)
+        if by_drag and self.drag.change is not None:
+            changes["CD_0"] = self.drag.change
+        found = matches(changes, self._patterns)
+        names = {m.pattern.name for m in found}
+        said = self._said
+        # Said again where more of it stands off, or what was said first is out of the question.
+        if said is not None and (not said.news(by_drag, by_slopes, names) or frame.t_ns - said.t_ns < AGAIN_NS):
+            return ()
+        self._said = _Said(frame.t_ns, by_drag, by_slopes, found[0].pattern.name if found else "")
+        return (Event(frame.t_ns, SOURCE, Code.CHANGED, 1, self._words(changes, by_drag, in_words(found))),)
+
+    def _words(self, changes: dict[str, tuple[float, float]], by_drag: bool, like: str) -> str:
+        beyond = self.slopes.limit
+        off = {n: c for n, c in changes.items() if (by_drag if n == "CD_0" else abs(c[0]) > 0.5 * beyond * c[1])}
+        named = ", ".join(f"{'drag' if n == 'CD_0' else n} {100 * v:+.0f}±{200 * s:.0f} %" for n, (v, s) in off.items())
+        silent = "" if self.drag.is_on else "; of drag nothing is known: no baseline of it"
+        return f"{named}: {like}. By chance once in {FALSE_ALARM_H:.0f} h{silent}"
