@@ -4,8 +4,8 @@ uv run python tests/benchmarks/change_detection.py [FLIGHTS]
 
 A baseline of three calm points with recorded thrust; then flights of the bench's Twin Otter by rig boom_thrust, each
 with its own gusts and noise. Ice, CL_alpha and Cm_de -10 %, CD_0 +50 %, builds up from 120 to 420 s; times are counted
-from 420 s, so that a negative one came while it built up. Flights without it burn 0.06 kg/s of fuel that is not recorded
-and change speed by long elevator pulses. FLIGHTS (4) a cell; of those without ice twice as many.
+from 420 s, so that a negative one came while it built up. Flights without it burn 0.06 kg/s of fuel, unrecorded, and
+change speed by long elevator pulses. FLIGHTS (4) a cell; of those without ice twice as many.
 """
 
 from __future__ import annotations
