@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, Stream, Unit
 from station.log import About, write_log
-from station.profile import Aircraft
-from station.rows import Extra, LogError, Rows, Sample
+from station.profile import Aircraft, from_json, to_json
+from station.rows import Extra, LogError, ProfileError, Rows, Sample
 
 Column = NDArray[np.float64]
 
@@ -44,8 +44,14 @@ class Record:
 def write_record(path: Path, record: Record) -> int:
     """Make a recording of it: station time 0 is the record's first sample. Returns the number of rows.
 
-    Raises LogError if the record is empty or the file cannot be written.
+    Raises LogError if the record is empty, its aircraft cannot be (whoever reads the recording would refuse it), or the
+    file cannot be written.
     """
+    try:
+        from_json(Aircraft, to_json(record.aircraft))
+    except ProfileError as error:
+        words = str(error).removeprefix("recording: ")
+        raise LogError(f"{record.source}: what the file says of its aircraft cannot be: {words}") from error
     tracks = [t for t in record.tracks if len(t.t_ns) and t.columns]
     if not tracks:
         raise LogError(f"{record.source}: holds no signal that the station knows: {', '.join(SIGNALS)}")
