@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import faulthandler
 import multiprocessing
+import os
 import resource
 import signal
 from collections.abc import Callable
@@ -56,6 +57,10 @@ def confined(path: Path, read: Callable[[], Found], seconds: int = SECONDS, memo
 def _read(path: Path, read: Callable[[], object], pipe: Connection, seconds: int, memory: int) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     faulthandler.disable()  # a crash is told in a sentence
+    # A parser's chatter, a line for each byte that it passes over, is not for the user.
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
     _limit(resource.RLIMIT_DATA, _in_use() + memory)

@@ -130,13 +130,22 @@ def cut_on_ext4(work: Path, seed: int) -> Ending:
             last = told[-1]
             os.close(folder)
     finally:
-        run("umount", str(disk))
+        unmount(disk)
     run("mount", "-o", "loop", str(image), str(disk))
     try:
         return ending(disk / "logs", last)
     finally:
-        run("umount", str(disk))
+        unmount(disk)
         image.unlink()
+
+
+def unmount(disk: Path) -> None:
+    """Now or, where the system is still busy with it, soon."""
+    for _ in range(100):
+        if subprocess.run(("umount", str(disk)), capture_output=True).returncode == 0:
+            return
+        time.sleep(0.1)
+    run("umount", str(disk))
 
 
 def run(*words: str) -> None:

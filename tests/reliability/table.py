@@ -14,12 +14,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[1])]
-
-from reliability.endings import (
+from station.clock import ManualClock, SystemClock
+from station.convert import import_file
+from station.log import WriterThread, metadata, read_rows, summarise, write_log
+from station.log.disk import Disk
+from station.rows import LogError, Rows
+from tests.reliability.endings import (
     CUT_S,
     KILLED_S,
     Ending,
@@ -32,25 +36,24 @@ from reliability.endings import (
     may_mount,
     tick_rows,
 )
-from reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
-
-from station.clock import ManualClock, SystemClock
-from station.convert import import_file
-from station.log import WriterThread, metadata, read_rows, summarise, write_log
-from station.log.disk import Disk
-from station.rows import LogError, Rows
+from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
 
 Told = tuple[str, str, str, bool]
 """A trial, its limit, how it came out, and whether that holds."""
 STALL_S = 2.0
+SIDE_BY_SIDE = 3
+"""Flights that end badly, flown at a time: they do little but wait."""
 
 
 def endings(name: str, moments: int, limit_s: float, one: Callable[[Path, int], Ending]) -> Told:
     """The worst of many flights that end badly."""
-    found = []
-    for seed in range(moments):
+
+    def flight(seed: int) -> Ending:
         with tempfile.TemporaryDirectory() as folder:
-            found.append(one(Path(folder), seed))
+            return one(Path(folder), seed)
+
+    with ThreadPoolExecutor(SIDE_BY_SIDE) as several:
+        found = list(several.map(flight, range(moments)))
     worst, holes = max(e.lost_s for e in found), sum(e.holes for e in found)
     words = f"{worst:.3f} s lost at most, {holes} ticks missing before"
     return f"{name}, {moments} moments", f"{limit_s:g} s", words, worst <= limit_s and holes == 0
@@ -69,12 +72,8 @@ def journal(moments: int) -> Told:
             disk.left_at(cut, Path(work) / str(n), zeros=bool(n % 2))
             worst = max(worst, ending(Path(work) / str(n), max(t for t in told if t <= cut)).lost_s)
     words = f"{worst:.3f} s lost at most"
-    return (
-        f"power cut, a file layer that keeps what was synced, {moments} moments",
-        f"{CUT_S:g} s",
-        words,
-        worst <= CUT_S,
-    )
+    name = f"power cut, a file layer that keeps what was synced, {moments} moments"
+    return name, f"{CUT_S:g} s", words, worst <= CUT_S
 
 
 class Stalling(Disk):
@@ -114,9 +113,8 @@ def stalls(seconds: float) -> Told:
             longest = max(longest, time.monotonic() - began)
         writer.close()
         summary = summarise(writer.path)
-    words = (
-        f"the loop waited {longest * 1e3:.1f} ms at most, {writer.rows_lost} rows lost, {summary.ticks_missed} ticks"
-    )
+    lost = f"{writer.rows_lost} rows and {summary.ticks_missed} ticks lost"
+    words = f"the loop waited {longest * 1e3:.1f} ms at most, {lost}"
     held = longest < 0.02 and not writer.rows_lost and not summary.ticks_missed
     return f"{disk.stalls} stalls of {STALL_S:g} s of a disk in {seconds:g} s", "20 ms, 0, 0", words, held
 

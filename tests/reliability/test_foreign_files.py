@@ -34,6 +34,7 @@ def for_ever() -> Record:
 
 
 def crash() -> Record:
+    os.write(2, b"a parser's chatter\n")
     os.kill(os.getpid(), signal.SIGSEGV)
     raise AssertionError
 
@@ -60,13 +61,16 @@ def raise_one() -> Record:
         (raise_one, "OverflowError: Python int too large"),
     ],
 )
-def test_what_a_parser_may_do_is_an_error_of_the_file(tmp_path: Path, read: Callable[[], Record], says: str) -> None:
+def test_what_a_parser_may_do_is_an_error_of_the_file(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], read: Callable[[], Record], says: str
+) -> None:
     path = tmp_path / "a.mat"
     path.write_bytes(b"")
     with pytest.raises(LogError, match=says) as error:
         confined(path, read, seconds=1, memory=64 * MIB)
     assert str(error.value).startswith(f"{path}: cannot be read: ")
     assert len(str(error.value).splitlines()) == 2
+    assert capfd.readouterr() == ("", "")
     assert resource.getrlimit(resource.RLIMIT_DATA)[0] == resource.RLIM_INFINITY, "the station's own limits are not set"
 
 
