@@ -18,6 +18,7 @@ from station.log import About, write_log
 from station.profile import TestPoint, load_card
 from station.rows import Code, Event, LogError, Rows, Sample, Truth, UsageError
 
+USUAL_S = 120.0
 OUT_OF_HAND = 0.6
 """Angle of attack, rad, that no profile's derivatives describe."""
 
@@ -29,19 +30,26 @@ def simulate(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a card's value")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="replace the flight's seed", min=0)] = None,
-    duration: Annotated[float, typer.Option(help="seconds", min=1.0, callback=finite)] = 120.0,
+    duration: Annotated[
+        float | None, typer.Option(help="seconds; 120, or what the card's steps take", min=1.0, callback=finite)
+    ] = None,
 ) -> int:
     """Fly the simulation with the rig's sensors, faster than real time; the truth is recorded beside."""
+    from station.flight.step_plan import planned
     from station.simulation.sortie import fly
 
     profiles = load_card(scenario, overrides=dict(_setting(s) for s in settings or ()))
     if out.exists():
         raise LogError(f"{out}: exists already, and a recording is never overwritten")
-    shown, truth = fly(profiles.aircraft, profiles.rig, profiles.card, duration, seed)
+    card, steps_s = planned(profiles.card)
+    duration = max(USUAL_S, steps_s) if duration is None else duration
+    if card.steps and duration < steps_s:
+        say(f"station: the card's steps take {steps_s:.0f} s: not all are flown")
+    shown, truth = fly(profiles.aircraft, profiles.rig, card, duration, seed)
     streams = tuple(s for s in _present(STREAMS.values(), shown))
     notes = {"scenario": scenario, "seed": str(profiles.card.flight.seed if seed is None else seed)}
     about = About(profiles.aircraft, streams, profiles.rig, profiles.card, "simulation", imported=True, notes=notes)
-    count = write_log(out, about, _simulated_rows(streams, shown, truth, profiles.card.points))
+    count = write_log(out, about, _simulated_rows(streams, shown, truth, card.points))
     say(f"{out}: {count} rows, {duration:g} s of {profiles.aircraft.name}{profiles.card.flown}")
     beyond = np.flatnonzero(~(np.abs(truth["alpha"]) < OUT_OF_HAND))
     if len(beyond):
