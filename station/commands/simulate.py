@@ -42,7 +42,8 @@ def simulate(
     if out.exists():
         raise LogError(f"{out}: exists already, and a recording is never overwritten")
     card, steps_s = planned(profiles.card)
-    duration = max(USUAL_S, steps_s) if duration is None else duration
+    # A second more, for the last point to end in.
+    duration = max(USUAL_S, math.ceil(steps_s) + 1.0) if duration is None else duration
     if card.steps and duration < steps_s:
         say(f"station: the card's steps take {steps_s:.0f} s: not all are flown")
     shown, truth = fly(profiles.aircraft, profiles.rig, card, duration, seed)
