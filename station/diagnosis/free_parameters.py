@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -44,6 +44,11 @@ SCATTER: Final = {"CL_q": 0.25, "CL_de": 0.15}
 methods miss by a quarter (CL_q) and by an eighth (CL_de), whatever error the source states."""
 
 
+LEAST_SHAPE: Final = 0.1
+"""Of a span's lag: more even than any loading makes it."""
+STARTS: Final[tuple[Mapping[str, float], ...]] = ({}, {"gust span": 2.5}, {"gust span": 2.5, "gust span shape": -1.4})
+"""Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, which meets gusts one
+after the other; from a span far from the true one fits end in worse minima."""
 _MEANS: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0")
 
 
@@ -88,6 +93,11 @@ def _induced(a: Aircraft, x: float) -> Aircraft:
     return a.model_copy(update={"drag": a.drag.model_copy(update={"induced": a.drag.induced * max(0.0, 1 + x)})})
 
 
+def _span_shape(a: Aircraft, x: float) -> Aircraft:
+    made = min(max(a.unsteady.gust_span_shape + x, LEAST_SHAPE), 1.0)
+    return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={"gust_span_shape": made})})
+
+
 def _vane_scale(aircraft: Aircraft) -> float:
     """What the vane's scale is uncertain by besides the wing's upwash, which is free itself."""
     u, boom = aircraft.uncertainty, aircraft.boom
@@ -114,8 +124,12 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("tail arm", u.tail_arm, _share("tail_arm")),
             Free("lift amplitude", u.lift_memory, indicial_amplitude("lift_motion")),
             Free("lift rate", u.lift_rate, indicial_rate("lift_motion")),
+            Free("gust lift amplitude", u.lift_memory, indicial_amplitude("lift_gust")),
             Free("gust lift rate", u.lift_rate, indicial_rate("lift_gust")),
             Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
+            Free("gust span shape", u.span_shape, _span_shape),
+            Free("turned at once", u.turned_at_once, unsteady("turned_at_once")),
+            Free("tail speed", u.tail_speed, unsteady("tail_speed")),
             Free("convection", u.convection, unsteady("convection")),
             Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),
         ]
@@ -134,6 +148,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         found += [Free("vane lead", UNKNOWN_LEAD_M, boom("vane_x")), Free("upwash body", 0.1, boom("upwash_body"))]
     found += [
         Free("vane delay", u.vane_delay, delay("alpha_vane")),
+        Free("pressure delay", u.pressure_delay, delay("airspeed", "dynamic_pressure")),
         Free("vane scale", _vane_scale(aircraft), gain("alpha_vane")),
         Free("mass", mass, inertia("mass")),
         Free("inertia", u.inertia, inertia("iyy")),

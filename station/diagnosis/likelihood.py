@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.effects import BY_ID, Term, extended
-from station.diagnosis.free_parameters import Free, free_parameters, moved
+from station.diagnosis.free_parameters import STARTS, Free, free_parameters, moved
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.residuals import Spectra
-from station.diagnosis.variances import INDEPENDENT, Levels, fitted, prior_levels, stiffness_of
+from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -115,6 +115,7 @@ class Problem:
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._volume_at: tuple[Complex, ...] | None = None
+        self._settled = True
 
     # --- candidates
 
@@ -136,6 +137,8 @@ class Problem:
         bins = [m.grouped.gathered(z.bins.T) for m, z in zip(self.manoeuvres, s.spectra, strict=True)]
         counts = [m.grouped.count for m in self.manoeuvres]
         levels = fitted(bins, columns, counts, s.levels, self.prior, self.stiffness, frozen)
+        if self._settled:
+            levels = replace(levels, zeros=wandering(self.manoeuvres, s.spectra, levels))
         return self._with_levels(s.values, s.a, s.spectra, s.responses, levels)
 
     def _with_levels(
@@ -150,7 +153,7 @@ class Problem:
             b = m.columns(r)
             root = np.asarray(np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2))), dtype=complex)
             w = np.asarray(np.linalg.solve(root, own.bins.T[..., None])[..., 0], dtype=complex)
-            e = own.steady / m.steady_sd(levels.of(k))
+            e = own.steady / np.sqrt(m.steady_variances(levels.of(k), levels.zeros))
             q += 2 * INDEPENDENT * float((np.abs(w) ** 2).sum()) + float(e @ e)
             roots.append(root)
             white.append(w)
@@ -162,9 +165,11 @@ class Problem:
         not judge the parameters."""
         assert self._volume_at is not None
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
+        total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
         for k, (m, r) in enumerate(zip(self.manoeuvres, self._volume_at, strict=True)):
             b = m.columns(r, m.grouped.pick)
             root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
+            total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())
             total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum(-1) @ m.grouped.count)
         return total
 
@@ -264,7 +269,7 @@ class Problem:
             gathered = m.grouped.gathered(w)
             square = gathered @ np.conj(gathered.swapaxes(-1, -2))
             gradient -= weight * np.einsum("pgij,gji->p", shown, square, optimize=True).real
-            e = own.steady / m.steady_sd(variances)
+            e = own.steady / np.sqrt(m.steady_variances(variances, s.levels.zeros))
             seen += e @ e.T
             gradient += e @ s.steady[k]
         return Normal(seen, noise, scatter, gradient)
@@ -301,10 +306,14 @@ class Problem:
 
     def null(self) -> Estimate:
         """Without effects."""
-        count = len(self.frees) + len(self.manoeuvres)
-        start = self.state({}, np.zeros(count))
-        self._volume_at = start.responses
-        near = self.estimate(self.relevelled(start), ROUNDS, self.rough, NEAR)
+        none = [0.0] * len(self.manoeuvres)
+        starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in STARTS]
+        self._volume_at = tuple(m.responses(self.aircraft_at({}, starts[0])) for m in self.manoeuvres)
+        # A zero that all manoeuvres share is looked for before zeros are let wander.
+        self._settled = False
+        start = min((self.relevelled(self.state({}, a)) for a in starts), key=self.cost)
+        near = self.estimate(start, ROUNDS, self.rough, NEAR)
+        self._settled = True
         return self.estimate(near.state, ROUNDS, self.whole)
 
     def rough(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:

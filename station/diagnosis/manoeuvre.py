@@ -187,9 +187,9 @@ class Manoeuvre:
         shown = self._missing(slopes, size, self.grouped.pick)
         return np.concatenate([slopes * sd[:, None, :], shown * missing], axis=-1)
 
-    def steady_sd(self, variances: Array) -> Array:
-        """(k,) standard deviations of the steady parts: what sensors' slow noise and the gusts leave, and for forces
-        what trims differ by from one manoeuvre to the next."""
+    def steady_variances(self, variances: Array, zeros: Array) -> Array:
+        """(k,) variances of the steady parts: what sensors' noise and the gusts leave, zeros that wander by `zeros`
+        (see Levels), and for forces what trims differ by from one manoeuvre to the next."""
         n, s = len(self.trim.sensors), self.setting
         seconds = s.n * s.dt
         density = dict.fromkeys(("theta", "q", "ax", "az", "v_down", "v_along", "alpha_vane"), 0.0)
@@ -206,7 +206,16 @@ class Manoeuvre:
             + float(variances[2 * n]) * 2 * GUST_SCALE_M / speed / seconds,
             LIFT: TRIM_SD[0] ** 2, MOMENT: TRIM_SD[1] ** 2, DRAG: TRIM_SD[2] ** 2,
         }  # fmt: skip
-        return np.sqrt([of[j] for j in s.judged])
+        judged = np.array(s.judged)
+        wandered = np.where(judged < LIFT, zeros[np.minimum(judged, LIFT - 1)], 0.0)
+        return np.array([of[j] for j in s.judged]) + self.of_zeros * wandered
+
+    @property
+    def of_zeros(self) -> Array:
+        """(k,) what a zero of 1 in the sensor at the head of a series makes of its steady part, squared."""
+        seconds = self.setting.n * self.setting.dt
+        of = {THETA: seconds**2, DOWN: seconds**2, NORTH: seconds**2, VANE: 1.0}
+        return np.array([of.get(j, 0.0) for j in self.setting.judged])
 
     def missing(self, response: Complex, shares: Mapping[str, float]) -> Array:
         """(series,) what misses `shares` of MISSED leave out of each series judged, over what moves in it."""

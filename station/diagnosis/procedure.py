@@ -257,6 +257,8 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
     for k, (name, value) in enumerate(accepted.state.values.items()):
         term = BY_ID[name]
         without = found.tried.get(frozenset(accepted.state.values) - {name}, found.null)
+        if not math.isfinite(without.cost):  # what is left is nothing then
+            without = found.null
         error = float(sd[k])
         if term.unsure_in_noise:
             error = math.hypot(error, term.unsure_in_noise * max(m.noise(term.target) for m in problem.manoeuvres))

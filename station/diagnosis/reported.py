@@ -12,12 +12,13 @@ import numpy as np
 from station.conventions import from_si
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import DERIVATIVES
-from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
+from station.diagnosis.variances import of_signals
 
 _UNITS: Final[Mapping[str, str]] = {
     "downwash delay": "ms", "gust span": "ft", "gust span, tail": "ft", "convection": "1", "upwash body": "1",
     "upwash wing": "1", "vane lead": "ft", "vane zero": "deg", "vane delay": "ms", "theta bias": "deg",
+    "pressure delay": "ms", "gust span shape": "1", "turned at once": "1", "tail speed": "1",
     "az bias": "g", "ax bias": "g", "q bias": "deg/s", "CL_0": "1", "Cm_0": "1", "CD_0": "1",
 }  # fmt: skip
 """Units that free parameters are told in; those without one are relative to the profile's value."""
@@ -100,10 +101,6 @@ def noise_of(d: Diagnosis) -> list[dict[str, float]]:
     """Standard deviation of the white noise found for each sensor, SI, by manoeuvre fitted."""
     levels = d.found.accepted.state.levels
     return [
-        {s: math.sqrt(v) for s, v in zip(m.trim.sensors, own, strict=False) if _recorded(m, s)}
+        of_signals(dict(zip(m.trim.sensors, own, strict=False)), m.record)
         for m, own in zip(d.problem.manoeuvres, levels.noise.tolist(), strict=True)
     ]
-
-
-def _recorded(m: Manoeuvre, sensor: str) -> bool:
-    return sensor in m.record.signals

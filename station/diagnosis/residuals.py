@@ -33,7 +33,9 @@ from station.diagnosis.processing import (
     Setting,
     at_places,
     back,
+    between_fresh,
     integral,
+    own_speed,
     passed,
     places_of,
     rate,
@@ -45,7 +47,7 @@ from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
 from station.numerics.separation import lift_left
-from station.profile import NO_BOOM, Aircraft, Boom
+from station.profile import NO_BOOM, Aircraft, Boom, Unsteady
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -172,9 +174,10 @@ def _stages(
     motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
     of_drift = drift if isinstance(drift, float) else id(drift)
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
-    on_path = (first, of_drift, unsteady.convection)
-    path = memo.get("path", on_path, lambda: _path(motion, unsteady.convection, s, drift))
-    of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, unsteady.gust_span)
+    on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once)
+    path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, drift))
+    spread = (unsteady.gust_span, unsteady.gust_span_shape)
+    of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
     seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
     shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s))
     key = (seen, unsteady)
@@ -198,29 +201,29 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     if s.rebuilt:
         down = without_line(climb) if "altitude" not in x else climb - sinking_line(x["altitude"], climb, s)
     else:
-        down = _between(x["v_down"], climb, s.held.get("v_down"))
+        down = between_fresh(x["v_down"], climb, s.held.get("v_down"))
     out = np.zeros((*q.shape[:-1], 3, s.n))
     out[..., THETA, :] = theta - integral(turned, s)
     out[..., DOWN, :] = down - climb
-    ground = _between(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
+    ground = between_fresh(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
     if ground is not None:
         out[..., NORTH, :] = ground - along
-    base = v if ground is None else ground
+    base = own_speed(v, along, s) if ground is None else ground
     return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True), v)
 
 
-def _path(motion: _Motion, convection: float, s: Setting, drift: float | Array) -> _Path:
+def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
     # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
     # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
     # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
     # Either is a few per cent of the gust, and looks like another tail.
     v0 = motion.mean_speed + drift
     inertial = motion.base + v0
-    there, again = places_of(v0 + convection * (inertial - v0), v0, s)
+    there, again = places_of(v0 + unsteady.convection * (inertial - v0), v0, s)
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
     moved = at_places(alpha_i, there)
     along = transform(moved, s)
-    moved = moved - moved.mean(-1, keepdims=True)
+    moved = moved - (1 - unsteady.turned_at_once) * moved.mean(-1, keepdims=True)
     surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
     return _Path(v0, inertial, there, again, alpha_i, along, moved, transform(surge, s), transform(-moved * surge, s))
 
@@ -250,11 +253,17 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
         shown = shown * given + transform(boom.flexure * load, s) * bend
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
-    averaged = 1 / (1 + 1j * w * unsteady.gust_span / v0)
+    averaged = span_response(unsteady.gust_span, unsteady.gust_span_shape, w / v0)
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
     return _Shown(vane, quick, met, _along(quick, met, path, s), ahead * _along(quick * averaged, met, path, s))
+
+
+def span_response(length: float, shape: float, wave: Array) -> Complex:
+    """What a span makes of gusts of `wave` rad/m: the transform of a gamma distribution of lags with that mean (m) and
+    variance."""
+    return np.asarray((1 + 1j * wave * length * shape) ** (-1 / shape), dtype=complex)
 
 
 def _along(quick: Complex, met: Complex, path: _Path, s: Setting) -> Complex:
@@ -274,7 +283,9 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
         gust_tail = _along(shown.quick / (1 + 1j * w * unsteady.gust_span_tail / v0), shown.met, path, s)
         turned_tail = transform(-path.moved * back(path.surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
         behind = np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
-        tail = path.along + turned_tail + behind * gust_tail
+        # The tail's pressure is that of the air there, which may be faster than at the CG.
+        faster = unsteady.tail_speed * back(path.surging * (np.exp(-1j * w * unsteady.tail_arm / v0) - 1), s)
+        tail = path.along + turned_tail + transform(back(behind * gust_tail, s) * (1 + faster), s)
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), path.again)
         wing_series = at_places(back(wing, s), path.again)
     gust_series = at_places(back(shown.gust + path.turned, s), path.again)
@@ -348,17 +359,6 @@ def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
         return np.ones(len(omega), dtype=complex)
     bent = second_order_response(boom.mode_frequency, boom.mode_damping, 1j * omega)
     return np.asarray(bent * (1 - 1j * omega * boom.mode_length / speed), dtype=complex)
-
-
-def _between(held: Array, integral: Array, fresh: NDArray[np.int64] | None) -> Array:
-    """A speed that repeats its values, filled in between its fresh ones by the integral of the acceleration."""
-    if fresh is None:
-        return held
-    difference = held[..., fresh] - integral[..., fresh]
-    at = np.arange(held.shape[-1])
-    flat = difference.reshape(-1, len(fresh))
-    filled = np.stack([np.interp(at, fresh, row) for row in flat]).reshape(held.shape)
-    return np.asarray(integral + filled)
 
 
 @dataclass(frozen=True, slots=True)

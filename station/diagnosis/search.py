@@ -104,6 +104,15 @@ class _Refits:
             self.done[key] = found
         return found
 
+    def without(self, name: str, whole: Estimate) -> Estimate:
+        """A candidate fitted without one of its effects, and without those that are nothing then."""
+        left = tuple(i for i in whole.state.ids if i != name)
+        while True:
+            fewer = self.add(left, dict(whole.state.values), whole.state.a, again=True)
+            if math.isfinite(fewer.cost):
+                return fewer
+            left = tuple(i for i in fewer.state.ids if not self._is_nothing(BY_ID[i], fewer.state))
+
     def fit_to_the_end(self, e: Estimate) -> None:
         """A candidate again from where it is, all slopes made anew."""
         self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
@@ -212,9 +221,8 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
         refits.done[frozenset(whole.state.ids)] = whole
         weakest, least = "", math.inf
         for name in whole.state.ids:
-            others = tuple(i for i in whole.state.ids if i != name)
-            fewer = refits.add(others, dict(whole.state.values), whole.state.a, again=True)
-            if not others and fewer.cost < refits.null.cost:
+            fewer = refits.without(name, whole)
+            if not fewer.state.values and fewer.cost < refits.null.cost:
                 refits.null = fewer
             if fewer.cost - whole.cost < least:
                 weakest, least = name, fewer.cost - whole.cost
@@ -226,10 +234,7 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
                 weakest, least = name, 0.0
         if least > ASKED:
             return whole
-        left = frozenset(whole.state.ids) - {weakest}
-        if not left:
-            break
-        accepted = refits.done[left]
+        accepted = refits.without(weakest, whole)
     return refits.null
 
 

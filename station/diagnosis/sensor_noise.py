@@ -32,8 +32,10 @@ SMALL: Final = 1e-4
 """Its size, relative to 1 rad, 1 rad/s, or g and the speed: small enough to be linear, far above rounding."""
 SENSORS: Final = (
     "theta", "q", "ax", "az", "v_down", "v_along", "airspeed", "dynamic_pressure", "alpha_vane", "elevator", "thrust",
+    "pitot",
 )  # fmt: skip
-"""What the airspeed shows the dynamic pressure shows too: they are one sensor's, but for noise of its own."""
+"""What reaches the residuals by itself; "pitot": what airspeed and dynamic pressure show alike, m/s."""
+ALWAYS: Final = ("thrust", "pitot")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def trim_of(record: Record, setting: Setting) -> Trim:
     spectrum[lines] = phases
     wave = fft.irfft(spectrum, n)
     wave *= SMALL / wave.std()
-    sensors = tuple(s for s in SENSORS if s in record.signals or s == "thrust")
+    sensors = tuple(s for s in SENSORS if s in record.signals or s in ALWAYS)
     mean = {name: np.full(n, float(x.mean())) for name, x in record.signals.items()}
     mean.setdefault("thrust", np.full(n, setting.thrust))
     mean["q"] = np.zeros(n)
@@ -75,15 +77,15 @@ def trim_of(record: Record, setting: Setting) -> Trim:
         if name in mean:
             mean[name] = np.zeros(n)
     speed = float(mean["airspeed"][0])
-    sizes = {"ax": 10.0, "az": 10.0, "v_down": speed, "v_along": speed, "airspeed": speed}
+    sizes = {"ax": 10.0, "az": 10.0, "v_down": speed, "v_along": speed, "airspeed": speed, "pitot": speed}
     sizes["thrust"] = max(setting.thrust, 1.0)
     sizes["dynamic_pressure"] = float(mean["dynamic_pressure"][0])
     moved = {name: np.repeat(x[None], len(sensors) + 1, 0) for name, x in mean.items()}
     given = np.empty((len(sensors), len(lines)), dtype=complex)
     for k, name in enumerate(sensors):
         added = wave * sizes.get(name, 1.0)
-        moved[name][k] += added
-        if name == "airspeed":
+        moved["airspeed" if name == "pitot" else name][k] += added
+        if name == "pitot":
             moved["dynamic_pressure"][k] *= (moved["airspeed"][k] / mean["airspeed"]) ** 2
         given[k] = fft.rfft(added)[lines]
     own = replace(setting, dt=dt, n=n, bridge=0, held={})

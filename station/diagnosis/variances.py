@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from station.conventions import G0, to_si
 from station.diagnosis.manoeuvre import FAST_S, MISSED, Manoeuvre, white_noise
 from station.diagnosis.measured_record import Record
+from station.diagnosis.residuals import LIFT, Spectra
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -33,7 +35,7 @@ LEAST_MISSED: Final = (0.01, 0.01, 0.2, 0.005, 0.002)
 """Of MISSED: no linear model is better than a hundredth, no parabolic polar than a fifth of what moves, no vane than
 half a hundredth (its friction), no surface's sensor than a five-hundredth."""
 LEAST_OWN: Final = 0.1
-"""Of the airspeed's noise, that the dynamic pressure has of its own."""
+"""Of airspeed's or dynamic pressure's noise, that they have alike, and each alone, at least."""
 LEAST_GUST: Final = 3e-5
 """rad: below any vane's noise."""
 LOOSE: Final = 1e-3
@@ -47,6 +49,12 @@ LOWEST: Final = 6.0
 """Of the logarithm of a variance, below its prior: a twentieth of the noise stated."""
 DONE: Final = 0.05
 """Of -2 log likelihood: a scoring that gains less is the last."""
+ZERO_SD: Final = (to_si(10 / 3600, "deg/s"), 1e-4 * G0, to_si(0.05, "deg") * G0, to_si(0.05, "deg"))
+"""By what zeros wander from one manoeuvre to the next, of gyro, normal and horizontal acceleration and flow angle:
+in-run bias stability of industrial MEMS sensors, and what an attitude filter leaves; a record may show more."""
+ZERO_DOF: Final = 1.7
+"""How much the data must show that it is more, in manoeuvres: the logarithm then has LEVEL_SD."""
+ZERO_ROUNDS: Final = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +66,9 @@ class Levels:
     gust: Array
     """(manoeuvres,) rad2, as the vane shows it."""
     missed: Array
-    """(3,) square of the share of lift, moment, drag."""
+    """(5,) square of the share of MISSED."""
+    zeros: Array
+    """(4,) of what zeros wander by from manoeuvre to manoeuvre: rad/s, m/s2, m/s2, rad."""
 
     def of(self, k: int) -> Array:
         """(components,) of a manoeuvre, in the order of Manoeuvre.columns."""
@@ -69,20 +79,47 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
     """What rigs state, or good installations have; no gust and nothing missed."""
     rows = []
     for m in manoeuvres:
-        sd = np.array([white_noise(s, m.record) for s in m.trim.sensors])
-        sd[m.trim.sensors.index("dynamic_pressure")] = _own_pressure_noise(m.record)
+        of_air = air_noise(m.record)
+        sd = np.array([of_air.get(s) or white_noise(s, m.record) for s in m.trim.sensors])
         at = m.trim.sensors.index("thrust")
         sd[at] = (RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE) * max(m.setting.thrust, 1.0)
         rows.append(np.concatenate([sd**2, SLOW_SHARE * sd**2]))
-    return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(LEAST_MISSED))
+    return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(LEAST_MISSED), np.square(ZERO_SD))
 
 
-def _own_pressure_noise(record: Record) -> float:
-    """Pa of the dynamic pressure's noise that is not the airspeed's."""
+def air_noise(record: Record) -> dict[str, float]:
+    """Standard deviations of what airspeed (m/s) and dynamic pressure (Pa) show of noise alike, and each alone: by the
+    fourth differences of their samples where these are fast enough; else as if one sensor showed both."""
     x = record.signals
-    shared = 2 * float(x["dynamic_pressure"].mean() / x["airspeed"].mean()) * white_noise("airspeed", record)
-    alone = white_noise("dynamic_pressure", record) ** 2 - shared**2
-    return math.sqrt(max(alone, (LEAST_OWN * shared) ** 2))
+    slope = _pressure_slope(record)
+    speed, pressure = white_noise("airspeed", record), white_noise("dynamic_pressure", record) / slope
+    alike = min(speed, pressure)
+    if record.dt <= FAST_S:
+        a, b = (np.diff(x[n], 4) for n in ("airspeed", "dynamic_pressure"))
+        # Signs that agree more often than not, which outliers do not upset: Kendall's tau of independent samples.
+        agreed = math.sin(0.5 * math.pi * float(np.mean(np.sign(a) * np.sign(b))))
+        alike = math.sqrt(max(agreed, 0.0) * speed * pressure)
+    least = LEAST_OWN * max(speed, pressure)
+    return {
+        "pitot": max(alike, least),
+        "airspeed": math.sqrt(max(speed**2 - alike**2, least**2)),
+        "dynamic_pressure": slope * math.sqrt(max(pressure**2 - alike**2, least**2)),
+    }
+
+
+def of_signals(variances: Mapping[str, float], record: Record) -> dict[str, float]:
+    """Standard deviation of each recorded signal's noise, from the variances of a trim's sensors."""
+    alike = {"airspeed": 1.0, "dynamic_pressure": _pressure_slope(record)}
+    return {
+        name: math.sqrt(v + alike.get(name, 0.0) ** 2 * variances["pitot"])
+        for name, v in variances.items()
+        if name in record.signals
+    }
+
+
+def _pressure_slope(record: Record) -> float:
+    """d(dynamic pressure)/d(airspeed), Pa by m/s."""
+    return 2 * float(record.signals["dynamic_pressure"].mean() / record.signals["airspeed"].mean())
 
 
 def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
@@ -163,4 +200,24 @@ def fitted(
             break
         here, gradient, fisher = scored(x, True)
     v = np.exp(x)
-    return Levels(v[: count * many].reshape(count, many), v[count * many : -len(MISSED)], v[-len(MISSED) :])
+    return Levels(
+        v[: count * many].reshape(count, many), v[count * many : -len(MISSED)], v[-len(MISSED) :], start.zeros
+    )
+
+
+def wandering(manoeuvres: Sequence[Manoeuvre], spectra: Sequence[Spectra], levels: Levels) -> Array:
+    """(4,) the most likely variances of what zeros wander by, by expectation and maximisation."""
+    v = levels.zeros
+    parts = []
+    for k, (m, z) in enumerate(zip(manoeuvres, spectra, strict=True)):
+        judged = np.array(m.setting.judged)
+        at = judged < LIFT
+        parts.append((judged[at], z.steady[at] ** 2, m.steady_variances(levels.of(k), 0 * v)[at], m.of_zeros[at]))
+    for _ in range(ZERO_ROUNDS):
+        total, count = ZERO_DOF * np.square(ZERO_SD), np.full(len(v), ZERO_DOF)
+        for j, square, base, share in parts:
+            known = share * v[j] / (base + share * v[j])
+            total[j] += known**2 * square / share + v[j] * (1 - known)
+            count[j] += 1
+        v = total / count
+    return np.asarray(v)

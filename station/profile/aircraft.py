@@ -153,8 +153,17 @@ class Unsteady(Frozen):
     """Chord that the times of the indicial responses are counted in; the geometry's if left out."""
     gust_span: Metres = Field(default=0.0, ge=0)
     """Length of the lag by which the wing averages gusts along its span: about a quarter of it; 0 for none."""
+    gust_span_shape: float = Field(default=1.0, gt=0, le=1)
+    """How that lag spreads, its variance over the square of its mean: 1 as a lag of the first order does, 1/3 where
+    strips of a span are met one after the other, 1/4 with an elliptic loading. Of diagnosis: simulations take 1."""
     gust_span_tail: Metres = Field(default=0.0, ge=0)
     """The same of the tail."""
+    turned_at_once: float = 0.5
+    """Share of the mean angle of attack that a gust along the path turns at once, at wing and tail when it meets them;
+    the rest is followed as a gust across the path is, late and averaged. Of diagnosis."""
+    tail_speed: float = 1.0
+    """How the tail's lift in gusts follows the speed of the air there in place of that at the CG: 2 with the square of
+    it over the other, as a surface alone in that air would; 0 not at all. Of diagnosis."""
     convection: float = Field(default=1.0, ge=0, le=1)
     """Share of a change of speed that the transit times of gusts and wakes follow: 1 where they stand frozen in the
     air, 0 where they pass as at the mean speed."""

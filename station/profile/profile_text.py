@@ -24,8 +24,8 @@ UNIT_OF: Final[Mapping[str, str]] = {
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""
 _OF_UNCERTAINTY: Final = {
-    "downwash_delay": "s", "vane_x": "s", "vane_delay": "s", "vane_zero": "rad", "theta_zero": "rad", "q_zero": "rad/s",
-    "ax_zero": "m/s2", "az_zero": "m/s2", "drift": "m/s", "alpha_star": "rad",
+    "downwash_delay": "s", "vane_x": "s", "vane_delay": "s", "pressure_delay": "s", "vane_zero": "rad",
+    "theta_zero": "rad", "q_zero": "rad/s", "ax_zero": "m/s2", "az_zero": "m/s2", "drift": "m/s", "alpha_star": "rad",
 }  # fmt: skip
 """The same in its section `uncertainty`, whose other values are relative."""
 

@@ -44,6 +44,12 @@ class Uncertainty(Frozen):
     """Of the rates of the wing's indicial responses."""
     span_lag: float = Field(default=1.0, ge=0)
     """Share of the lag with which a wing of that span would follow a gust, were its lift spread evenly."""
+    span_shape: float = Field(default=0.5, ge=0)
+    """Of the shape of that lag (`gust_span_shape`), absolute."""
+    turned_at_once: float = Field(default=0.5, ge=0)
+    """Of the share of the mean angle of attack that gusts along the path turn at once, absolute."""
+    tail_speed: float = Field(default=0.7, ge=0)
+    """Of how the tail's lift follows the speed of the air there, absolute: the wing's wake is slower."""
     tail_span_lag: float = Field(default=0.5, ge=0)
     """Of the share of that lag, one half, with which the tail follows."""
     upwash_wing: float = Field(default=0.3, ge=0)
@@ -54,6 +60,9 @@ class Uncertainty(Frozen):
     """Of the vane's lead over the CG, position over speed."""
     vane_delay: Seconds = 0.004
     """Of the vane against the inertial data."""
+    pressure_delay: Seconds = 0.02
+    """Of the air data against the wing: a pitot stands a metre before or behind it, and lift follows a gust along the
+    path within a chord (Drischler and Diederich 1957, NACA TN 3956)."""
     vane_scale: float = Field(default=0.03, ge=0)
     """Of the vane's scale, by the steady upwash of wing and body: two digits of a calibration, or a panel method's."""
     vane_frequency: float = Field(default=0.1, ge=0)

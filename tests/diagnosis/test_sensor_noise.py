@@ -124,7 +124,7 @@ def test_lift_and_moment(navion: tuple[Aircraft, Shown]) -> None:
     close(of("lift", "q"), -d["CL_q"] * chord / (2 * SPEED), 0.0)
     # The pressure is the square of the speed's, and the measured coefficient falls with it.
     fast = of.jw.imag > 2 * np.pi * SPEED_PASS_HZ[1]
-    close(of("lift", "airspeed")[fast], -2 * lift / SPEED, 0.0)
+    close(of("lift", "pitot")[fast], -2 * lift / SPEED, 0.0)
     close(of("moment", "elevator"), -d["Cm_de"], 0.0)
     # One-sided differences at the ends of the period see the highest lines wrong, by 1.2 % of all (rms).
     turning = of.jw * iyy / (force * chord) - d["Cm_q"] * chord / (2 * SPEED)

@@ -1,0 +1,93 @@
+"""Gusts along the path, spans that meet gusts one strip after the other, air data's noise, zeros that wander."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from station.diagnosis.measured_record import Record
+from station.diagnosis.processing import Setting, bridge_of, own_speed
+from station.diagnosis.residuals import Spectra, span_response
+from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, wandering
+
+SPEED, DENSITY = 52.0, 1.0
+
+
+def test_a_gust_along_the_path_is_no_motion_of_the_aircraft() -> None:
+    """Airspeed holds motion and gust; the acceleration shows the motion, with a zero that tilts its integral."""
+    dt, n = 0.02, 3000
+    s = Setting(dt, n, bridge_of(dt, n), (0,), (0.0, 0.0, 0.0), 0.0, 0.0, False, {})
+    t = dt * np.arange(n)
+    motion = 1.5 * np.sin(0.9 * t) + 0.05 * t
+    gust = 0.8 * np.sin(2 * math.pi * 0.4 * t) + 0.4 * np.sin(2 * math.pi * 1.3 * t + 1.0)
+    tilted = motion - motion[0] + 0.03 * t
+    inner = slice(500, -500)
+    found = own_speed(SPEED + motion + gust, tilted, s)
+    assert np.std((found - SPEED - motion)[inner]) < 0.02 * np.std(gust)
+    np.testing.assert_allclose(own_speed(SPEED + motion, motion, s), SPEED + motion, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [1.0, 0.5, 0.2])
+def test_a_span_follows_gusts_by_the_transform_of_a_gamma_distribution(shape: float) -> None:
+    """Characteristic function by quadrature of the density of scipy."""
+    length, wave = 3.0, np.array([0.0, 0.05, 0.2, 0.6])
+    lags = stats.gamma(1 / shape, scale=length * shape)
+    far = np.linspace(0, lags.ppf(1 - 1e-9), 200_001)
+    middle, weight = 0.5 * (far[1:] + far[:-1]), np.diff(lags.cdf(far))
+    by_sum = (weight * np.exp(-1j * wave[:, None] * middle)).sum(1)
+    np.testing.assert_allclose(span_response(length, shape, wave), by_sum, atol=1e-4)
+
+
+def test_strips_of_a_span_are_nearer_to_their_shape_than_to_a_lag() -> None:
+    """Evenly loaded strips, met one after the other over twice the mean lag, to a mean phase of 1 rad: two moments
+    agree, and what differs is of the third order."""
+    length, wave = 3.0, np.linspace(0.02, 1 / 3, 50)
+    strips = np.exp(-1j * wave * length) * np.sinc(wave * length / np.pi)
+
+    def off(shape: float) -> float:
+        return float(np.abs(span_response(length, shape, wave) - strips).max())
+
+    assert off(1 / 3) < 0.25 * off(1.0)
+
+
+def flight(shared: float, speed: float, pressure: float) -> Record:
+    rng = np.random.default_rng(8)
+    n = 3000
+    both = shared * rng.standard_normal(n)
+    q = 0.5 * DENSITY * (SPEED + both) ** 2 + pressure * rng.standard_normal(n)
+    signals = {"airspeed": SPEED + both + speed * rng.standard_normal(n), "dynamic_pressure": q}
+    return Record("noisy", 0.02, 0.0, signals, DENSITY, 1000.0)
+
+
+@pytest.mark.parametrize(("shared", "speed", "pressure"), [(0.2, 0.03, 1.5), (0.02, 0.2, 10.0), (0.15, 0.15, 8.0)])
+def test_what_airspeed_and_dynamic_pressure_show_alike_is_told_from_their_own(
+    shared: float, speed: float, pressure: float
+) -> None:
+    """Each level within a fifth, or where it is small beside the others, small."""
+    found = air_noise(flight(shared, speed, pressure))
+    drawn = {"pitot": shared, "airspeed": speed, "dynamic_pressure": pressure}
+    per = {"pitot": 1.0, "airspeed": 1.0, "dynamic_pressure": DENSITY * SPEED}
+    most = max(x / per[name] for name, x in drawn.items())
+    for name, x in drawn.items():
+        assert found[name] / per[name] == pytest.approx(x / per[name], rel=0.2, abs=0.25 * most), name
+
+
+def test_a_zero_wanders_as_far_as_manoeuvres_disagree() -> None:
+    """Where noise is nothing beside it, the mode of a scaled inverse chi-squared has a closed form."""
+    seconds, rates = 40.0, (6e-4, -4e-4)
+    here = SimpleNamespace(
+        setting=SimpleNamespace(judged=(0, 1, 3)),
+        of_zeros=np.array([seconds**2, seconds**2, 1.0]),
+        steady_variances=lambda *_: np.full(3, 1e-12),
+    )
+    prior = np.square(ZERO_SD)
+    levels = Levels(np.ones((2, 2)), np.ones(2), np.ones(5), prior)
+    shown = [Spectra(np.empty((3, 0), dtype=complex), np.array([seconds * x, 0.0, 0.0])) for x in rates]
+    found = wandering([here, here], shown, levels)
+    disagree = np.array([sum(x * x for x in rates), 0.0, 0.0, 0.0])
+    count = np.array([2, 2, 0, 2])
+    np.testing.assert_allclose(found, (ZERO_DOF * prior + disagree) / (ZERO_DOF + count), rtol=0.01)
