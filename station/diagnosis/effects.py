@@ -226,7 +226,7 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("imu.delay", "q theta ax az", "s", "ms", -0.3, 0.3, 1e-3,
          "Attitude, rate and accelerations are all delayed by {value}.", _GUST_AT_VANE, delay(*IMU), _ALL),
     Term("theta.bias", "theta", "rad", "deg", -0.1, 0.1, 3e-3, "The pitch attitude has a bias of {value}.",
-         "levelling on the ground", bias("theta"), ("theta", "v_down", "v_north", "alpha_vane")),
+         "levelling on the ground", bias("theta"), _ALL),
     Term("theta.scale", "theta", "1", "%", -0.3, 0.3, 0.006, "The pitch attitude has a scale error of {value}.",
          "a tilt table on the ground", gain("theta"), _ALL, price=_RARE),
     Term("elevator.lag", "elevator", "s", "ms", -0.3, 0.5, 1e-3, "The elevator is measured with a lag of {value}.",

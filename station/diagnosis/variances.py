@@ -206,18 +206,23 @@ def fitted(
 
 
 def wandering(manoeuvres: Sequence[Manoeuvre], spectra: Sequence[Spectra], levels: Levels) -> Array:
-    """(4,) the most likely variances of what zeros wander by, by expectation and maximisation."""
+    """(4,) the most likely variances of what zeros wander by, by expectation and maximisation: about what manoeuvres
+    have in common, which is a zero of the flight and a parameter of its own."""
     v = levels.zeros
-    parts = []
+    count = len(manoeuvres)
+    known, shown = np.zeros((count, len(v))), np.zeros((count, len(v)))
+    base, share = np.full((count, len(v)), np.inf), np.ones((count, len(v)))
     for k, (m, z) in enumerate(zip(manoeuvres, spectra, strict=True)):
         judged = np.array(m.setting.judged)
         at = judged < LIFT
-        parts.append((judged[at], z.steady[at] ** 2, m.steady_variances(levels.of(k), 0 * v)[at], m.of_zeros[at]))
-    for _ in range(ZERO_ROUNDS):
-        total, count = ZERO_DOF * np.square(ZERO_SD), np.full(len(v), ZERO_DOF)
-        for j, square, base, share in parts:
-            known = share * v[j] / (base + share * v[j])
-            total[j] += known**2 * square / share + v[j] * (1 - known)
-            count[j] += 1
-        v = total / count
+        share[k, judged[at]] = m.of_zeros[at]
+        base[k, judged[at]] = m.steady_variances(levels.of(k), 0 * v)[at]
+        shown[k, judged[at]] = z.steady[at] / np.sqrt(m.of_zeros[at])
+    there = np.isfinite(base)
+    each, freedom = np.maximum(there.sum(0), 1), np.maximum(there.sum(0) - 1, 0)
+    for _ in range(ZERO_ROUNDS if count > 1 else 0):
+        known = share * v / (base + share * v)
+        moved = known * (shown - shown.sum(0) / each) * there
+        spread = (moved**2 + v * (1 - known) * there).sum(0) * (freedom > 0)
+        v = (ZERO_DOF * np.square(ZERO_SD) + spread) / (ZERO_DOF + freedom)
     return np.asarray(v)

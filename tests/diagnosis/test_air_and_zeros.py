@@ -54,22 +54,22 @@ def test_strips_of_a_span_are_nearer_to_their_shape_than_to_a_lag() -> None:
     assert off(1 / 3) < 0.25 * off(1.0)
 
 
-def flight(shared: float, speed: float, pressure: float) -> Record:
+def flight(alike: float, speed: float, pressure: float) -> Record:
     rng = np.random.default_rng(8)
     n = 3000
-    both = shared * rng.standard_normal(n)
+    both = alike * rng.standard_normal(n)
     q = 0.5 * DENSITY * (SPEED + both) ** 2 + pressure * rng.standard_normal(n)
     signals = {"airspeed": SPEED + both + speed * rng.standard_normal(n), "dynamic_pressure": q}
     return Record("noisy", 0.02, 0.0, signals, DENSITY, 1000.0)
 
 
-@pytest.mark.parametrize(("shared", "speed", "pressure"), [(0.2, 0.03, 1.5), (0.02, 0.2, 10.0), (0.15, 0.15, 8.0)])
+@pytest.mark.parametrize(("alike", "speed", "pressure"), [(0.2, 0.03, 1.5), (0.02, 0.2, 10.0), (0.15, 0.15, 8.0)])
 def test_what_airspeed_and_dynamic_pressure_show_alike_is_told_from_their_own(
-    shared: float, speed: float, pressure: float
+    alike: float, speed: float, pressure: float
 ) -> None:
     """Each level within a fifth, or where it is small beside the others, small."""
-    found = air_noise(flight(shared, speed, pressure))
-    drawn = {"pitot": shared, "airspeed": speed, "dynamic_pressure": pressure}
+    found = air_noise(flight(alike, speed, pressure))
+    drawn = {"pitot": alike, "airspeed": speed, "dynamic_pressure": pressure}
     per = {"pitot": 1.0, "airspeed": 1.0, "dynamic_pressure": DENSITY * SPEED}
     most = max(x / per[name] for name, x in drawn.items())
     for name, x in drawn.items():
@@ -77,8 +77,9 @@ def test_what_airspeed_and_dynamic_pressure_show_alike_is_told_from_their_own(
 
 
 def test_a_zero_wanders_as_far_as_manoeuvres_disagree() -> None:
-    """Where noise is nothing beside it, the mode of a scaled inverse chi-squared has a closed form."""
-    seconds, rates = 40.0, (6e-4, -4e-4)
+    """Where noise is nothing beside it, the mode of a scaled inverse chi-squared has a closed form. What manoeuvres
+    have in common is none of it."""
+    seconds, rates = 40.0, (5.6e-3, 4.6e-3)
     here = SimpleNamespace(
         setting=SimpleNamespace(judged=(0, 1, 3)),
         of_zeros=np.array([seconds**2, seconds**2, 1.0]),
@@ -88,6 +89,7 @@ def test_a_zero_wanders_as_far_as_manoeuvres_disagree() -> None:
     levels = Levels(np.ones((2, 2)), np.ones(2), np.ones(5), prior)
     shown = [Spectra(np.empty((3, 0), dtype=complex), np.array([seconds * x, 0.0, 0.0])) for x in rates]
     found = wandering([here, here], shown, levels)
-    disagree = np.array([sum(x * x for x in rates), 0.0, 0.0, 0.0])
-    count = np.array([2, 2, 0, 2])
+    disagree = np.array([2 * 5e-4**2, 0.0, 0.0, 0.0])
+    count = np.array([1, 1, 0, 1])
     np.testing.assert_allclose(found, (ZERO_DOF * prior + disagree) / (ZERO_DOF + count), rtol=0.01)
+    np.testing.assert_allclose(wandering([here], shown[:1], levels), prior)

@@ -44,7 +44,7 @@ def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_men
     assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
     assert found.gain is not None
     assert found.gain.low > 0
-    assert found.gain.before > 1.5 > 1.05 > found.gain.after  # nothing but noise is left
+    assert found.gain.before > 1.3 > 1.05 > found.gain.after  # a third more than noise, and nothing but noise is left
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.5])
