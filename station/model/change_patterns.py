@@ -77,11 +77,13 @@ def patterns(aircraft: Aircraft) -> tuple[Pattern, ...]:
     tail = _tail(aircraft)
     whole = np.array([aircraft.value(n) for n in LONGITUDINAL])
     wing = np.where(np.isin(LONGITUDINAL, ("CL_alpha", "Cm_alpha")), whole - tail, 0.0)
-    made = [_of("wing ice", "ice on the wing", "an ice light on the wing, a stall margin", wing, whole, DRAG_OF_ICE)]
+    made = [_of("wing ice", "ice on the wing", "look at the wing; de-ice, and see drag fall", wing, whole, DRAG_OF_ICE)]
     if np.any(tail):
         drag = TAIL_DRAG * DRAG_OF_ICE
-        made.append(_of("tail ice", "ice on the tail", "the tail by eye, elevator with flaps", tail, whole, drag))
-        both = "an ice light; de-ice, and fly the input again"
+        made.append(
+            _of("tail ice", "ice on the tail", "look at the tail; de-ice, fly the input again", tail, whole, drag)
+        )
+        both = "look for ice; de-ice, fly the input again"
         made.append(_of("all ice", "ice on wing and tail", both, wing + tail, whole, DRAG_OF_ICE))
     elevator = np.where(np.isin(NAMES, ("CL_de", "Cm_de")), -1.0, 0.0)
     slopes = np.where(np.isin(NAMES, ("CL_alpha", "Cm_alpha")), -1.0, 0.0)
