@@ -54,6 +54,19 @@ def utc_now_ns() -> int:
     return time.time_ns()
 
 
+def asleep_ns() -> int:
+    """How long the machine has been suspended since it was switched on: meanwhile station time stands still. 0 where the
+    system does not tell."""
+    if not hasattr(time, "CLOCK_BOOTTIME"):
+        return 0
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
+
+
+def utc_words() -> str:
+    """Now in UTC, ISO 8601, to the millisecond."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
 def utc_file_stamp() -> str:
     """Now in UTC as a sortable file-name part, to the second."""
     return datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")

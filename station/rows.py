@@ -73,6 +73,7 @@ class Code(StrEnum):
     LATE = "LATE"
     CLOCK_STEP = "CLOCK_STEP"
     CLOCK_STATE = "CLOCK_STATE"
+    SUSPEND = "SUSPEND"
     OVERRUN = "OVERRUN"
     DROPPED = "DROPPED"
     HEARD = "HEARD"

@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from station.clock import SystemClock
+from station.clock import SystemClock, asleep_ns
 from station.commands.cards import about_air, load, recorded_flight
 from station.commands.common import CardName, ViewMode, finite
 from station.commands.process import line_writer, stop_on_signals
@@ -146,7 +146,7 @@ class _Flight:
     def _loop(self, duration: float | None) -> None:
         try:
             lag, preparation = self.profiles.card.lag, self.preparation
-            source = live.beats(self.bus, self.clock, lag, self.stop, duration, preparation.is_under_way)
+            source = live.beats(self.bus, self.clock, lag, self.stop, duration, preparation.is_under_way, asleep_ns)
             live.run(source, self.aligner, preparation.chain, self.writer, self._take, self._note_time)
         except BaseException as error:
             self.failure.append(error)

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
-from station.clock import Clock
+from station.clock import Clock, utc_words
 from station.conventions import SIGNAL_INDEX, TICK_NS
 from station.flight.alignment import Aligner
 from station.flight.bus import Bus
@@ -39,6 +39,8 @@ from station.rows import (
 FRAMES: Final = "frames"
 ESTIMATORS: Final = "estimators"
 """Sources of the events PREPARING and READY."""
+ASLEEP_NS: Final = 100_000_000
+"""Both clocks are read one after the other: a tick's time apart on a busy machine, and no suspend."""
 MADE_UP: Final = 25
 """Ticks that may be made up for while the estimators are prepared."""
 WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.CHANGED, Code.UNCHANGED, Code.ESTIMATOR))
@@ -198,12 +200,16 @@ def beats(
     stop: threading.Event,
     duration_s: float | None,
     preparing: Callable[[], bool] = lambda: False,
+    asleep_ns: Callable[[], int] = lambda: 0,
 ) -> Iterator[Beat]:
     """Ticks on an absolute schedule until `stop` or `duration_s`.
 
     A tick that comes a whole period late is given up: an OVERRUN event, and on to the next slot, never a burst. While
     the estimators are `preparing`, which takes the interpreter away for moments, ticks cost little and are made up for.
+    Where the machine was suspended, by `asleep_ns` in all, station time stood still: an event says for how long, and what
+    UTC is now.
     """
+    slept_ns = asleep_ns()
     lag_ns = round(lag_s * 1e9)
     start_ns = clock.now_ns() + TICK_NS
     last = None if duration_s is None else round(duration_s * 1e9) // TICK_NS
@@ -216,6 +222,10 @@ def beats(
             bus.put(Event(clock.now_ns(), "loop", Code.OVERRUN, missed, "the machine was busy; slots skipped"))
             k += missed
             due_ns += missed * TICK_NS
+        if (now_asleep_ns := asleep_ns()) - slept_ns > ASLEEP_NS:
+            words = f"the machine slept for {(now_asleep_ns - slept_ns) * 1e-9:.1f} s of which nothing is recorded"
+            bus.put(Event(clock.now_ns(), "loop", Code.SUSPEND, 1, f"{words}; it is {utc_words()}"))
+            slept_ns = now_asleep_ns
         yield Beat(Tick(due_ns, k, due_ns - lag_ns), bus.drain())
         k += 1
 

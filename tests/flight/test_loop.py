@@ -4,7 +4,7 @@ import itertools
 import math
 import threading
 
-from station.clock import ManualClock
+from station.clock import ManualClock, asleep_ns
 from station.conventions import TICK_NS, Stream
 from station.flight.alignment import Aligner
 from station.flight.bus import Bus
@@ -167,3 +167,23 @@ def test_the_bus_takes_rows_from_many_threads():
     rows += bus.drain()
     for n in range(4):
         assert [r.t_ns for r in rows if r.device == f"d{n}"] == list(range(2000))
+
+
+def test_a_machine_that_slept_says_for_how_long_and_skips_no_tick():
+    clock, bus, slept = ManualClock(10**10), Bus(), [7 * 10**9]
+
+    def asleep_ns():
+        if clock.now_ns() > 10**10 + TICK_NS * 20:
+            return slept[0] + 3_200_000_000
+        return slept[0] + 90_000_000 * (clock.now_ns() > 10**10 + TICK_NS * 10)  # a busy machine's reading
+
+    source = beats(bus, clock, 0.06, threading.Event(), 1.0, asleep_ns=asleep_ns)
+    found = [(beat.tick.k, row) for beat in source for row in beat.rows]
+    ((k, event),) = found
+    assert (k, event.code, event.source) == (20, Code.SUSPEND, "loop")
+    assert event.detail.startswith("the machine slept for 3.2 s of which nothing is recorded; it is 20")
+
+
+def test_the_system_tells_how_long_it_slept():
+    """Since it was switched on, so it never runs backwards; a machine that never slept says 0."""
+    assert asleep_ns() + 1_000_000 >= 0
