@@ -55,8 +55,8 @@ def utc_now_ns() -> int:
 
 
 def asleep_ns() -> int:
-    """How long the machine has been suspended since it was switched on: meanwhile station time stands still. 0 where the
-    system does not tell."""
+    """How long the machine has been suspended since it was switched on; meanwhile station time stands still. 0 where
+    the system does not tell."""
     if not hasattr(time, "CLOCK_BOOTTIME"):
         return 0
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()

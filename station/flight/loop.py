@@ -206,7 +206,7 @@ def beats(
 
     A tick that comes a whole period late is given up: an OVERRUN event, and on to the next slot, never a burst. While
     the estimators are `preparing`, which takes the interpreter away for moments, ticks cost little and are made up for.
-    Where the machine was suspended, by `asleep_ns` in all, station time stood still: an event says for how long, and what
+    While the machine was suspended, `asleep_ns` in all, station time stood still: an event says for how long, and what
     UTC is now.
     """
     slept_ns = asleep_ns()

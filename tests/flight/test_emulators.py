@@ -21,7 +21,7 @@ Announce = Callable[[dict[str, Any]], None]
 
 
 def test_a_slow_start_is_waited_for_and_told(capsys: pytest.CaptureFixture[str]) -> None:
-    def serve(announce: Announce, stop: threading.Event) -> None:
+    def serve(announce: Announce, stop: threading.Event, *_: object) -> None:
         announce({"device": "boom", "link": "serial", "endpoint": "/dev/pts/9"})
         for seconds in (10, 20):
             announce({"preparing": "flight", "seconds": seconds})
@@ -36,7 +36,7 @@ def test_a_slow_start_is_waited_for_and_told(capsys: pytest.CaptureFixture[str])
 
 
 def test_a_stray_line_of_the_devices_is_not_on_the_stations_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
-    def serve(announce: Announce, stop: threading.Event) -> None:
+    def serve(announce: Announce, stop: threading.Event, *_: object) -> None:
         os.write(1, b"a library's stray line\n")
         announce({"start_ns": 5, "absent": []})
         stop.wait()
@@ -48,7 +48,7 @@ def test_a_stray_line_of_the_devices_is_not_on_the_stations_standard_output(capf
 
 
 def test_devices_that_die_before_they_start_are_an_error_that_says_how() -> None:
-    def serve(announce: Announce, stop: threading.Event) -> None:
+    def serve(announce: Announce, stop: threading.Event, *_: object) -> None:
         os._exit(7)
 
     with (
