@@ -25,7 +25,7 @@ from station.identification.request import Request
 from station.log import Point, Table
 from station.numerics.turbulence import HIGH_HZ, LOW_HZ, classified
 from station.profile import Aircraft, Card
-from station.programme.drag import DragOfPoint, drag_of, has_thrust
+from station.programme.drag import DragOfPoint, drag_of
 from station.rows import UsageError
 
 Array = NDArray[np.float64]
@@ -139,7 +139,7 @@ def flown_point(
         inputs=inputs,
         turbulence=level,
         gust_sd=gust_sd,
-        drag=drag_of(found.record) if has_thrust(table) else None,
+        drag=drag_of(found.record),
         methods={n: _judged(n, r, level) for n, r in found.methods.items()},
     )
 

@@ -50,7 +50,7 @@ def flown(told: bool = True) -> dict[str, np.ndarray]:
     moves with the motion. Not `told`: the same flight with the thrust through the CG, along x."""
     simulation = Simulation(AIRCRAFT if told else UNTOLD, CARD.flight, CARD.manoeuvres)
     coarse = simulation.flown.constants._replace(hold_speed=1.5, hold_lag=0.4)
-    simulation.flown = simulation.flown._replace(constants=coarse)
+    simulation.aircraft.flown = simulation.flown._replace(constants=coarse)
     truth = simulation.advance(round(SECONDS * TICK_HZ) * EVERY)
     return {name: values[::EVERY] for name, values in truth.items()}
 
