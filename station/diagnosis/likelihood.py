@@ -115,7 +115,7 @@ class Problem:
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._volume_at: tuple[Complex, ...] | None = None
-        self._settled = True
+        self._zeros_wander = True
 
     # --- candidates
 
@@ -137,7 +137,7 @@ class Problem:
         bins = [m.grouped.gathered(z.bins.T) for m, z in zip(self.manoeuvres, s.spectra, strict=True)]
         counts = [m.grouped.count for m in self.manoeuvres]
         levels = fitted(bins, columns, counts, s.levels, self.prior, self.stiffness, frozen)
-        if self._settled:
+        if self._zeros_wander:
             levels = replace(levels, zeros=wandering(self.manoeuvres, s.spectra, levels))
         return self._with_levels(s.values, s.a, s.spectra, s.responses, levels)
 
@@ -310,10 +310,10 @@ class Problem:
         starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in STARTS]
         self._volume_at = tuple(m.responses(self.aircraft_at({}, starts[0])) for m in self.manoeuvres)
         # A zero that all manoeuvres share is looked for before zeros are let wander.
-        self._settled = False
+        self._zeros_wander = False
         start = min((self.relevelled(self.state({}, a)) for a in starts), key=self.cost)
         near = self.estimate(start, ROUNDS, self.rough, NEAR)
-        self._settled = True
+        self._zeros_wander = True
         return self.estimate(near.state, ROUNDS, self.whole)
 
     def rough(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:

@@ -96,7 +96,7 @@ def air_noise(record: Record) -> dict[str, float]:
     alike = min(speed, pressure)
     if record.dt <= FAST_S:
         a, b = (np.diff(x[n], 4) for n in ("airspeed", "dynamic_pressure"))
-        # Signs that agree more often than not, which outliers do not upset: Kendall's tau of independent samples.
+        # Sheppard 1899: of normal pairs, the correlation by how often their signs agree; outliers do not upset it.
         agreed = math.sin(0.5 * math.pi * float(np.mean(np.sign(a) * np.sign(b))))
         alike = math.sqrt(max(agreed, 0.0) * speed * pressure)
     least = LEAST_OWN * max(speed, pressure)
