@@ -33,11 +33,12 @@ def test_kill_9_at_100_random_moments(tmp_path: Path, seed: int) -> None:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Journal, list[int], Path]:
-    """Four seconds of flight in files of a second, what was safe when, and the times of its ticks."""
+    """Six seconds of flight in files of more than two, so that ends of files do not stand in for syncs; what was safe
+    when, and the times of its ticks."""
     folder = tmp_path_factory.mktemp("disk") / "new" / "logs"
     disk, told = Journal(), []
-    writer = WriterThread(folder, about(), SystemClock(), lambda event: None, disk, rotate_bytes=60_000)
-    fly(writer, 200, told.append)
+    writer = WriterThread(folder, about(), SystemClock(), lambda event: None, disk, rotate_bytes=140_000)
+    fly(writer, 300, told.append)
     writer.close()
     return disk, told, writer.path
 
