@@ -65,7 +65,7 @@ def replay(
                 if rate is None and found.beats % 200 == 0:
                     viewer.flush(10.0)
 
-        aligner = Aligner(about.streams, about.rig.noise_si())
+        aligner = Aligner(about.streams, about.rig.noise_si(), about.clock_law)
         live.run(source, aligner, lambda: made, None, show, found.take)
     if found.beats == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream
+from station.conventions import ANGLES_THAT_WRAP, CLOCK_LAW, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream
 from station.flight.timebase import ClockMap
 from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
 
@@ -47,7 +47,7 @@ _NOWHERE: Final = (int(Quality.MISSING),) * len(SIGNALS)
 class _Buffer:
     """Recent samples of one stream and what is wrong with it now."""
 
-    def __init__(self, index: int, stream: Stream, noise: Mapping[str, float], phase_ns: int) -> None:
+    def __init__(self, index: int, stream: Stream, noise: Mapping[str, float], phase_ns: int, law: int) -> None:
         self.index = index
         self.stream = stream
         self.pack = struct.Struct(f"qq{len(stream.signals)}d").pack_into
@@ -66,7 +66,7 @@ class _Buffer:
         self.stale_ns = round(stream.stale_after_s * 1e9)
         self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
         """Longest gap between samples that may be interpolated over."""
-        self.clock = ClockMap(self.period_ns, phase_ns)
+        self.clock = ClockMap(self.period_ns, phase_ns, law)
         self.arrivals: deque[int] = deque()
         can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
         self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
@@ -136,9 +136,10 @@ class _Interpolation:
 class Aligner:
     """Takes rows in arrival order and gives a frame, events and (once a second) health for each tick."""
 
-    def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float]) -> None:
-        """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck."""
-        self._buffers = {s.name: _Buffer(i, s, noise, i * 3 * TICK_NS) for i, s in enumerate(streams)}
+    def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float], clock_law: int = CLOCK_LAW) -> None:
+        """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck.
+        `clock_law`: that of the recording which is replayed."""
+        self._buffers = {s.name: _Buffer(i, s, noise, i * 3 * TICK_NS, clock_law) for i, s in enumerate(streams)}
         self._interpolation: _Interpolation | None = None
         self._early: deque[tuple[_Buffer, int, tuple[float, ...]]] | None = None
         """Samples that wait for `begin`, while frames are held."""
@@ -224,6 +225,9 @@ class Aligner:
                 else:
                     self._made().forget(buffer)
                 buffer.last_values = None
+            elif mapped.jump_ns:
+                jumped = f"device clock jumped by {-1e-6 * mapped.jump_ns:.1f} ms and is followed"
+                self._count(row.t_ns, name, Code.CLOCK_STEP, 1, jumped)
             if mapped.late_ns > LATE_NS:
                 buffer.late_until = row.t_ns + REPEAT_NS
             if buffer.clock.state != was:

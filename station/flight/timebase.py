@@ -12,6 +12,9 @@ import itertools
 from collections import deque
 from typing import Final, NamedTuple
 
+from station.conventions import CLOCK_LAW
+from station.flight.clock_jump import Found, JumpWatch
+
 BIN_NS: Final = 500_000_000
 """One lowest point is kept of each bin, and the floor drawn anew at its end."""
 WINDOW_NS: Final = 40_000_000_000
@@ -22,6 +25,9 @@ MAX_DRIFT: Final = 1e-3
 STEP_NS: Final = 20_000_000
 """A jump of the device clock against arrival beyond any jitter of a working link."""
 MAX_ROUND_TRIP_NS: Final = 10_000_000
+NEWEST: Final = 2
+OVERTAKEN: Final = 2
+"""A message may come so many periods after one that was sent later."""
 STANDSTILLS: Final = 3
 """So many equal device times in a row are a clock that stands still."""
 
@@ -32,13 +38,18 @@ class Mapped(NamedTuple):
     t_ns: int
     late_ns: int
     stepped: bool
+    """The device clock leapt, and is synchronised anew."""
+    jump_ns: int = 0
+    """By how much station minus device time has changed; the floor has been moved with it."""
 
 
 class ClockMap:
     """Maps one stream's device times to station time. `state` is none, unsynced, converging, synced or rejected."""
 
-    def __init__(self, period_ns: int, phase_ns: int = 0) -> None:
-        """`phase_ns` moves the bins' ends, so that many streams do not all draw their floors at one tick."""
+    def __init__(self, period_ns: int, phase_ns: int = 0, law: int = CLOCK_LAW) -> None:
+        """`phase_ns` moves the bins' ends, so that many streams do not all draw their floors at one tick. `law`: as
+        conventions.CLOCK_LAW has it."""
+        self._watch = JumpWatch() if law > 1 else None
         self._period_ns = period_ns
         self._phase_ns = phase_ns
         self._last: tuple[int, int] | None = None
@@ -54,6 +65,10 @@ class ClockMap:
         self._x0_ns = 0
         self._floor_ns = 0.0
         self._slope = 0.0
+        self._settled_ns = 0.0
+        """The floor but for its newest points, which a jump may have put there."""
+        self._spread_ns = 0.0
+        """By how much a bin's lowest point misses the floor, but for one bin in 20: those of a stall."""
 
     @property
     def offset_s(self) -> float:
@@ -81,24 +96,25 @@ class ClockMap:
 
     def update(self, t_device_ns: int, arrival_ns: int) -> Mapped:
         """Take one message's times and say when it was measured on the station's clock."""
-        last = self._last
-        stepped = False
-        if last is None:
+        if self._last is None:
             self.state = "unsynced"
+            stepped = False
         else:
-            device, arrived = t_device_ns - last[0], arrival_ns - last[1]
-            if device == 0 or self._stuck or self.state == "rejected":
-                self._note_standstill(device)
-            # The device clock jumped, not a late or bunched message: those have a plausible increment of their own.
-            stepped = not -STEP_NS <= device - arrived <= STEP_NS and (
-                abs(device - self._period_ns) > abs(arrived - self._period_ns) or device < -self._period_ns
-            )
+            stepped = self._steps(t_device_ns, arrival_ns, *self._last)
             if stepped:
                 self._reset()
         self._last = (t_device_ns, arrival_ns)
         if self.state == "rejected":
             return Mapped(arrival_ns, 0, stepped)
         difference = arrival_ns - t_device_ns
+        jump_ns = 0
+        if self._watch is not None and self._first_ns is not None:
+            found = self._seen(self._watch, t_device_ns, arrival_ns)
+            if found is Found.EARLY:  # before its time: one wrong stamp, or the first after a jump
+                return Mapped(arrival_ns, 0, stepped=False)
+            if found is Found.JUMP:
+                jump_ns = round(self._watch.jump_ns)
+                self._move(self._watch, jump_ns)
         lowest = self._bin
         if lowest is None or lowest[0] != (arrival_ns + self._phase_ns) // BIN_NS:
             self._next_bin(t_device_ns, arrival_ns)
@@ -109,7 +125,51 @@ class ClockMap:
             self._floor_ns += difference - floor
             floor = float(difference)
         t_ns = min(t_device_ns + round(self._less_journey(floor)), arrival_ns)
-        return Mapped(t_ns, arrival_ns - t_ns, stepped)
+        return Mapped(t_ns, arrival_ns - t_ns, stepped, jump_ns)
+
+    def _steps(self, t_device_ns: int, arrival_ns: int, last_device_ns: int, last_arrival_ns: int) -> bool:
+        """The device clock jumped, not a late or bunched message: those have a plausible increment of their own."""
+        device, arrived = t_device_ns - last_device_ns, arrival_ns - last_arrival_ns
+        if device == 0 or self._stuck or self.state == "rejected":
+            self._note_standstill(device)
+        fits = -STEP_NS <= device - arrived <= STEP_NS or not (
+            abs(device - self._period_ns) > abs(arrived - self._period_ns) or device < -self._period_ns
+        )
+        return not fits and (self._watch is None or self._is_leap(t_device_ns, arrival_ns, device, arrived))
+
+    def _is_leap(self, t_device_ns: int, arrival_ns: int, device: int, arrived: int) -> bool:
+        """Whether increments that do not fit are the device clock's: a message on the floor is in time, whatever was
+        held up or lost before it, and one that was overtaken on the way is only late."""
+        limit = STEP_NS + MAX_DRIFT * arrived
+        over = arrival_ns - t_device_ns - self._floor_line(t_device_ns)
+        if device > arrived:
+            return over < -limit
+        was_overtaken = -OVERTAKEN * self._period_ns <= device < 0 and over <= (OVERTAKEN + 1) * self._period_ns
+        return over > limit and not was_overtaken
+
+    def _seen(self, watch: JumpWatch, t_device_ns: int, arrival_ns: int) -> Found:
+        over = arrival_ns - t_device_ns - self._floor_line(t_device_ns) + self._floor_ns - self._settled_ns
+        span = arrival_ns - (self._first_ns or arrival_ns)
+        doubt = 0.0 if span >= DRIFT_AFTER_NS + BIN_NS else MAX_DRIFT * span
+        if span < SYNCED_AFTER_NS:  # the floor is still being found
+            return Found.USUAL
+        found = watch.take(t_device_ns, arrival_ns, over, self._spread_ns, doubt)
+        # A larger jump back has shown in the increments: what is late by as much and did not was held up.
+        return Found.USUAL if found is Found.JUMP and watch.jump_ns > STEP_NS else found
+
+    def _move(self, watch: JumpWatch, jump_ns: int) -> None:
+        """Put the floor where the clock has jumped to; its drift is still the same oscillator's."""
+        since = watch.run[0].arrival_ns
+        # A point's arrival is its device time and difference together; what came since the jump is in `run`.
+        before = [(x - jump_ns, d + jump_ns) for x, d in self._points if x + d < since]
+        lowest = min(watch.run, key=lambda m: m.arrival_ns - m.device_ns)
+        self._points = deque(before)
+        self._x0_ns -= jump_ns
+        self._settled_ns += jump_ns
+        difference = lowest.arrival_ns - lowest.device_ns
+        self._floor_ns = difference - self._slope * (lowest.device_ns - self._x0_ns)
+        self._bin = ((lowest.arrival_ns + self._phase_ns) // BIN_NS, lowest.device_ns, difference)
+        self._best_exchange = None
 
     def _note_standstill(self, device: int) -> None:
         """A device clock that stands still cannot be used until it goes again."""
@@ -143,7 +203,11 @@ class ClockMap:
                 self.state = "rejected"
                 return
         self._slope = slope
-        self._floor_ns = min(d - slope * (x - self._x0_ns) for x, d in self._points)
+        heights = [d - slope * (x - self._x0_ns) for x, d in self._points]
+        self._floor_ns = min(heights)
+        settled = heights[:-NEWEST] or heights
+        self._settled_ns = min(settled)
+        self._spread_ns = sorted(settled)[round(0.95 * (len(settled) - 1))] - self._settled_ns
         self.state = "synced" if span_ns >= SYNCED_AFTER_NS else "converging"
 
     def _floor_line(self, t_device_ns: int) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
-from station.conventions import Stream
+from station.conventions import CLOCK_LAW, Stream
 from station.log.scan import CRC, PartReader, seal
 from station.profile import Aircraft, Card, Rig, from_json, to_json
 from station.rows import LogError, ProfileError
@@ -28,6 +28,7 @@ class About:
     """Anything else worth keeping: the imported file's name, a simulation's settings."""
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Attached as they are: the rig's DBC files."""
+    clock_law: int = CLOCK_LAW
 
     @property
     def imu_position(self) -> tuple[float, float, float]:
@@ -76,7 +77,7 @@ def preamble(
             "imported": "yes" if about.imported else "no",
             "streams": json.dumps([asdict(s) for s in about.streams]),
         },
-        "clock": {"station_ns": str(station_ns), "utc_ns": str(utc_ns)},
+        "clock": {"station_ns": str(station_ns), "utc_ns": str(utc_ns), "law": str(about.clock_law)},
         "notes": dict(about.notes),
     }
     attachments = {"aircraft.json": to_json(about.aircraft).encode()}
@@ -119,6 +120,7 @@ def _info_of(reader: PartReader) -> LogInfo:
             imported=station["imported"] == "yes",
             notes=reader.metadata.get("notes", {}),
             files={n.removeprefix("files/"): d for n, d in reader.attachments.items() if n.startswith("files/")},
+            clock_law=int(clock.get("law", "1")),
         )
         return LogInfo(
             about, station["software"], station["flight"], int(station["part"]), int(clock["station_ns"]),

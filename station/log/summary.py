@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -266,10 +266,7 @@ def recover(path: Path, out: Path, aircraft: Aircraft | None = None) -> Summary:
     if not summary.rows:
         raise LogError(f"{path}: no row of it can be read")
     notes = {**info.about.notes, "recovered_from": path.name, "verdict_of_original": summary.verdict}
-    about = About(
-        aircraft=info.about.aircraft, streams=info.streams, rig=info.about.rig, card=info.about.card,
-        source=info.about.source, imported=info.about.imported, notes=notes, files=info.about.files,
-    )  # fmt: skip
+    about = replace(info.about, notes=notes)
     written = write_log(out, about, _rows(path, given), info.station_ns, info.utc_ns)
     try:
         whole = summarise(out).verdict == "complete" and written == summary.rows

@@ -18,11 +18,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from station.clock import ManualClock, SystemClock
 from station.convert import import_file
 from station.log import WriterThread, metadata, read_rows, summarise, write_log
 from station.log.disk import Disk
 from station.rows import LogError, Rows
+from tests.reliability.clocks import jumped, mapped, sent, stalled, starved
 from tests.reliability.endings import (
     CUT_S,
     KILLED_S,
@@ -218,6 +221,38 @@ def full_disk() -> Told:
     return "a disk full for 3 s", "0, 0", words, read == written and not writer.rows_lost
 
 
+def clock_jumps(links: int) -> Told:
+    """Device clocks that jump by 3 ms to an hour, each way, on links whose delays let 3 ms be seen."""
+    sizes_s = [j * 1e-3 for j in (3, 4, 6, 10, 15, 19)] + [0.1, 2.0, 3600.0]
+    late, wrong, worst = 0.0, 0, 0.0
+    rng = np.random.default_rng(1)
+    kinds = [("an adapter's millisecond", 5), ("an adapter's millisecond", 200), ("a network's 1 ms, exponential", 100)]
+    for _ in range(links):
+        for delay, rate in kinds:
+            for by_s in (sign * size for size in sizes_s for sign in (-1, 1)):
+                messages, first = jumped(sent(rate, 40.0, delay, rng), 30.0, by_s)
+                found = mapped(messages)
+                wrong += len(found.told) != 1
+                if found.told:
+                    late = max(late, (messages.arrival[found.told[0]] - messages.arrival[first]) * 1e-9)
+                    worst = max(worst, np.abs(found.error_s[found.told[0] + 1 :]).max())
+    count = links * len(kinds) * 2 * len(sizes_s)
+    words = f"{wrong} not told, or told twice; told after {late:.2f} s, then off by {worst * 1e3:.2f} ms at most"
+    return f"device clocks that jump by 3 ms to 1 h, {count}", "0; 1 s, 1 ms", words, not wrong and late <= 1
+
+
+def stalls_of_the_station(hours: float) -> Told:
+    """Sound clocks on a machine that stands still, loses what its buffers do not hold, or starves its readers."""
+    rng, told, before = np.random.default_rng(2), 0, 0
+    for rate in (1, 5, 50, 100, 200):
+        sound = sent(rate, hours * 720, "a network's 1 ms, exponential", rng)
+        held, lost = (stalled(sound, rng, is_lossy=lossy) for lossy in (False, True))
+        told += sum(len(mapped(messages).told) for messages in (held, lost, starved(sound, rng)))
+        before += len(mapped(lost, law=1).told)
+    words = f"{told} jumps told of clocks that did not jump ({before} by the law until now)"
+    return f"a machine that stalls, {hours:g} h of five links", "0", words, not told
+
+
 def main() -> None:
     part = 20 if "--quick" in sys.argv else 1
     trials: list[Callable[[], Told]] = [
@@ -228,6 +263,8 @@ def main() -> None:
         lambda: hurt("flipped bits", 2000 // part, flip),
         lambda: hurt("cuts", 2000 // part, cut),
         lambda: foreign(1000 // part),
+        lambda: clock_jumps(20 // part),
+        lambda: stalls_of_the_station(1.0 / part),
     ]
     if may_mount():
         trials.insert(2, lambda: endings("power cut of an ext4 disk", 50 // part, CUT_S, cut_on_ext4))

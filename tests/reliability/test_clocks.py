@@ -1,0 +1,92 @@
+"""Device clocks that jump by little are told and followed; a station that stalls does not blame the devices.
+
+The truth is how the messages were made. What can be told within a second depends on how often a link is in time: these
+are links whose earliest message of half a second is in time to half a millisecond.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reliability.clocks import Messages, S, jumped, mapped, sent, stalled, starved
+from reliability.endings import about
+
+from station.flight.timebase import ClockMap
+from station.log import metadata, recover, write_log
+from station.rows import Tick
+
+WITHIN_S = 1.0
+
+
+@pytest.mark.parametrize("by_ms", [-19.0, -8.0, -3.0, 3.0, 8.0, 15.0, 3_600_000.0])
+@pytest.mark.parametrize(
+    ("delay", "rate_hz"),
+    [("an adapter's millisecond", 5), ("an adapter's millisecond", 200), ("a network's 1 ms, exponential", 100)],
+)
+def test_a_jump_from_3_ms_on_is_told_within_a_second_and_followed(delay: str, rate_hz: int, by_ms: float) -> None:
+    rng = np.random.default_rng(abs(int(by_ms)) + rate_hz)
+    messages, first = jumped(sent(rate_hz, 40.0, delay, rng), 30.0, by_ms * 1e-3)
+    found = mapped(messages)
+    assert len(found.told) == 1
+    told_s = (messages.arrival[found.told[0]] - messages.arrival[first]) / S
+    assert 0.0 <= told_s <= WITHIN_S
+    # Before it and from then on as good as the link: 1 ms.
+    assert np.abs(found.error_s[10 * rate_hz : first]).max() < 1e-3
+    assert np.abs(found.error_s[found.told[0] + 1 :]).max() < 1e-3
+
+
+@pytest.mark.parametrize("rate_hz", [5, 50, 200])
+def test_a_station_that_stalls_has_no_device_clock_to_blame(rate_hz: int) -> None:
+    rng = np.random.default_rng(rate_hz)
+    sound = sent(rate_hz, 150.0, "a network's 1 ms, exponential", rng)
+    for messages in (stalled(sound, rng, is_lossy=False), stalled(sound, rng, is_lossy=True), starved(sound, rng)):
+        assert mapped(messages).told == []
+    # What law 1 made of the same: this is what the test must be able to find.
+    assert len(mapped(stalled(sound, rng, is_lossy=True), law=1).told) > 5
+
+
+def test_one_wrong_stamp_and_one_overtaken_message_move_no_clock() -> None:
+    rng = np.random.default_rng(3)
+    sound = sent(50, 40.0, "an adapter's millisecond", rng)
+    device = sound.device.copy()
+    device[1500] += 9_000_000
+    order, arrival = np.arange(len(device)), sound.arrival.copy()
+    order[[1800, 1801]] = order[[1801, 1800]]
+    arrival[1800] = arrival[1801]
+    found = mapped(Messages(sound.true[order], device[order], arrival, 50))
+    assert found.told == []
+    assert np.abs(found.error_s[500:]).max() < 1e-3
+
+
+def test_a_queue_that_grows_and_drains_is_no_jump() -> None:
+    rng = np.random.default_rng(4)
+    sound = sent(100, 100.0, "an adapter's millisecond", rng)
+    queue_s = np.maximum(0.0, 0.2 * np.sin(np.arange(len(sound.true)) / 300.0))
+    late = Messages(sound.true, sound.device, sound.arrival + (queue_s * S).astype(np.int64), 100)
+    assert mapped(replace(late, arrival=np.maximum.accumulate(late.arrival))).told == []
+
+
+def test_a_recording_says_by_which_law_its_clocks_were_mapped(tmp_path: Path) -> None:
+    """Those made before the law was written down were flown by law 1, and are replayed by it."""
+    path, again = tmp_path / "one.mcap", tmp_path / "again.mcap"
+    write_log(path, replace(about(), clock_law=1), [Tick(10**9, 0, 10**9)])
+    assert metadata(path).about.clock_law == 1
+    recover(path, again)
+    assert metadata(again).about.clock_law == 1
+    data = path.read_bytes()
+    # An entry of a metadata record: the name's length and the name, the value's and the value.
+    assert data.count(b"\x03\x00\x00\x00law\x01\x00\x00\x001") >= 1
+    write_log(tmp_path / "two.mcap", about(), [Tick(10**9, 0, 10**9)])
+    assert metadata(tmp_path / "two.mcap").about.clock_law == 2
+
+
+def test_law_1_is_as_it_was() -> None:
+    """15 ms: not told, and off by most of it, as the recordings made by it have it."""
+    messages, first = jumped(sent(200, 40.0, "an adapter's millisecond", np.random.default_rng(1)), 30.0, -0.015)
+    found = mapped(messages, law=1)
+    assert found.told == []
+    assert np.abs(found.error_s[first + 200 :]).min() > 0.008
+    assert ClockMap(S // 200, 0, 1).update(0, S).jump_ns == 0
