@@ -16,10 +16,19 @@ from typing import Final
 from drivers.codec import Codec, Port, Reading, TimeReply
 from drivers.protocols import protocol_named
 from station.clock import Clock, SystemClock, utc_now_ns
-from station.profile import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, nearest, nearest_or_all
+from station.profile import (
+    EMULATED,
+    CanDevice,
+    Channel,
+    Device,
+    MavlinkDevice,
+    Rig,
+    SerialDevice,
+    nearest,
+    nearest_or_all,
+)
 from station.rows import Code, DeviceError, Event, ProfileError, RawBlock, Rows, Sample, TimeSync
 
-EMULATED: Final = "emulated"
 READ_TIMEOUT_S: Final = 0.04
 REPORT_EVERY_NS: Final = 250_000_000
 """Bad messages are reported at once, then at most so often; with the read's timeout, never later than 0.3 s."""
@@ -306,14 +315,7 @@ def _check_streams(device: Device, fields: Mapping[str | int, Sequence[str]], me
 
 
 def _address(device: Device, endpoints: Mapping[str, str]) -> str:
-    match device:
-        case SerialDevice():
-            own = device.port
-        case CanDevice():
-            own = device.channel
-        case MavlinkDevice():
-            own = device.url
-    address = endpoints.get(device.name, own)
+    address = endpoints.get(device.name, device.address)
     if address == EMULATED:
         raise DeviceError(
             f"device {device.name} is emulated and its emulator is not running\n"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 import can
@@ -99,6 +100,47 @@ class BlockReader:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._port, name)
+
+
+class MulticastPort:
+    """An emulated device's end of a bus of UDP multicasts: takes slcan lines, as the adapters do."""
+
+    def __init__(self, channel: str) -> None:
+        self.endpoint = channel
+        self._bus: can.BusABC | None = None
+
+    def plug(self) -> None:
+        """Raises DeviceError."""
+        if self._bus is None:
+            try:
+                self._bus = can.Bus(interface="udp_multicast", channel=self.endpoint, ignore_config=True)
+            except (can.CanError, OSError, ValueError, ImportError) as error:
+                raise DeviceError(f"cannot open CAN udp_multicast {self.endpoint}: {error}") from error
+
+    def unplug(self) -> None:
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    def send(self, messages: Sequence[bytes]) -> None:
+        if self._bus is None:
+            return
+        for line in messages:
+            is_extended = line[:1] == b"T"
+            digits = 8 if is_extended else 3
+            number, data = int(line[1 : 1 + digits], 16), bytes.fromhex(line[2 + digits :].strip().decode("ascii"))
+            message = can.Message(arbitration_id=number, is_extended_id=is_extended, data=data)
+            with suppress(can.CanError, OSError):
+                self._bus.send(message)
+
+    def descriptors(self) -> list[int]:
+        return []
+
+    def receive(self, descriptor: int) -> bytes:  # noqa: ARG002 - nobody answers
+        return b""
+
+    def close(self) -> None:
+        self.unplug()
 
 
 def part_in_bus(device: CanDevice) -> str:

@@ -11,16 +11,21 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from drivers.codec import Reading
-from drivers.emulated_messages import DeviceScript, Encode, Outgoing
+from drivers.emulated_messages import DeviceScript, Encode, Floats, Outgoing
 from drivers.emulated_ports import DevicePort, PtyPort, TcpPort, UdpPort
+from drivers.loop_timing import REPORT_EVERY_NS, Latency, claim_real_time
 from drivers.protocols import protocol_named
 from station.clock import SystemClock, utc_now_ns
 from station.profile import CanDevice, Device, MavlinkDevice, Profiles, SerialDevice
 from station.rows import DeviceError, StationError
+
+MULTICAST: Final = "udp_multicast"
+"""python-can's CAN bus between the programs of a machine, or of a network."""
 
 Answer = Callable[[bytes, int], bytes]
 """Bytes from the station and the device's time, ns, to what the device replies."""
@@ -66,13 +71,19 @@ def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
     from drivers.can_dbc import encode_frame, encode_slcan, load_dbc
     from drivers.slcan_adapter import SlcanAdapter
 
-    if device.interface != "slcan":
-        raise DeviceError(f"{device.name}: CAN interface {device.interface} is not emulated: only slcan is")
+    if device.interface not in ("slcan", MULTICAST):
+        raise DeviceError(
+            f"{device.name}: CAN interface {device.interface} is not emulated: only slcan and {MULTICAST} are"
+        )
     messages = load_dbc(rig_dir / device.dbc)
 
     def line(m: Reading) -> bytes:
         return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns or 0, m.seq or 0))
 
+    if device.interface == MULTICAST:
+        from drivers.can_port import MulticastPort
+
+        return Wire(MulticastPort(device.channel), line)
     return Wire(SlcanAdapter(folder / device.name), line)
 
 
@@ -111,7 +122,12 @@ def serve_device(
         control.send(("ready", {"device": device.name, "link": device.link, "endpoint": wire.port.endpoint}))
         start_ns = control.recv()
         script = DeviceScript(index, device, profiles.card, start_ns, wire.encode, wire.also, absent)
-        _pace(script, wire, start_ns, control, truth)
+        shows = "alpha_vane" in script.signals
+        latency = None
+        if profiles.rig.loop is not None:
+            latency = Latency()
+            claim_real_time()
+        _pace(script, wire, start_ns, control, truth, _Timing(latency, control, start_ns, shows))
     except (EOFError, OSError):
         return  # whoever served us is gone
     finally:
@@ -121,12 +137,40 @@ def serve_device(
             Path(folder).rmdir()
 
 
-def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, truth: Connection) -> None:
+class _Timing:
+    """Of a device in a loop: how late what it sends is; of one that is in none, nothing."""
+
+    def __init__(self, latency: Latency | None, control: Connection, start_ns: int, tells: bool) -> None:
+        self._latency, self._control, self._start_ns = latency, control, start_ns
+        self._tells = tells
+        self.extra = 0 if latency is None else 1
+        """Columns of a row beside the device's signals."""
+        self._report_ns = start_ns + REPORT_EVERY_NS
+
+    def taken_off(self, rows: Floats) -> Floats:
+        """The rows without the times that a loop's have at their end."""
+        if self._latency is None:
+            return rows
+        self._latency.flown(rows[:, -1].tolist())
+        return rows[:, :-1]
+
+    def sent(self, now_ns: int) -> None:
+        """All that the rows made is on the wire."""
+        if self._latency is None or not self._tells:
+            return
+        self._latency.sent((now_ns - self._start_ns) * 1e-9)
+        if now_ns >= self._report_ns:
+            self._report_ns += REPORT_EVERY_NS
+            self._control.send(("told", {"loop": {"surface_to_vane_ms": self._latency.report()}}))
+
+
+def _pace(
+    script: DeviceScript, wire: Wire, start_ns: int, control: Connection, truth: Connection, timing: _Timing
+) -> None:
     clock = SystemClock()
     port = wire.port
     waiting: list[tuple[int, int, Outgoing]] = []
     changes = sorted({round(t * 1e9) + start_ns for span in script.unplugged for t in span})
-    columns = len(script.signals)
     made = 0
     flying = True
     while True:
@@ -143,6 +187,7 @@ def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, 
                 due.append(data)
         if due:
             port.send(due)
+            timing.sent(clock.now_ns())
         upcoming = [entry for entry in (waiting[0][0] if waiting else None, changes[0] if changes else None) if entry]
         wait_s = max(0.0, (min(upcoming) - clock.now_ns()) * 1e-9) if upcoming else None
         pipes = (control.fileno(), truth.fileno()) if flying else (control.fileno(),)
@@ -152,11 +197,12 @@ def _pace(script: DeviceScript, wire: Wire, start_ns: int, control: Connection, 
                 control.recv()  # nothing is said after the start: this is the end of the pipe
             elif one in pipes:
                 try:
-                    rows = np.frombuffer(truth.recv_bytes()).reshape(-1, columns)
+                    values = np.frombuffer(truth.recv_bytes())
                 except EOFError:
                     flying = False
                     continue
-                for message in script.extend(rows):
+                rows = values.reshape(-1, len(script.signals) + timing.extra)
+                for message in script.extend(timing.taken_off(rows)):
                     heapq.heappush(waiting, (message.due_ns, made, message))
                     made += 1
             else:

@@ -23,11 +23,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.closed_loop import fly_closed
 from drivers.emulated_device import flown_signals, heed_signals, serve_device
 from drivers.emulated_messages import TRUTH_HZ
+from drivers.surface_tap import SurfaceTap
 from station.clock import Clock, SystemClock
 from station.conventions import ANGLES_THAT_WRAP
-from station.profile import AlteredAircraft, Manoeuvre, Profiles
+from station.profile import EMULATED, AlteredAircraft, Manoeuvre, MeasuredLoop, Profiles
 from station.rows import DeviceError, StationError
 
 Floats = NDArray[np.float64]
@@ -271,16 +273,20 @@ def serve(
     recording: Recording | None = None,
     start_ns: int | None = None,
     orders: Orders | None = None,
+    tap: SurfaceTap | None = None,
 ) -> None:
     """Emulate every device of the rig until `stop` is set, then leave no process, link or file behind.
 
-    `orders`: what the flight is asked to fly beside what its card says, as it comes, manoeuvres from flight time 0.
+    A rig with a loop is emulated where it says "emulated"; `tap` brings what its other devices measure, and without one
+    those that measure surfaces are opened here. `orders`: what the flight is asked to fly beside what its card says, as
+    it comes, manoeuvres from flight time 0.
 
     Announces, as dictionaries fit for JSON: {"device", "link", "endpoint"} for each device when it can be opened, then
     {"preparing", "seconds"} each TELL_EVERY_S while a process is not ready (compiling takes minutes on a busy machine);
     {"start_ns"} with the station time of flight time 0 (`start_ns`, or as soon as all are ready), with "absent", the
     rig's signals that a recording lacks. In flight {"end_s"} when a recording is over and the devices fall silent, and
-    {"process", "error"} if a process fails. Raises StationError for what keeps the flight from starting.
+    {"process", "error"} if a process fails; of a loop {"loop"}, how it keeps time, each 5 s, and {"event", "source",
+    "detail"}. Raises StationError for what keeps the flight from starting.
     """
     flight = profiles.card.flight
     if flight.source == "recording" and recording is None:
@@ -292,7 +298,7 @@ def serve(
     absent = tuple(sorted(wanted - Playback(flown).signals)) if flown is not None else ()
     with (
         tempfile.TemporaryDirectory(prefix="station-", ignore_cleanup_errors=True) as folder,
-        _processes(profiles, flown, absent, Path(folder)) as children,
+        _processes(profiles, flown, absent, Path(folder), tap) as children,
     ):
         for child in children:
             word, detail = _first_word(child, announce, stop)
@@ -311,13 +317,15 @@ def serve(
 
 @contextmanager
 def _processes(
-    profiles: Profiles, recording: Recording | None, absent: tuple[str, ...], folder: Path
+    profiles: Profiles, recording: Recording | None, absent: tuple[str, ...], folder: Path, tap: SurfaceTap | None
 ) -> Iterator[list[_Child]]:
     """The flight's and the devices' processes, running; ended afterwards."""
     children: list[_Child] = []
     truth: list[tuple[Connection, tuple[str, ...]]] = []
     try:
         for index, device in enumerate(profiles.rig.devices):
+            if isinstance(profiles.rig.loop, MeasuredLoop) and device.address != EMULATED:
+                continue
             theirs, ours = _FORK.Pipe(duplex=False)
             truth.append((ours, flown_signals(device, absent)))
             foreign = [*(child.control for child in children), *(pipe for pipe, _ in truth)]
@@ -325,7 +333,10 @@ def _processes(
             children.append(_Child(serve_device, device.name, *words, after=(theirs,), foreign=foreign))
             theirs.close()
         foreign = [child.control for child in children]
-        children.append(_Child(_fly, "flight", profiles, recording, after=(truth,), foreign=foreign))
+        if profiles.rig.loop is None:
+            children.append(_Child(_fly, "flight", profiles, recording, after=(truth,), foreign=foreign))
+        else:
+            children.append(_Child(fly_closed, "flight", profiles, tap, after=(truth,), foreign=foreign))
         for ours, _ in truth:
             ours.close()
         yield children
@@ -367,6 +378,8 @@ def _watch(
             word, detail = word_and_detail
             if word == "end":
                 announce({"end_s": detail})
+            elif word == "told":
+                announce(detail)
             else:
                 announce({"process": child.name, "error": str(detail)})
                 alive.remove(child)

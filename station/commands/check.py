@@ -13,7 +13,7 @@ from station.clock import SystemClock
 from station.commands.cards import about_air, load
 from station.commands.common import CardName, finite
 from station.commands.process import stop_on_signals
-from station.commands.run import emulated_flight
+from station.commands.run import emulated_flight, surface_tap
 from station.console import DEGRADED, DONE, say
 from station.flight.bus import Bus
 from station.flight.emulators import streams_flown
@@ -39,11 +39,13 @@ def check(
     board = Board(profiles, clock)
     told: list[Event] = []
     with ExitStack() as stack:
-        emulated = emulated_flight(stack, profiles, bus, clock)
+        tap = surface_tap(stack, profiles)
+        emulated = emulated_flight(stack, profiles, bus, clock, tap)
+        put = tap.putting(bus.put) if tap is not None else bus.put
         streams = streams_flown(profiles.rig, emulated)
         aligner = Aligner(streams, profiles.rig.noise_si())
         aligner.hold()  # what the streams are like needs no frames
-        for adapter in open_devices(profiles.rig, emulated.endpoints, profiles.rig_dir, clock, bus.put):
+        for adapter in open_devices(profiles.rig, emulated.endpoints, profiles.rig_dir, clock, put):
             adapter.start()
             stack.callback(adapter.stop)
         stop_on_signals(stop)

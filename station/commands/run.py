@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -25,7 +25,7 @@ from station.flight import loop as live
 from station.flight.alignment import Aligner
 from station.flight.board import Board
 from station.flight.bus import Bus
-from station.flight.emulators import Emulated, emulators, streams_flown
+from station.flight.emulators import Emulated, emulators, loop_words, streams_flown
 from station.flight.guide import Guide
 from station.flight.point_marks import Points
 from station.flight.preparing import Preparation
@@ -36,6 +36,9 @@ from station.profile import CanDevice, Manoeuvre, Profiles, Rig
 from station.rows import MISSED_SHARE, Code, Event, Rows, UsageError
 from station.screen.rerun_feed import View
 from station.simulation.input_table import input_table
+
+if TYPE_CHECKING:
+    from drivers.surface_tap import SurfaceTap
 
 TIMED_TICKS = 90_000
 """Half an hour of ticks, whose timing is told at the end."""
@@ -83,11 +86,13 @@ class _Flight:
         self.clock, self.bus, self.stop = SystemClock(), Bus(), threading.Event()
         self.profiles = profiles
         check_devices(rig, profiles.rig_file)
-        emulated = emulated_flight(stack, profiles, self.bus, self.clock)
+        tap = surface_tap(stack, profiles)
+        self.emulated = emulated = emulated_flight(stack, profiles, self.bus, self.clock, tap)
         streams = streams_flown(rig, emulated)
         self.aligner = Aligner(streams, rig.noise_si())
         self.preparation = Preparation(card, profiles, streams, self.clock, self.bus.put)
-        adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, self.bus.put)
+        put = tap.putting(self.bus.put) if tap is not None else self.bus.put
+        adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, put)
         about = About(profiles.aircraft, streams, rig, profiles.card, files=dbc_files(rig, rig_dir))
         self.writer = WriterThread(log, about, self.clock, self.bus.put)
         stack.callback(self.writer.close)
@@ -176,6 +181,8 @@ class _Flight:
                 f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); "
                 f"{self.slots - self.ticks} missed"
             )
+        for words in loop_words(self.emulated.loop):
+            say(words)
         say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
         return judge(self._shortcomings())
 
@@ -221,7 +228,20 @@ def guide_of(
     return Guide(card, aircraft, board, points, put, ask, options, auto=auto)
 
 
-def emulated_flight(stack: ExitStack, profiles: Profiles, bus: Bus, clock: SystemClock) -> Emulated:
+def surface_tap(stack: ExitStack, profiles: Profiles) -> SurfaceTap | None:
+    """What brings the surfaces that the rig measures into the loop; none where nothing is in it."""
+    if not profiles.card.emulate or not profiles.rig.measured_surfaces:
+        return None
+    from drivers.surface_tap import SurfaceTap
+
+    tap = SurfaceTap(profiles.rig)
+    stack.callback(tap.close)
+    return tap
+
+
+def emulated_flight(
+    stack: ExitStack, profiles: Profiles, bus: Bus, clock: SystemClock, tap: SurfaceTap | None = None
+) -> Emulated:
     """The card's emulated devices, flying until `stack` ends; none where it emulates none."""
     if not profiles.card.emulate:
         return Emulated()
@@ -230,7 +250,9 @@ def emulated_flight(stack: ExitStack, profiles: Profiles, bus: Bus, clock: Syste
     flown = recorded_flight(profiles)
     return stack.enter_context(
         emulators(
-            lambda announce, stop, orders: serve(profiles, announce, stop, SystemClock(), flown, orders=orders),
+            lambda announce, stop, orders: serve(
+                profiles, announce, stop, SystemClock(), flown, orders=orders, tap=tap
+            ),
             bus,
             clock,
         )

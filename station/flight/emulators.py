@@ -19,7 +19,7 @@ from station.clock import Clock
 from station.console import say
 from station.conventions import Stream
 from station.flight.bus import Bus
-from station.profile import Manoeuvre, Rig
+from station.profile import LOOP_HZ, Manoeuvre, Rig
 from station.rows import Code, DeviceError, Event, StationError
 
 _LOOK_S: Final = 0.5
@@ -39,6 +39,8 @@ class Emulated:
     start_ns: int = 0
     """Station time of flight time 0."""
     pipe: Connection | None = None
+    loop: dict[str, Any] = field(default_factory=dict)
+    """How a loop keeps time, as it says itself: steps, late, worst_late_ms, surface_to_vane_ms."""
 
     def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
         """Have the emulated aircraft fly these, too, `start` in station time, s; none to fly what was asked no more.
@@ -67,9 +69,10 @@ def emulators(serve: Serve, bus: Bus, clock: Clock) -> Iterator[Emulated]:
     child = _FORK.Process(target=_served, args=(serve, ours, theirs), name="emulators")
     child.start()
     theirs.close()
-    listener = threading.Thread(target=_hear, args=(ours, bus, clock), name="emulators", daemon=True)
+    listener: threading.Thread | None = None
     try:
         emulated = _started(ours, child)
+        listener = threading.Thread(target=_hear, args=(ours, bus, clock, emulated.loop), name="emulators", daemon=True)
         listener.start()
         yield emulated
     finally:
@@ -80,7 +83,7 @@ def emulators(serve: Serve, bus: Bus, clock: Clock) -> Iterator[Emulated]:
                 os.killpg(child.pid, signal.SIGKILL)
             child.join()
         child.close()
-        if listener.is_alive():
+        if listener is not None:
             listener.join(timeout=5)
         ours.close()
 
@@ -143,13 +146,31 @@ def _started(pipe: Connection, child: BaseProcess) -> Emulated:
     raise DeviceError(f"the emulated devices ended before they had started{how}\nsee: station emulate")
 
 
-def _hear(pipe: Connection, bus: Bus, clock: Clock) -> None:
-    """The emulators' words in flight, until they end."""
+def _hear(pipe: Connection, bus: Bus, clock: Clock, loop: dict[str, Any]) -> None:
+    """The emulators' words in flight, until they end; what they say of a loop goes into `loop`."""
     with contextlib.suppress(EOFError, OSError):
         while True:
             said = pipe.recv()
             now = clock.now_ns()
             if "end_s" in said:
                 bus.put(Event(now, "emulator", Code.STOP, 1, "the recording is flown: the devices fall silent"))
+            elif "event" in said:
+                bus.put(Event(now, said["source"], Code(said["event"]), 1, said["detail"]))
+            elif "loop" in said:
+                loop.update(said["loop"])
             elif "error" in said:
                 bus.put(Event(now, "emulator", Code.DISCONNECT, 1, f"{said['process']}: {said['error']}"))
+
+
+def loop_words(loop: Mapping[str, Any]) -> list[str]:
+    """How a loop has kept time; nothing where there was none."""
+    if "steps" not in loop:
+        return []
+    late = f"{loop['late']} late, by {loop['worst_late_ms']:.1f} ms at most" if loop["late"] else "none late"
+    words = [f"loop: {loop['steps']} steps at {LOOP_HZ} Hz, {late}"]
+    if ms := loop.get("surface_to_vane_ms"):
+        words.append(
+            f"surface in to vane out: {ms['p50']:.1f} ms (median), {ms['p99']:.1f} ms (p99), {ms['worst']:.1f} ms "
+            f"(worst), jitter {ms['jitter']:.1f} ms, {ms['values']} values"
+        )
+    return words

@@ -24,6 +24,7 @@ from station.profile.aircraft import (
 )
 from station.profile.altered import AlteredAircraft, Change
 from station.profile.card import Card, Fault, Flight, Pilot, TestPoint
+from station.profile.channel import Channel
 from station.profile.files import (
     Profiles,
     explain,
@@ -36,6 +37,7 @@ from station.profile.files import (
     read_profile,
     to_json,
 )
+from station.profile.loop import LOOP_HZ, Loop, MeasuredLoop
 from station.profile.propulsion import Propeller, ThrustTable
 from station.profile.quantity import (
     Bytes,
@@ -56,7 +58,7 @@ from station.profile.quantity import (
     nearest_or_all,
     quantity,
 )
-from station.profile.rig import CanDevice, Channel, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
+from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
 from station.profile.shapes import Doublet, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
@@ -65,6 +67,8 @@ __all__ = [
     "ARGUMENTS",
     "COEFFICIENTS",
     "DERIVATIVE_NAMES",
+    "EMULATED",
+    "LOOP_HZ",
     "NO_BOOM",
     "Actuator",
     "Aircraft",
@@ -91,9 +95,11 @@ __all__ = [
     "KilogramMetres2",
     "Kilograms",
     "Limits",
+    "Loop",
     "Manoeuvre",
     "MavlinkDevice",
     "Measured",
+    "MeasuredLoop",
     "Metres",
     "MetresPerSecond",
     "Multisine",

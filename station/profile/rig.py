@@ -1,89 +1,18 @@
-"""What is plugged in where, and how a field on the wire becomes a signal."""
+"""What is plugged in where."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import SIGNALS, TICK_HZ, UNIT_ALIASES, UNITS, Stream, to_si, unit_named
+from station.conventions import SIGNALS, TICK_HZ, Stream, unit_named
+from station.profile.channel import Channel
+from station.profile.loop import Loop, MeasuredLoop
 from station.profile.quantity import Frozen, Hertz, Metres, Positive, Seconds, nearest
-
-
-class Channel(Frozen):
-    """How a field on the wire becomes a signal: unit-value = slope (field - zero), or a table of (field, value)."""
-
-    field: str
-    """The field's name in the message."""
-    unit: str
-    """Of the value that slope and zero, or the table, give: any unit that fits the signal."""
-    slope: float = 1.0
-    """Units per count of the field."""
-    zero: float = 0.0
-    """The field's count where the value is 0."""
-    table: tuple[tuple[float, float], ...] | None = None
-    """Points (field, value) in place of slope and zero; linear between them and beyond its ends."""
-    noise: float = Field(default=0.0, ge=0)
-    """Standard deviation, in `unit`: what the emulated device adds and what the estimator expects."""
-    drift: float = Field(default=0.0, ge=0)
-    """How far the emulated device's zero wanders in a minute (standard deviation of a random walk), in `unit`."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _tuples(cls, raw: Any) -> Any:
-        if isinstance(raw, dict) and isinstance(raw.get("table"), list):
-            raw = {**raw, "table": tuple(tuple(float(x) for x in row) for row in raw["table"])}
-        return raw
-
-    @model_validator(mode="after")
-    def _sound(self) -> Self:
-        if unit_named(self.unit) is None:
-            raise PydanticCustomError(
-                "unit",
-                "unknown unit {unit}{near}",
-                {"unit": repr(self.unit), "near": nearest(self.unit, tuple(UNITS))},
-            )
-        if self.slope == 0:
-            raise PydanticCustomError("slope", "slope must not be 0")
-        if self.table is not None:
-            x = [row[0] for row in self.table]
-            if len(x) < 2 or any(b <= a for a, b in itertools.pairwise(x)):
-                raise PydanticCustomError("table", "table needs at least 2 points with the field's value increasing")
-        return self
-
-    def to_si(self, raw: float) -> float:
-        """The signal's value in SI; beyond a table's ends its last slope goes on."""
-        value = self.slope * (raw - self.zero) if self.table is None else _interpolate(self.table, raw)
-        return to_si(value, self.unit)
-
-    def from_si(self, value: float) -> float:
-        """The field's value for a signal's value in SI (the inverse of to_si), before rounding to the wire."""
-        u = UNITS[UNIT_ALIASES.get(self.unit, self.unit)]
-        physical = (value - u.offset) / u.factor
-        if self.table is None:
-            return physical / self.slope + self.zero
-        inverse = sorted((y, x) for x, y in self.table)
-        return _interpolate(tuple(inverse), physical)
-
-    def noise_si(self) -> float:
-        """The noise's standard deviation in SI."""
-        return self.noise * UNITS[UNIT_ALIASES.get(self.unit, self.unit)].factor
-
-    def drift_si(self) -> float:
-        """The random walk's standard deviation after a second, SI."""
-        return self.drift * UNITS[UNIT_ALIASES.get(self.unit, self.unit)].factor / math.sqrt(60.0)
-
-
-def _interpolate(table: tuple[tuple[float, float], ...], x: float) -> float:
-    i = 1
-    while i < len(table) - 1 and x > table[i][0]:
-        i += 1
-    (x0, y0), (x1, y1) = table[i - 1], table[i]
-    return y0 + (x - x0) * (y1 - y0) / (x1 - x0)
 
 
 class StreamProfile(Frozen):
@@ -124,6 +53,11 @@ class StreamProfile(Frozen):
         return self
 
 
+EMULATED: Final = "emulated"
+"""In place of a port, channel or url."""
+SURFACES: Final = frozenset(("elevator", "aileron", "rudder"))
+
+
 class _Device(Frozen):
     name: str
     """What events and the screen call it."""
@@ -150,6 +84,10 @@ class SerialDevice(_Device):
     baud: int | None = Field(default=None, gt=0)
     """The protocol's usual one if left out."""
 
+    @property
+    def address(self) -> str:
+        return self.port
+
 
 class CanDevice(_Device):
     """A CAN bus through any of python-can's interfaces, its messages from a DBC file beside the rig."""
@@ -167,6 +105,10 @@ class CanDevice(_Device):
     station is the only other node of the bus, or the adapter cannot listen only."""
     dbc: str
     """The DBC file that describes its messages."""
+
+    @property
+    def address(self) -> str:
+        return self.channel
 
 
 class MavlinkDevice(_Device):
@@ -189,6 +131,10 @@ class MavlinkDevice(_Device):
     signing_key_file: str | None = None
     """File with the 32-byte key in hexadecimal; with it, unsigned and wrongly signed packets are refused."""
 
+    @property
+    def address(self) -> str:
+        return self.url
+
 
 Device = Annotated[SerialDevice | CanDevice | MavlinkDevice, Field(discriminator="link")]
 
@@ -202,6 +148,8 @@ class Rig(Frozen):
     """IMU from the CG, body axes (forward, right, down)."""
     devices: tuple[Device, ...] = Field(min_length=1)
     """What is plugged in."""
+    loop: Loop | None = None
+    """Who moves the surfaces of the simulated aircraft."""
 
     @model_validator(mode="before")
     @classmethod
@@ -231,17 +179,37 @@ class Rig(Frozen):
                         )
         return self
 
+    @model_validator(mode="after")
+    def _has_surfaces(self) -> Self:
+        if isinstance(self.loop, MeasuredLoop) and not self.measured_surfaces:
+            raise PydanticCustomError(
+                "loop", "loop: no device that is not emulated gives elevator, aileron or rudder: nothing moves them"
+            )
+        return self
+
+    @property
+    def measured_surfaces(self) -> dict[str, tuple[str, ...]]:
+        """The surfaces that a hand moves in the loop, by stream, each in the stream's order; none without a loop."""
+        found: dict[str, tuple[str, ...]] = {}
+        for device in self.devices if isinstance(self.loop, MeasuredLoop) else ():
+            for s in device.streams if device.address != EMULATED else ():
+                if own := tuple(n for n in s.signals if n in SURFACES):
+                    found[f"{device.name}.{s.name}"] = own
+        return found
+
     def streams(self) -> Iterator[Stream]:
-        """Every stream, named device.stream."""
+        """Every stream, named device.stream. What a surface in the loop is flown late by is in its latency."""
+        measured = self.measured_surfaces
         for device in self.devices:
             for s in device.streams:
+                late = self.loop.delay_s(s.rate) if self.loop and f"{device.name}.{s.name}" in measured else 0.0
                 yield Stream(
                     name=f"{device.name}.{s.name}",
                     signals=tuple(s.signals),
                     rate_hz=s.rate,
                     stale_after_s=min(max(0.2, 2.2 / s.rate), 3.0),
                     device=device.name,
-                    latency_s=s.latency,
+                    latency_s=s.latency - late,
                     stamp_resolution_s=s.stamp_resolution,
                 )
 

@@ -60,6 +60,8 @@ class VaneConstants(NamedTuple):
     mode_length: float
     """How far the vane rises per rad of bending, m."""
     dynamics: SecondOrder
+    dt: float
+    """The interval, s."""
 
 
 def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
@@ -90,6 +92,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         second_order(frequency or 1.0, boom.mode_damping, dt),
         boom.mode_length,
         second_order(boom.vane_frequency, boom.vane_damping, dt),
+        dt,
     )
 
 

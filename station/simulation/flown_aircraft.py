@@ -14,16 +14,16 @@ from station.profile import NO_BOOM, Aircraft, AlteredAircraft, Flight, Pilot
 from station.rows import ProfileError
 from station.simulation.airframe import Trim, constants, find_trim, indicial_tables
 from station.simulation.boom import vane_constants
-from station.simulation.motion import DT, Flown, Site
-from station.simulation.pilot import hands
+from station.simulation.motion import Flown, Site
+from station.simulation.pilot import RATE_HZ, hands
 
 ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
 _EQUATOR: Final = 6378137.0
 _ECCENTRICITY2: Final = 6.69437999014e-3
 
-RENEWED: Final = 20
-"""Steps between two states of the aircraft: 0.1 s, in which ice that builds up within a minute grows by 0.2 %."""
+RENEWED_S: Final = 0.1
+"""Between two states of the aircraft: ice that builds up within a minute grows by 0.2 %."""
 _TRIMMED: Final = 10
 """States of the aircraft between two searches for its trim: a second."""
 _RETRIM_S: Final = 5.0
@@ -35,9 +35,20 @@ Position = tuple[float, float, float]
 class FlownAircraft:
     """An aircraft of a flight: `flown` is what the equations take, now."""
 
-    def __init__(self, profile: Aircraft, flight: Flight, imu_position: Position, hold: bool, pilot: Pilot) -> None:
-        """`imu_position` from the CG that the profile states, m. Raises ProfileError, also for a change after which
-        the aircraft cannot be trimmed."""
+    def __init__(
+        self,
+        profile: Aircraft,
+        flight: Flight,
+        imu_position: Position,
+        hold: bool,
+        pilot: Pilot,
+        rate_hz: int = RATE_HZ,
+    ) -> None:
+        """`imu_position` from the CG that the profile states, m; `rate_hz`: steps a second. Raises ProfileError, also
+        for a change after which the aircraft cannot be trimmed."""
+        self._rate_hz, self._dt = rate_hz, 1.0 / rate_hz
+        self.renewed = round(RENEWED_S * rate_hz)
+        """Steps between two of its states."""
         self._altered = AlteredAircraft(profile, flight.truth)
         self._flight, self._place, self._hold, self._pilot = flight, imu_position, hold, pilot
         self.now = self._altered.at(0.0)
@@ -65,11 +76,11 @@ class FlownAircraft:
         return self._trim.elevator - self._begun.elevator
 
     def go_on(self) -> None:
-        """The next RENEWED steps begin."""
-        time = self._state * RENEWED * DT
+        """The next `renewed` steps begin."""
+        time = self._state * self.renewed * self._dt
         if self._state % _TRIMMED == 0:
             self._goal = self._own_trim(self._altered.at(time), time)
-        share = 1.0 - math.exp(-RENEWED * DT / _RETRIM_S) if self._state else 1.0
+        share = 1.0 - math.exp(-self.renewed * self._dt / _RETRIM_S) if self._state else 1.0
         old, goal = self._trim, self._goal
         self._trim = Trim(*(a + share * (b - a) for a, b in zip(_numbers(old), _numbers(goal), strict=True)))
         self._state += 1
@@ -94,9 +105,9 @@ class FlownAircraft:
         return Flown(
             trimmed,
             tables,
-            vane_constants(aircraft.boom or NO_BOOM, DT),
+            vane_constants(aircraft.boom or NO_BOOM, self._dt),
             site(flight, (x, y, z)),
-            hands(self._pilot, self._trim.alpha, trimmed.trim_height),
+            hands(self._pilot, self._trim.alpha, trimmed.trim_height, self._rate_hz),
         )
 
 

@@ -116,6 +116,11 @@ class Installed:
         self._given = self._fed = 0
         self.truth: Mapping[str, Array] = {}
 
+    @property
+    def ahead_s(self) -> float:
+        """How far ahead of what is shown it flies, s: for instruments that show what comes."""
+        return self._ahead * DT
+
     def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
         """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
         self._source.ask(manoeuvres)

@@ -1,4 +1,4 @@
-"""The motion of one flight, compiled: aircraft, air and vanes together, stepped at 200 Hz."""
+"""The motion of one flight, compiled: aircraft, air and vanes together, stepped at its vane's interval."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from station.simulation.pilot import RATE_HZ, Hands, asked, ring
 from station.simulation.stalling import BRIEF, attached
 
 DT: Final = 1.0 / RATE_HZ
+"""Of a step where nothing from outside is in the loop, s."""
 EVERY: Final = RATE_HZ // TICK_HZ
 
 TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm", "elevator_drive")
@@ -120,17 +121,17 @@ def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: flo
     )
 
 
-def at_rest(c: Constants, tables: Tables, behind: float, field: Field, hands: Hands) -> Memory:
+def at_rest(c: Constants, tables: Tables, behind: float, field: Field, hands: Hands, dt: float = DT) -> Memory:
     """Trimmed flight, the wing's response to gusts as if the one at the start had lasted.
 
-    `behind`: where the wake begins, m behind the origin; farther than the tail.
+    `behind`: where the wake begins, m behind the origin; farther than the tail. `dt`: of a step, s.
     """
     motions, gusts = tables.lift_motion.shape[1], tables.lift_gust.shape[1]
     x = eq.trimmed_state(c, motions + gusts)
     ug, wg = gust_at(field, c.gust_edge, ALONG), gust_at(field, c.gust_edge, UP)
     met = math.atan2(x[eq.W] + wg, x[eq.U] + ug) - math.atan2(x[eq.W], x[eq.U])
     x[eq.LAGS + motions :] = met
-    memory = memory_of(x, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * DT)), tables, c.trim_elevator, hands)
+    memory = memory_of(x, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * dt)), tables, c.trim_elevator, hands)
     memory.wake[DISTANCE, 0] = -behind
     memory.wake[INCIDENCE, 0] = met
     memory.last[ALPHA] += met
@@ -187,12 +188,12 @@ def steadily_attached(c: Constants, alpha: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _separate(c: Constants, last: NDArray[np.float64], alpha: float, speed: float) -> None:
-    """The flow along the wing goes on by a step, at an angle of attack (rad) and airspeed."""
-    brief = min(DT / BRIEF, 1.0)
-    last[TURNING] += brief * ((alpha - last[ALPHA]) / DT - last[TURNING])
+def _separate(c: Constants, dt: float, last: NDArray[np.float64], alpha: float, speed: float) -> None:
+    """The flow along the wing goes on by a step of `dt` s, at an angle of attack (rad) and airspeed."""
+    brief = min(dt / BRIEF, 1.0)
+    last[TURNING] += brief * ((alpha - last[ALPHA]) / dt - last[TURNING])
     last[ALPHA] = alpha
-    chords = DT * speed / c.chord
+    chords = dt * speed / c.chord
     late = c.return_delay * c.chord / speed * min(last[TURNING], 0.0)
     towards = attached(alpha - late, c.sharpness, c.alpha_star)
     share = 1.0 - math.exp(-chords / c.separation_lag) if c.separation_lag > 0.0 else 1.0
@@ -200,15 +201,15 @@ def _separate(c: Constants, last: NDArray[np.float64], alpha: float, speed: floa
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def remember(c: Constants, memory: Memory, distance: float, flow: eq.Flow) -> None:
-    """A step begins, with the wing at that distance."""
+def remember(c: Constants, dt: float, memory: Memory, distance: float, flow: eq.Flow) -> None:
+    """A step of `dt` s begins, with the wing at that distance."""
     memory.marks[DONE] += 1
     memory.marks[NEWEST] += 1
     at = memory.marks[NEWEST] % memory.wake.shape[1]
     memory.wake[DISTANCE, at] = distance
     memory.wake[INCIDENCE, at] = flow.wing
     if c.separates > 0.0:
-        _separate(c, memory.last, flow.alpha, flow.airspeed)
+        _separate(c, dt, memory.last, flow.alpha, flow.airspeed)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -246,23 +247,27 @@ def record(
     row[_DRIVE] = x[eq.ELEVATOR]
 
 
-WEIGHTS: Final = (DT / 6.0, DT / 3.0, DT / 3.0, DT / 6.0)
-"""Classical Runge-Kutta of fourth order: what each stage's slope counts, and how far ahead of the step's begin the next
-stage is."""
-AHEAD: Final = (0.5 * DT, 0.5 * DT, DT, 0.0)
-STAGES: Final = len(WEIGHTS)
+STAGES: Final = 4
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def runge_kutta(dt: float) -> tuple[tuple[float, float, float, float], tuple[float, float, float, float]]:
+    """Of fourth order, classical: what each stage's slope counts, and how far ahead of the step's begin the next stage
+    is, s."""
+    return (dt / 6.0, dt / 3.0, dt / 3.0, dt / 6.0), (0.5 * dt, 0.5 * dt, dt, 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def advance(
     flown: Flown, memory: Memory, command: NDArray[np.float64], field: Field, every: int, out: NDArray[np.float64]
 ) -> None:
-    """Step on by every * len(out) steps of DT: classical Runge-Kutta of fourth order.
+    """Step on by every * len(out) steps: classical Runge-Kutta of fourth order.
 
     command (2n + 1): commanded elevator at steps and half-steps, beside feedback. out (., len(COLUMNS)): the instants
     before the steps, every `every`-th of them.
     """
-    c, x, marks = flown.constants, memory.x, memory.marks
+    c, x, marks, dt = flown.constants, memory.x, memory.marks, flown.vane.dt
+    weights, ahead = runge_kutta(dt)
     n = x.shape[0]
     slope, total, trial = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(every * out.shape[0]):
@@ -280,11 +285,11 @@ def advance(
                 moving = (slope[eq.Q], 0.0, 0.0)
                 vanes = vanes_now(c.indicial_chord, flown.tables, flown.vane, memory, field, moving, flow)
                 if k % every == 0:
-                    record(flown, marks[DONE] * DT, x, slope, flow, gust, vanes, out[k // every])
-                remember(c, memory, x[eq.DISTANCE], flow)
+                    record(flown, marks[DONE] * dt, x, slope, flow, gust, vanes, out[k // every])
+                remember(c, dt, memory, x[eq.DISTANCE], flow)
             for i in range(n):
-                total[i] += WEIGHTS[stage] * slope[i]
-                trial[i] = x[i] + AHEAD[stage] * slope[i]
+                total[i] += weights[stage] * slope[i]
+                trial[i] = x[i] + ahead[stage] * slope[i]
         for i in range(n):
             x[i] += total[i]
 
@@ -305,7 +310,7 @@ def vanes_now(
         last[INERTIAL], last[GUST] = flow.alpha_inertial, flow.gust_edge
         memory.upwash_motion[:] = flow.alpha_inertial
         memory.upwash_gust[:] = flow.gust_edge
-    chords = flow.airspeed * DT / chord
+    chords = flow.airspeed * vane.dt / chord
     wing = upwash_step(tables.upwash_motion, memory.upwash_motion, last[INERTIAL], flow.alpha_inertial, chords)
     wing += upwash_step(tables.upwash_gust, memory.upwash_gust, last[GUST], flow.gust_edge, chords)
     last[INERTIAL], last[GUST] = flow.alpha_inertial, flow.gust_edge

@@ -20,9 +20,7 @@ from station.simulation.sensors import STANDARD
 Array = NDArray[np.float64]
 
 RATE_HZ: Final = 200
-"""Of the simulation's steps."""
-HELD: Final = RATE_HZ // TICK_HZ
-"""Steps that a command is held for."""
+"""Of the simulation's steps, where nothing from outside is in its loop."""
 HEIGHT_NOISE: Final = 0.3
 """Standard deviation of the height that it measures, m: a barometric altimeter's, filtered."""
 _STREAM: Final = 4
@@ -43,10 +41,14 @@ class Hands(NamedTuple):
     """Trim, rad."""
     height: float
     """Trim, m."""
+    held: int
+    """Steps that a command is held for: a tick."""
 
 
-def hands(pilot: Pilot, theta: float, height: float) -> Hands:
-    return Hands(pilot.pitch_rate, pilot.attitude, pilot.altitude, round(pilot.delay * RATE_HZ), theta, height)
+def hands(pilot: Pilot, theta: float, height: float, rate_hz: int = RATE_HZ) -> Hands:
+    """`rate_hz`: steps a second."""
+    steps = round(pilot.delay * rate_hz)
+    return Hands(pilot.pitch_rate, pilot.attitude, pilot.altitude, steps, theta, height, rate_hz // TICK_HZ)
 
 
 def ring(h: Hands) -> Array:
@@ -59,7 +61,7 @@ def asked(h: Hands, memory: Array, step: int, q: float, theta: float, height: fl
     """What the elevator is asked for at a step beside trim and input, rad; `memory` as `ring` makes it."""
     n = memory.shape[0] - 1
     memory[1 + step % n] = h.by_rate * q + h.by_attitude * (theta - h.theta) + h.by_height * (height - h.height)
-    if step % HELD == 0:
+    if step % h.held == 0:
         memory[0] = memory[1 + (step + n - h.delay) % n]
     return float(memory[0])
 
@@ -73,16 +75,17 @@ def deviation(pilot: Pilot) -> float:
 class Tremor:
     """What the noise of the feedback's sensors adds to the command, in pieces of the flight, held for a tick each."""
 
-    def __init__(self, sd: float, seed: int) -> None:
-        """`sd` as `deviation` gives it; it depends on the flight's `seed` only."""
+    def __init__(self, sd: float, seed: int, rate_hz: int = RATE_HZ) -> None:
+        """`sd` as `deviation` gives it; it depends on the flight's `seed` only. `rate_hz`: steps a second."""
         self._sd = sd
+        self._held = rate_hz // TICK_HZ
         self._rng = np.random.default_rng([seed, 0, _STREAM])
         self._last = np.empty(0)
 
     def half_steps(self, ticks: int) -> Array:
-        """Of the next `ticks`, at steps and half-steps: (2 * HELD * ticks + 1,), the last of them the next piece's
-        first."""
+        """Of the next `ticks`, at steps and half-steps: (2 ticks rate / TICK_HZ + 1,), the last of them the next
+        piece's first."""
         drawn = self._rng.standard_normal(ticks + 1 - len(self._last)) if self._sd else np.zeros(ticks + 1)
         line = np.concatenate((self._last, drawn))[: ticks + 1]
         self._last = line[-1:]
-        return self._sd * np.repeat(line, 2 * HELD)[: 2 * HELD * ticks + 1]
+        return self._sd * np.repeat(line, 2 * self._held)[: 2 * self._held * ticks + 1]

@@ -21,11 +21,10 @@ from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants
-from station.simulation.flown_aircraft import RENEWED, FlownAircraft
+from station.simulation.flown_aircraft import FlownAircraft
 from station.simulation.gusts import SIDEWAYS, Field, gust_at
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import (
-    AHEAD,
     AT_TAIL,
     COLUMNS,
     DONE,
@@ -33,7 +32,6 @@ from station.simulation.motion import (
     EVERY,
     STAGES,
     SURFACE,
-    WEIGHTS,
     Flown,
     Memory,
     Site,
@@ -41,6 +39,7 @@ from station.simulation.motion import (
     places,
     record,
     remember,
+    runge_kutta,
     stage_rates,
     vanes_now,
 )
@@ -238,12 +237,13 @@ def advance_lateral(
     flown: Flown, side: Lateral, memory: Memory, y: NDArray[np.float64], commands: NDArray[np.float64], field: Field,
     out: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Step on by len(out) steps of DT: classical Runge-Kutta of fourth order.
+    """Step on by len(out) steps: classical Runge-Kutta of fourth order.
 
     y (SIZE): the lateral state, changed in place. commands (3, 2n + 1): elevator, aileron and rudder at steps and
     half-steps. out (n, len(LATERAL_COLUMNS)): the instants before the steps.
     """
-    c, x, marks = flown.constants, memory.x, memory.marks
+    c, x, marks, dt = flown.constants, memory.x, memory.marks, flown.vane.dt
+    weights, ahead = runge_kutta(dt)
     n = x.shape[0]
     now, trial, slope = Both(x, y), Both(np.zeros(n), np.zeros(SIZE)), Both(np.zeros(n), np.zeros(SIZE))
     total = Both(np.zeros(n), np.zeros(SIZE))
@@ -270,15 +270,15 @@ def advance_lateral(
                 sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
                 moving = (slope.along[eq.Q], sideways, y[ROLL] * side.vane_y)
                 vanes = vanes_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
-                record(flown, marks[DONE] * DT, x, slope.along, flow, gust, vanes, out[k])
-                _record_lateral(flown.site, marks[DONE] * DT, now, slope, flow, seen, out[k])
-                remember(c, memory, x[eq.DISTANCE], flow)
+                record(flown, marks[DONE] * dt, x, slope.along, flow, gust, vanes, out[k])
+                _record_lateral(flown.site, marks[DONE] * dt, now, slope, flow, seen, out[k])
+                remember(c, dt, memory, x[eq.DISTANCE], flow)
             for i in range(n):
-                total.along[i] += WEIGHTS[stage] * slope.along[i]
-                trial.along[i] = x[i] + AHEAD[stage] * slope.along[i]
+                total.along[i] += weights[stage] * slope.along[i]
+                trial.along[i] = x[i] + ahead[stage] * slope.along[i]
             for i in range(SIZE):
-                total.across[i] += WEIGHTS[stage] * slope.across[i]
-                trial.across[i] = y[i] + AHEAD[stage] * slope.across[i]
+                total.across[i] += weights[stage] * slope.across[i]
+                trial.across[i] = y[i] + ahead[stage] * slope.across[i]
         for i in range(n):
             x[i] += total.along[i]
         for i in range(SIZE):
@@ -339,8 +339,8 @@ class LateralSimulation:
             self._prepare(number)
             commands = self._commands
             if self.aircraft.changes:
-                m = min(m, RENEWED - offset % RENEWED)
-                if offset % RENEWED == 0:
+                m = min(m, self.aircraft.renewed - offset % self.aircraft.renewed)
+                if offset % self.aircraft.renewed == 0:
                     self.aircraft.go_on()
                     self.lateral = lateral_constants(self.aircraft.now, self._hold)
                 commands = commands + np.array([[self.aircraft.retrimmed], [0.0], [0.0]])

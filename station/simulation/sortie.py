@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ
 from station.profile import Aircraft, Card, Rig
+from station.rows import ProfileError
 from station.simulation.installed import Installed, Source
 from station.simulation.jsbsim_flight import JsbsimFlight
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import Channel, Sensor, sensors_of
 from station.simulation.six_degrees import LateralSimulation
+from station.simulation.stepped_flight import SteppedFlight
 from station.simulation.three_degrees import Simulation
 
 Position = tuple[float, float, float]
@@ -67,3 +69,22 @@ def fly(
         name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items() if name in exact
     }
     return shown, {name: values[::EVERY].copy() for name, values in flight.truth.items()}
+
+
+def stepped(
+    aircraft: Aircraft, rig: Rig, card: Card, outside: Collection[str], measured: bool
+) -> tuple[SteppedFlight, Callable[[Source], Installed]]:
+    """The card's flight a step at a time, those `outside` moved by somebody else, and what makes the profile's
+    instruments look at a source of its rows. Raises ProfileError."""
+    flight = SteppedFlight(aircraft, card, aircraft.imu_at(rig.imu_position), outside, measured)
+    drifts = {name: sensor.drift for name, sensor in sensors_of(rig).items()}
+
+    def make(source: Source) -> Installed:
+        shown = Installed(source, aircraft, drifts, card.flight.seed, card.flight.truth)
+        if shown.ahead_s > 0:
+            raise ProfileError(
+                f"aircraft {aircraft.name}: instruments: a negative latency or lag shows what comes: not in real time"
+            )
+        return shown
+
+    return flight, make

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.profile import Aircraft, Flight, Manoeuvre, Pilot
-from station.simulation.flown_aircraft import RENEWED, FlownAircraft
+from station.simulation.flown_aircraft import FlownAircraft
 from station.simulation.gusts import GustField, dryden_of, field_constants
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import COLUMNS, DONE, DT, EVERY, Flown, advance, at_rest
-from station.simulation.pilot import Tremor, deviation
+from station.simulation.pilot import RATE_HZ, Tremor, deviation
 
 BLOCK: Final = 400
 """Steps whose elevator commands are made together."""
@@ -89,8 +89,8 @@ class Simulation:
             m = min(n - done, BLOCK - offset)
             command = self._commands
             if self.aircraft.changes:
-                m = min(m, RENEWED - offset % RENEWED)
-                if offset % RENEWED == 0:
+                m = min(m, self.aircraft.renewed - offset % self.aircraft.renewed)
+                if offset % self.aircraft.renewed == 0:
                     self.aircraft.go_on()
                 command = command + self.aircraft.retrimmed
             command = command[2 * offset : 2 * (offset + m) + 1]
@@ -119,9 +119,9 @@ class Simulation:
         return elevator_input(self._manoeuvres, time) + elevator_input(self._asked, time)
 
 
-def tremor(flight: Flight, pilot: Pilot, seed: int | None) -> Tremor:
-    """The noise of the feedback's sensors; `seed` in place of the flight's."""
-    return Tremor(deviation(pilot), flight.seed if seed is None else seed)
+def tremor(flight: Flight, pilot: Pilot, seed: int | None, rate_hz: int = RATE_HZ) -> Tremor:
+    """The noise of the feedback's sensors; `seed` in place of the flight's; `rate_hz`: steps a second."""
+    return Tremor(deviation(pilot), flight.seed if seed is None else seed, rate_hz)
 
 
 def gusts_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> GustField:

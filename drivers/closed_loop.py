@@ -1,0 +1,178 @@
+"""The simulated aircraft in real time with something from outside in its loop: a hand on the bench's surfaces.
+
+LOOP_HZ steps a second against the machine's clock, each on what has come until then; every other row goes at once to
+the devices' processes. A step that comes late is counted, and caught up with.
+"""
+
+from __future__ import annotations
+
+import gc
+import select
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.adapter import Adapter, open_devices
+from drivers.emulated_device import heed_signals
+from drivers.emulated_messages import TRUTH_HZ
+from drivers.loop_timing import REPORT_EVERY_NS, Overruns, claim_real_time
+from drivers.surface_tap import SurfaceTap
+from station.clock import SystemClock
+from station.profile import LOOP_HZ, Manoeuvre, MeasuredLoop, Profiles
+from station.rows import Code, Event, Rows, StationError
+from station.simulation.outside import Outside
+from station.simulation.sortie import stepped
+
+Floats = NDArray[np.float64]
+Listening = list[tuple[Connection, tuple[str, ...]]]
+
+_STEP_NS: Final = 1_000_000_000 // LOOP_HZ
+_EACH: Final = round(LOOP_HZ / TRUTH_HZ)
+"""Steps between rows that are handed to the devices."""
+
+
+def fly_closed(
+    profiles: Profiles,
+    tap: SurfaceTap | None,
+    control: Connection,
+    devices: Sequence[tuple[Connection, tuple[str, ...]]],
+) -> None:
+    """The flight process. Without a `tap` nobody else reads the measured surfaces' devices: it opens them itself."""
+    heed_signals()
+    adapters: list[Adapter] = []
+    try:
+        loop = ClosedLoop(profiles, control, [(pipe, signals) for pipe, signals in devices if signals])
+        if tap is None:
+            tap = SurfaceTap(profiles.rig)
+            adapters = _own_adapters(profiles, tap, loop)
+        loop.fly(tap)
+    except StationError as error:
+        with suppress(OSError):
+            control.send(("error", error))
+    except (EOFError, OSError):
+        return  # whoever served us is gone
+    finally:
+        for adapter in adapters:
+            adapter.stop()
+
+
+def _own_adapters(profiles: Profiles, tap: SurfaceTap, loop: ClosedLoop) -> list[Adapter]:
+    """Of the devices that measure surfaces, reading."""
+    names = {stream.partition(".")[0] for stream in profiles.rig.measured_surfaces}
+    own = profiles.rig.model_copy(update={"devices": tuple(d for d in profiles.rig.devices if d.name in names)})
+    adapters = open_devices(own, {}, profiles.rig_dir, SystemClock(), tap.putting(loop.note))
+    for adapter in adapters:
+        adapter.start()
+    return adapters
+
+
+class _Newest:
+    """The last row, as a source that instruments look at."""
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        self._columns = columns
+        self.row: Floats = np.empty(len(columns))
+
+    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+        """Nothing: the flight itself is asked."""
+
+    def advance(self, n: int) -> Mapping[str, Floats]:  # noqa: ARG002 - there is one
+        return dict(zip(self._columns, self.row[:, None], strict=True))
+
+
+class ClosedLoop:
+    """One flight: what comes in, the steps, what goes out to the devices."""
+
+    def __init__(self, profiles: Profiles, control: Connection, listening: Listening) -> None:
+        """Compiles what it needs, then flies from trim. Raises ProfileError for what cannot be flown so."""
+        rig, card = profiles.rig, profiles.card
+        assert rig.loop is not None
+        measured = isinstance(rig.loop, MeasuredLoop)
+        moved = {name for names in rig.measured_surfaces.values() for name in names}
+        stepped(profiles.aircraft, rig, card, moved, measured)[0].step({})
+        self._flight, make = stepped(profiles.aircraft, rig, card, moved, measured)
+        self._newest = _Newest(self._flight.columns)
+        self._shown = make(self._newest)
+        aircraft = profiles.aircraft
+        travel = {n: getattr(aircraft, n).position_limit for n in moved if n != "thrust"}
+        rest = {n: self._flight.rest[n] for n in moved}
+        self._outside = Outside(rest, rig.loop.hold, rig.loop.fade, rig.loop.jump, travel)
+        self._control, self._listening = control, listening
+        self._clock = SystemClock()
+        self._overruns = Overruns(_STEP_NS)
+        self._noted: list[Event] = []
+        self._start_ns = 0
+
+    def note(self, row: Rows) -> None:
+        """What a device of the loop has to say; called from its thread."""
+        if isinstance(row, Event):
+            self._noted.append(row)
+
+    def fly(self, tap: SurfaceTap) -> None:
+        """Until `control` closes: raises EOFError then."""
+        self._control.send(("ready", None))
+        self._start_ns = self._control.recv()
+        # Freezing what the imports leave costs nothing, and a collection would stop the steps.
+        gc.freeze()
+        gc.disable()
+        claim_real_time()
+        report_ns = self._start_ns + REPORT_EVERY_NS
+        k = 0
+        while True:
+            due_ns = self._start_ns + k * _STEP_NS
+            self._wait(tap, due_ns)
+            now_ns = self._clock.now_ns()
+            self._overruns.began(due_ns, now_ns)
+            self._newest.row = self._flight.step(self._outside.at(self._since_start(now_ns)))
+            if k % _EACH == 0:
+                self._hand_out()
+            self._say()
+            if now_ns >= report_ns:
+                report_ns += REPORT_EVERY_NS
+                self._report()
+            k += 1
+
+    def _since_start(self, t_ns: int) -> float:
+        return (t_ns - self._start_ns) * 1e-9
+
+    def _wait(self, tap: SurfaceTap, due_ns: int) -> None:
+        """Take what comes until then; what has come already in any case."""
+        while True:
+            left_s = max(0.0, (due_ns - self._clock.now_ns()) * 1e-9)
+            ready, _, _ = select.select((self._control.fileno(), tap.fileno()), (), (), left_s)
+            if self._control.fileno() in ready:
+                self._flight.ask(self._control.recv())
+            if tap.fileno() in ready:
+                for t_ns, name, value in tap.take():
+                    self._outside.take(self._since_start(t_ns), name, value)
+            if self._clock.now_ns() >= due_ns:
+                return
+
+    def _hand_out(self) -> None:
+        """The newest row to each device's pipe, with the time of the newest value that it was flown with."""
+        shown = self._shown.advance(1)
+        came_s = self._outside.newest_s()
+        for pipe, signals in list(self._listening):
+            values = np.array([*(float(shown[s][0]) if s in shown else np.nan for s in signals), came_s])
+            try:
+                pipe.send_bytes(values.tobytes())
+            except OSError:  # that device is gone; the others fly on
+                self._listening.remove((pipe, signals))
+
+    def _say(self) -> None:
+        told = [("loop", code, words) for code, words in self._outside.told()]
+        while self._noted:
+            event = self._noted.pop(0)
+            told.append((event.source, event.code, event.detail))
+        for source, code, words in told:
+            self._control.send(("told", {"event": code.value, "source": source, "detail": words}))
+
+    def _report(self) -> None:
+        if words := self._overruns.said():
+            told = {"event": Code.OVERRUN.value, "source": "loop", "detail": words}
+            self._control.send(("told", told))
+        self._control.send(("told", {"loop": self._overruns.report()}))
