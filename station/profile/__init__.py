@@ -37,7 +37,6 @@ from station.profile.files import (
     read_profile,
     to_json,
 )
-from station.profile.loop import LOOP_HZ, Loop, MeasuredLoop
 from station.profile.propulsion import Propeller, ThrustTable
 from station.profile.quantity import (
     Bytes,
@@ -59,6 +58,7 @@ from station.profile.quantity import (
     quantity,
 )
 from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
+from station.profile.rig_loop import LOOP_HZ, Loop, MeasuredLoop
 from station.profile.shapes import Doublet, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 

@@ -11,8 +11,8 @@ from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS, TICK_HZ, Stream, unit_named
 from station.profile.channel import Channel
-from station.profile.loop import Loop, MeasuredLoop
 from station.profile.quantity import Frozen, Hertz, Metres, Positive, Seconds, nearest
+from station.profile.rig_loop import Loop, MeasuredLoop
 
 
 class StreamProfile(Frozen):

@@ -78,7 +78,8 @@ class SteppedFlight:
         self._added: NDArray[np.float64] | None = None
 
     def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
-        """Fly these beside the card's from now on, `start` in seconds of flight; none to fly what was asked no more."""
+        """Fly these beside the card's from now on, `start` in seconds of flight; none to fly what was asked no more.
+        Those on a measured surface are the hand's to fly."""
         self._asked = tuple(manoeuvres)
         self._added = None
 
@@ -129,12 +130,13 @@ class SteppedFlight:
             commands[0] += self._begun.trim_elevator + self._shakes[2 * offset : 2 * offset + 3]
             commands[0] += self.aircraft.retrimmed
         for i, surface in enumerate(SURFACES):
-            if surface in self._outside:
-                commands[i] += given[surface]
-                if self._measured and i == 0:
-                    self._memory.x[ELEVATOR] = given[surface]
-                elif self._measured:
-                    self._state[(AILERON, RUDDER)[i - 1]] = given[surface]
+            if surface not in self._outside:
+                continue
+            commands[i] = given[surface] + (0.0 if self._measured else commands[i])
+            if self._measured and i == 0:
+                self._memory.x[ELEVATOR] = given[surface]
+            elif self._measured:
+                self._state[(AILERON, RUDDER)[i - 1]] = given[surface]
         return commands
 
 
@@ -154,7 +156,7 @@ def _check(aircraft: Aircraft, card: Card, outside: Collection[str], measured: b
         )
     if "elevator" in outside and card.pilot.flies:
         raise ProfileError(f"card {card.name}: [pilot]: the elevator comes from outside: one of the two can move it")
-    moved = {m.surface for m in card.inputs} & set(outside)
+    moved = {m.surface for m in card.manoeuvres} & set(outside)
     if measured and moved:
         raise ProfileError(
             f"card {card.name}: manoeuvres: {sorted(moved)[0]} is measured on the rig: it is where the hand puts it\n"

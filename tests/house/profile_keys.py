@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 from station.campaign import spec
 from station.conventions import from_si
-from station.profile import aircraft, altered, card, channel, loop, propulsion, rig, shapes, step, uncertainty
+from station.profile import aircraft, altered, card, channel, propulsion, rig, rig_loop, shapes, step, uncertainty
 
 SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
 """Units in which a default is written, where SI is not what one says."""
@@ -150,7 +150,7 @@ def rig_keys() -> str:
         ('`[[devices]]` with `link = "mavlink"`', rig.MavlinkDevice, device),
         ("`[[devices.streams]]`", rig.StreamProfile),
         ("`[devices.streams.signals]`, one line a signal", channel.Channel),
-        ("`[loop]`", loop.MeasuredLoop),
+        ("`[loop]`", rig_loop.MeasuredLoop),
     )
 
 
