@@ -6,7 +6,7 @@ each complete in itself.
 
 from station.log.about import About, LogInfo
 from station.log.disk import make_folder
-from station.log.reading import metadata, parts, read_rows
+from station.log.reading import metadata, parts, read_rows, row_times
 from station.log.summary import Summary, describe, recover, summarise, verdict
 from station.log.table import Point, Table, points, table
 from station.log.writer import LogWriter, write_log
@@ -27,6 +27,7 @@ __all__ = [
     "points",
     "read_rows",
     "recover",
+    "row_times",
     "summarise",
     "table",
     "verdict",

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
+from typing import Final
+
+import numpy as np
+from mcap.records import Channel
+from numpy.typing import NDArray
 
 from station.log.about import LogInfo, info_of
 from station.log.messages import ROW_KINDS, read_row
 from station.log.scan import PartReader
 from station.rows import LogError, Row, Rows
 
+_END_OF_TIME: Final = 2**63 - 1
 _PART = re.compile(r"\.(\d{4,})$")
 
 
@@ -38,29 +44,52 @@ def metadata(path: Path) -> LogInfo:
     return info_of(reader)
 
 
-def read_part(reader: PartReader, kinds: Collection[str] | None) -> Iterator[Rows]:
-    """The rows of one file; what cannot be made a row is noted as damage."""
-    for channel, time_ns, data in reader.messages():
+def read_part(reader: PartReader) -> Iterator[Rows]:
+    """All rows of one file; what cannot be made a row is noted as damage."""
+    yield from _rows(reader, reader.messages())
+
+
+def _rows(reader: PartReader, messages: Iterable[tuple[Channel, int, bytes]]) -> Iterator[Rows]:
+    for channel, time_ns, data in messages:
         kind = channel.metadata.get("row", "")
-        if kinds is not None and kind not in kinds:
-            continue
         try:
             yield read_row(kind, channel.metadata["key"], time_ns, data)
         except (ValueError, KeyError, TypeError) as error:
             reader.note(f"a message on {channel.topic} is no row: {error}")
 
 
-def read_rows(path: Path, kinds: Collection[type[Row]] | None = None) -> Iterator[Rows]:
+def read_rows(
+    path: Path,
+    kinds: Collection[type[Row]] | None = None,
+    span_ns: tuple[int, int] | None = None,
+) -> Iterator[Rows]:
     """Every readable row of a recording in the order it was written, through all its parts.
 
-    `kinds` leaves out the others unread. A cut or damaged file gives what it has; `summarise` says what is missing.
+    `kinds` leaves out the others unread, `span_ns` those whose time is not within (both ends are). A cut or damaged
+    file gives what it has; `summarise` says what is missing.
     Raises LogError if there is no recording or its start cannot be read.
     """
-    names = None if kinds is None else {kind.__name__ for kind in kinds}
-    if names is not None and not names <= ROW_KINDS.keys():
-        raise ValueError(f"not rows: {names - ROW_KINDS.keys()}")
+    names = set(ROW_KINDS) if kinds is None else _names(kinds)
+    if kinds is None and span_ns is None:
+        for reader in readers(path):
+            yield from read_part(reader)
+        return
+    first_ns, last_ns = span_ns if span_ns is not None else (0, _END_OF_TIME)
     for reader in readers(path):
-        yield from read_part(reader, names)
+        yield from _rows(reader, reader.select(names, first_ns, last_ns))
+
+
+def row_times(path: Path, kind: type[Row]) -> NDArray[np.int64]:
+    """Time (ns) of every row of a kind, in the order written; read from the index where a file has one."""
+    found = [reader.times(_names((kind,))) for reader in readers(path)]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *found])
+
+
+def _names(kinds: Collection[type[Row]]) -> set[str]:
+    names = {kind.__name__ for kind in kinds}
+    if not names <= ROW_KINDS.keys():
+        raise ValueError(f"not rows: {names - ROW_KINDS.keys()}")
+    return names
 
 
 def absent(path: Path) -> list[str]:

@@ -7,15 +7,20 @@ import mmap
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel
+from numpy.typing import NDArray
 
+from station.log.index import Index, checksum, entries, is_sound, read_index
+from station.log.index import times as listed_times
 from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
 from station.rows import LogError
 
@@ -86,6 +91,69 @@ class PartReader:
                 if message is not None:
                     yield message
 
+    def select(self, kinds: Collection[str], first_ns: int, last_ns: int) -> Iterator[tuple[Channel, int, bytes]]:
+        """The `messages` of these kinds of rows from `first_ns` to `last_ns`, by the file's index where it has one that
+        is sound: the rest is then not read, and neither judged."""
+        with self._mapped() as (data, file):
+            index = read_index(data, file) if data is not None else None
+            if index is not None:
+                yield from self._selected(data, index, self._wanted(index, kinds), first_ns, last_ns)
+                return
+        for channel, time_ns, content in self.messages():
+            if channel.metadata.get("row", "") in kinds and first_ns <= time_ns <= last_ns:
+                yield channel, time_ns, content
+
+    def times(self, kinds: Collection[str]) -> NDArray[np.int64]:
+        """Log times (ns) of all messages of these kinds of rows, which are not read where the file has an index."""
+        with self._mapped() as (data, file):
+            index = read_index(data, file) if data is not None else None
+            if index is not None:
+                return listed_times(data, index, self._wanted(index, kinds))
+        found = [t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds]
+        return np.array(found, dtype=np.int64)
+
+    def is_sound(self) -> bool:
+        """Whether the file is complete and its checksum fits: nothing of it needs to be taken apart to know that."""
+        with self._mapped() as (data, file):
+            return data is not None and is_sound(data, file)
+
+    def _wanted(self, index: Index, kinds: Collection[str]) -> frozenset[int]:
+        for content in index.channels:
+            self._channel(content)
+        return frozenset(n for n, c in self.channels.items() if c.metadata.get("row", "") in kinds)
+
+    def _selected(
+        self, data: Any, index: Index, wanted: frozenset[int], first_ns: int, last_ns: int
+    ) -> Iterator[tuple[Channel, int, bytes]]:
+        for chunk in index.chunks if wanted else ():
+            if chunk.last_ns < first_ns or chunk.first_ns > last_ns:
+                continue
+            found = list(entries(data, chunk, wanted, first_ns, last_ns))
+            if not found or data[chunk.at] != Opcode.CHUNK:
+                continue
+            body = self._body(data, chunk.at + RECORD.size, chunk.at + chunk.length)
+            if isinstance(body, str):
+                continue
+            for _, at in found:
+                _, length = RECORD.unpack_from(body, at)
+                message = self._message(body, at + RECORD.size, at + RECORD.size + length)
+                if message is not None:
+                    yield message
+
+    @contextmanager
+    def _mapped(self) -> Iterator[tuple[mmap.mmap | None, os.stat_result]]:
+        """The file in memory, None where it is empty, and what the system says of it. Raises LogError."""
+        try:
+            with self.path.open("rb") as file:
+                known = os.fstat(file.fileno())
+                if known.st_size == 0:
+                    yield None, known
+                    return
+                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                    yield data, known
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+
     def _message(self, data: bytes, at: int, end: int) -> tuple[Channel, int, bytes] | None:
         channel_id, _, time_ns, _ = struct.unpack_from("<HIQQ", data, at)
         channel = self.channels.get(channel_id)
@@ -106,16 +174,11 @@ class PartReader:
 
     def _records(self, head_only: bool) -> Iterator[tuple[int, bytes]]:
         """Top-level records that carry messages: (CHUNK, its body) or (MESSAGE, its content)."""
-        try:
-            with self.path.open("rb") as file:
-                size = os.fstat(file.fileno()).st_size
-                if size == 0:
-                    self.truncated_at = 0
-                    return
-                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                    yield from self._walk(data, size, head_only)
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        with self._mapped() as (data, _):
+            if data is None:
+                self.truncated_at = 0
+                return
+            yield from self._walk(data, len(data), head_only)
 
     def _walk(self, data: Any, size: int, head_only: bool) -> Iterator[tuple[int, bytes]]:
         if data[: min(8, size)] != MAGIC[: min(8, size)]:
@@ -155,7 +218,7 @@ class PartReader:
             if kind == Opcode.DATA_END:
                 (stated,) = struct.unpack_from("<I", data, start)
                 ended = True
-                if stated and not self.damage and stated != _checksum(data, 0, at):
+                if stated and not self.damage and stated != checksum(data, 0, at):
                     self._hurts(at, "the checksum of the whole file does not fit", 0.0)
             elif not ended:
                 yield from self._read(data, kind, at, start, end)
@@ -290,7 +353,7 @@ class PartReader:
         summary, _, crc = struct.unpack_from("<QQI", data, start)
         if data[end : end + 8] != MAGIC:
             self._hurts(end, "the last bytes are wrong", 0.0)
-        elif crc and summary < start and crc != _checksum(data, summary, end - 4) and not self.damage:
+        elif crc and summary < start and crc != checksum(data, summary, end - 4) and not self.damage:
             self._hurts(start, "the checksum of the index does not fit", 0.0)
 
 
@@ -306,11 +369,6 @@ def _unpacked_size(packed: bytes) -> int | None:
     except zstandard.ZstdError:
         return None
     return None if size < 0 else size
-
-
-def _checksum(data: Any, start: int, end: int) -> int:
-    with memoryview(data) as view, view[start:end] as part:
-        return zlib.crc32(part)
 
 
 def _string(data: bytes) -> tuple[str, bytes]:

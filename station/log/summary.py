@@ -131,7 +131,7 @@ def summarise(path: Path, info: LogInfo | None = None) -> Summary:
         out.files += 1
         out.bytes += reader.path.stat().st_size
         part_first: int | None = None
-        for row in read_part(reader, None):
+        for row in read_part(reader):
             out.rows += 1
             t_ns = row.t_ns
             first = t_ns if first is None else first
@@ -183,6 +183,8 @@ def verdict(path: Path) -> Verdict:
     """The verdict alone, of files and chunks: no row is decoded. Raises LogError as `summarise` does."""
     found: Verdict = "complete"
     for reader in readers(path):
+        if reader.is_sound():
+            continue
         for _ in reader.messages():
             pass
         if reader.damage:
@@ -304,7 +306,7 @@ def _told_by_rows(path: Path, aircraft: Aircraft) -> LogInfo:
 
 def _rows(path: Path, given: LogInfo | None = None) -> Iterator[Rows]:
     for reader in readers(path, given):
-        yield from read_part(reader, None)
+        yield from read_part(reader)
 
 
 def _digest(path: Path, info: LogInfo, given: LogInfo | None = None) -> bytes:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, SIGNALS, TICK_NS, Stream
-from station.log.reading import metadata, read_rows
+from station.log.reading import metadata, read_rows, row_times
 from station.profile import Aircraft
 from station.rows import Code, Event, Extra, Frame, LogError, Quality, Sample, Truth
 
 Column = NDArray[np.float64]
+
+FAR_S: Final = 1e8
+"""Longer than any recording, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,14 +100,23 @@ class _Track(NamedTuple):
     values: Column
 
 
-def table(path: Path) -> Table:
+def table(path: Path, span_s: tuple[float, float] | None = None) -> Table:
     """The frames of a recording; without frames, its samples: on their own times where all streams share them, else
-    linearly interpolated at 50 Hz. Raises LogError where there is neither."""
+    linearly interpolated at 50 Hz. Raises LogError where there is neither.
+
+    `span_s`: only the rows from and to these seconds of the whole table's time axis, which then stays as it is.
+    """
     info = metadata(path)
+    grid = _on_grid(path)
+    origin_ns: int | None = None
+    span_ns: tuple[int, int] | None = None
+    if span_s is not None and grid is Frame:
+        origin_ns = next(read_rows(path, (Frame,))).t_ns
+        span_ns = origin_ns + _ns(span_s[0]), origin_ns + _ns(span_s[1])
     frames: list[Frame] = []
     samples: dict[str, list[Sample]] = {}
     named: dict[type, list[Truth | Extra]] = {Truth: [], Extra: []}
-    for row in read_rows(path, (_on_grid(path), Truth, Extra)):
+    for row in read_rows(path, (grid, Truth, Extra), span_ns):
         if isinstance(row, Frame):
             frames.append(row)
         elif isinstance(row, Truth | Extra):
@@ -121,12 +133,20 @@ def table(path: Path) -> Table:
         first = next(iter(samples.values()))[0]
         if info.about.imported and len(samples) == 1 and first.t_device_ns is not None:
             record_ns = t_ns + (first.t_device_ns - first.t_ns)
+    elif origin_ns is not None and span_s is not None:
+        raise LogError(f"{path}: holds nothing from {span_s[0]:g} to {span_s[1]:g} s")
     else:
         raise LogError(f"{path}: holds neither frames nor samples")
     truth = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Truth]).items()}
     extra = {n: _at(t_ns, t.t_ns, t.values[:, 0], False) for n, t in _by_name(named[Extra]).items()}
-    t_s = (t_ns - t_ns[0]) / 1e9
-    return Table(t_s, columns, info.aircraft, int(t_ns[0]), quality, ages, truth, extra, record_ns)
+    zero = int(t_ns[0]) if origin_ns is None else origin_ns
+    whole = Table((t_ns - zero) / 1e9, columns, info.aircraft, zero, quality, ages, truth, extra, record_ns)
+    return whole if span_s is None else whole.between(*span_s)
+
+
+def _ns(seconds: float) -> int:
+    """Kept within what fits in 64 bits."""
+    return round(min(max(seconds, -FAR_S), FAR_S) * 1e9)
 
 
 def _on_grid(path: Path) -> type[Frame] | type[Sample]:
@@ -214,20 +234,18 @@ def points(path: Path) -> list[Point]:
 
     A point without an end lasts to the end of the recording.
     """
-    origin: int | None = None
-    last = 0
     open_points: dict[int, Event] = {}
     closed: list[tuple[Event, int]] = []
-    for row in read_rows(path, (_on_grid(path), Event)):
+    for row in read_rows(path, (Event,)):
         if isinstance(row, Event):
             if row.code is Code.POINT_START:
                 open_points[row.count] = row
             elif row.code is Code.POINT_END and row.count in open_points:
                 closed.append((open_points.pop(row.count), row.t_ns))
-        else:
-            origin = row.t_ns if origin is None else origin
-            last = row.t_ns
+    if not closed and not open_points:
+        return []
+    times = row_times(path, _on_grid(path))
+    zero, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
     closed += [(event, last) for event in open_points.values()]
-    zero = origin or 0
     found = [Point(e.count, (e.t_ns - zero) * 1e-9, (end - zero) * 1e-9, e.detail) for e, end in closed]
     return sorted(found, key=lambda p: p.start_s)
