@@ -1,11 +1,60 @@
-"""Flight test station: corrected angle of attack and live aerodynamic derivatives at 50 Hz."""
+"""Flight test station: corrected angle of attack and live aerodynamic derivatives at 50 Hz.
+
+As a library: `station.open`, `identify`, `diagnose`, `simulate`, `campaign` and `import_file` are those of station.api,
+imported when they are first named.
+"""
+
+from __future__ import annotations
 
 import hashlib as _hashlib
+import importlib as _importlib
 import importlib.util as _util
 import os as _os
 import sys as _sys
 import tempfile as _tempfile
 from pathlib import Path as _Path
+from types import ModuleType as _ModuleType
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
+
+if _TYPE_CHECKING:
+    from station.api import (
+        Campaigned,
+        Diagnosed,
+        Identified,
+        Recording,
+        campaign,
+        diagnose,
+        identify,
+        import_file,
+        open,
+        simulate,
+    )
+    from station.profile import Aircraft, load_aircraft
+    from station.rows import LogError, ProfileError, StationError, UsageError
+
+__all__ = [
+    "Aircraft",
+    "Campaigned",
+    "Diagnosed",
+    "Identified",
+    "LogError",
+    "ProfileError",
+    "Recording",
+    "StationError",
+    "UsageError",
+    "campaign",
+    "diagnose",
+    "identify",
+    "import_file",
+    "load_aircraft",
+    "open",
+    "simulate",
+]
+_PLACES = {
+    **dict.fromkeys(("Aircraft", "load_aircraft"), "station.profile"),
+    **dict.fromkeys(("LogError", "ProfileError", "StationError", "UsageError"), "station.rows"),
+}
 
 
 def _compiled_code_of_these_sources() -> str:
@@ -56,3 +105,28 @@ if "NUMBA_CACHE_DIR" not in _os.environ:
 # would be part of the last bit. Must be set before numpy is first imported.
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     _os.environ.setdefault(_threads, "1")
+
+
+def __getattr__(name: str) -> _Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'station' has no attribute {name!r}")
+    return getattr(_importlib.import_module(_PLACES.get(name, "station.api")), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _Station(_ModuleType):
+    """This package, whose function `campaign` has the name of the wing that it flies with: importing that wing would
+    otherwise put it in the function's place."""
+
+    @property
+    def campaign(self) -> _Any:
+        return __getattr__("campaign")
+
+    @campaign.setter
+    def campaign(self, _: _ModuleType) -> None: ...
+
+
+_sys.modules[__name__].__class__ = _Station

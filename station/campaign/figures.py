@@ -186,6 +186,11 @@ def _exceedances(rows: Rows) -> Iterator[tuple[str, Figure]]:
 _FROM: Final = {"calm": "what a perfect angle of attack gives in calm air", "truth": "the aircraft's own derivatives"}
 
 
+def errors_figure(plan: Plan, result: Path) -> Figure:
+    """Bias and scatter of every method, a panel a derivative; of the first of the figures where there are several."""
+    return next(_errors(Rows(plan, result)))[1]
+
+
 def _errors(rows: Rows) -> Iterator[tuple[str, Figure]]:
     campaign = rows.plan.campaign
     methods = campaign.methods

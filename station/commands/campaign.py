@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Annotated
 import typer
 
 from station.clock import SystemClock
-from station.rows import UsageError
 
 
 class Engine(StrEnum):
@@ -31,19 +29,11 @@ def campaign(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from station.campaign.engine import Store, fly_dask, fly_local
-    from station.campaign.figures import draw
-    from station.campaign.spec import load_plan
+    from station.api.monte_carlo import campaign as fly
 
-    if (engine is Engine.dask) != (scheduler is not None):
-        raise UsageError(
-            "--engine dask and --scheduler ADDRESS go together\nfor example --scheduler tcp://127.0.0.1:8786"
-        )
-    plan = load_plan(spec)
-    store = Store(out, plan, resume)
     clock = SystemClock()
-    already = plan.flights - store.flights_missing()
-    count = 0
+    begin = clock.now_ns()
+    before: int | None = None
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -51,25 +41,23 @@ def campaign(
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
     )
-    begin = clock.now_ns()
     # Drawn when a batch is done, not by a thread: processes are forked from this one.
     with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
-        bar = progress.add_task(plan.campaign.name, total=plan.flights, completed=already, rate="")
+        bar = progress.add_task(spec, total=None, rate="")
 
-        def done(flights: int) -> None:
-            nonlocal count
-            count += flights
-            rate = count / ((clock.now_ns() - begin) * 1e-9)
-            progress.update(bar, advance=flights, rate=f"{rate:.0f} flights/s", refresh=True)
+        def flown(kept: int, of: int) -> None:
+            nonlocal begin, before
+            if before is None:
+                before, begin = kept, clock.now_ns()
+            rate = (kept - before) / max((clock.now_ns() - begin) * 1e-9, 1e-9)
+            words = f"{rate:.0f} flights/s" if kept > before else ""
+            progress.update(bar, total=of, completed=kept, rate=words, refresh=True)
 
-        if scheduler is not None:
-            fly_dask(plan, store, scheduler, done)
-        else:
-            fly_local(plan, store, workers or len(os.sched_getaffinity(0)), done)
+        made = fly(spec, out, engine=engine.value, scheduler=scheduler, resume=resume, workers=workers, progress=flown)
     seconds = (clock.now_ns() - begin) * 1e-9
-    result = store.finish()
-    for line in store.writing(lambda: draw(plan, result, out)):
+    for line in made.sentences:
         sys.stdout.write(line + "\n")
-    kept = f" ({already} kept from before)" if already else ""
-    sys.stdout.write(f"{result}\n{count} flights in {seconds:.1f} s: {count / seconds:.0f} flights/s{kept}\n")
+    kept = f" ({before} kept from before)" if before else ""
+    rate = f"{made.flown} flights in {seconds:.1f} s: {made.flown / seconds:.0f} flights/s{kept}"
+    sys.stdout.write(f"{made.result}\n{rate}\n")
     return 0

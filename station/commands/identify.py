@@ -10,9 +10,6 @@ import typer
 
 from station.commands.common import LogPath, judged, there
 from station.console import DEGRADED, check_json, say, write_json
-from station.log import metadata, points, table
-from station.profile import load_aircraft
-from station.rows import UsageError
 
 
 class Axes(StrEnum):
@@ -33,43 +30,20 @@ def identify(
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
 ) -> int:
     """Identify the derivatives of a recording, by every method and with honest errors."""
-    from station.identification.analysis import identify as solve
-    from station.identification.identification_json import as_json as to_json
+    from station.api.identifying import identify as solve
     from station.identification.listing import print_estimates
-    from station.identification.request import Request
 
     check_json(as_json)
-    flown = table(there(log))
-    about = metadata(log).about
-    if point is not None:
-        if start is not None or end is not None:
-            raise UsageError("--point and --from/--to both name an interval: give one")
-        start, end = _interval(log, point)
-    subject = load_aircraft(aircraft) if aircraft else flown.aircraft
-    noise, rig_place = about.noise_si(flown.aligned), about.imu_position
     names = [name for text in method or ["all"] for name in text.replace(",", " ").split()]
-    request = Request(
-        names, start, end, axes.value, card=about.card, imu_position=rig_place, noise=noise, sift=sift, log=str(log)
-    )
-    found = solve(flown, subject, request)
+    made = solve(there(log), names, start=start, end=end, point=point, axes=axes.value, sift=sift, aircraft=aircraft)
+    found = made.found
     if found.hint:
         say(f"station: {found.hint}")
     if report is not None:
-        from station.identification.identification_report import write_report  # and with it matplotlib
-
-        say(str(write_report(found, report)))
+        say(str(made.report(report)))
     if as_json is not None:
-        write_json(to_json(found), as_json)
+        write_json(made.json(), as_json)
     if as_json != "-":
         print_estimates(found)
     whole = judged(log)
     return whole if found.recommended else DEGRADED
-
-
-def _interval(log: Path, number: int) -> tuple[float, float]:
-    known = points(log)
-    for p in known:
-        if p.n == number:
-            return p.start_s, p.end_s
-    numbers = ", ".join(str(p.n) for p in known) or "none"
-    raise UsageError(f"{log}: no test point {number}\nmarked in it: {numbers}")

@@ -17,10 +17,7 @@ def import_(
     aircraft: Annotated[str, typer.Option(metavar="NAME", help="aircraft profile")],
 ) -> int:
     """Make a station recording of a record from elsewhere."""
-    from drivers.dataflash import read_dataflash
-    from station.convert import Importer, import_file, reader_of
+    from station.api.flown_recording import write_import
 
-    dataflash = Importer(".bin", "ArduPilot's DataFlash", reader_of("dataflash", read_dataflash))
-    count = import_file(file, out, load_aircraft(aircraft), (dataflash,))
-    say(f"{out}: {count} rows")
+    say(f"{out}: {write_import(file, out, load_aircraft(aircraft))} rows")
     return DONE

@@ -58,7 +58,7 @@ def write_report(found: Identification, folder: Path) -> Path:
         _summary(found),
         *(lag_page(found.instruments) if found.instruments is not None else []),
         "<h2>Estimates</h2>",
-        *(part for names in _groups(found) for part in (_estimates(found, names), _table(found, names))),
+        *(part for names in groups(found) for part in (_estimates(found, names), estimates_table(found, names))),
         _refusals(found),
     ]
     shown, alpha = _fitted(found)
@@ -112,7 +112,7 @@ def _summary(found: Identification) -> str:
     return f"<table>{lines}</table>{remarks}"
 
 
-def _groups(found: Identification) -> list[list[str]]:
+def groups(found: Identification) -> list[list[str]]:
     """Names of the longitudinal derivatives, and of the lateral ones if there are any."""
     names = list(dict.fromkeys(p.name for result in found.methods.values() for p in result.parameters))
     lateral = [n for n in names if n in LATERAL]
@@ -129,6 +129,10 @@ def _is_usable(result: MethodResult, p: ParamEstimate) -> bool:
 
 
 def _estimates(found: Identification, names: Sequence[str]) -> str:
+    return image(estimates_figure(found, names), "Derivatives by method with two standard errors")
+
+
+def estimates_figure(found: Identification, names: Sequence[str]) -> Figure:
     """One panel a derivative: every method's estimate with two standard errors; faint where it is not usable."""
     methods = _rows(found, names)
     rows = math.ceil(len(names) / COLUMNS)
@@ -138,7 +142,7 @@ def _estimates(found: Identification, names: Sequence[str]) -> str:
         _estimates_of(panel, name, methods, found.recommended)
     for panel in grid.flat[len(names) :]:
         panel.set_axis_off()
-    return image(figure, "Derivatives by method with two standard errors")
+    return figure
 
 
 def _estimates_of(panel: Panel, name: str, methods: dict[str, MethodResult], recommended: str | None) -> None:
@@ -257,7 +261,8 @@ def _spectra(found: Identification) -> list[str]:
     ]
 
 
-def _table(found: Identification, names: Sequence[str]) -> str:
+def estimates_table(found: Identification, names: Sequence[str]) -> str:
+    """A row a method, a column a derivative."""
     head = "".join(f"<th>{text(n)}</th>" for n in names)
     rows = []
     for method, result in _rows(found, names).items():

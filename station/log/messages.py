@@ -317,6 +317,36 @@ ROW_KINDS: Final[Mapping[str, type[Row]]] = {
 }  # fmt: skip
 
 
+_Spelled = float | str | None
+_FrameRead: Final = msgspec.defstruct(
+    "FrameRead",
+    [
+        *((n, _Spelled, None) for n in _NAMES),
+        ("k", int),
+        ("age_s", list[_Spelled]),
+        ("quality", list[int]),
+        ("t_ns", int | None, None),
+    ],
+    gc=False,
+    kw_only=True,
+)
+_DECODE_FRAME: Final = msgspec.json.Decoder(_FrameRead).decode
+
+
+def _read_frame(time_ns: int, data: bytes) -> Frame:
+    body = _DECODE_FRAME(data)
+    *values, k, ages, quality, t_ns = msgspec.structs.astuple(body)
+    # A recording made before a signal was added to the table lacks it.
+    missing = len(_NAMES) - len(ages)
+    return Frame(
+        time_ns if t_ns is None else t_ns,
+        k,
+        _numbers(values),
+        _numbers(ages + [None] * missing),
+        tuple(quality + [int(Quality.MISSING)] * missing),
+    )
+
+
 def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
     """A message back as the row it was; a sample's values come in the order they were written in.
 
@@ -324,6 +354,8 @@ def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
     """
     if kind == "RawBlock":
         return RawBlock(time_ns, key, bytes(data))
+    if kind == "Frame":
+        return _read_frame(time_ns, data)
     body = _DECODE(data)
     t_ns = body.get("t_ns", time_ns)
     if kind == "Sample":
@@ -331,18 +363,6 @@ def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
         body.pop("t_ns", None)
         values = body["values"] if "values" in body else body.values()
         return Sample(t_ns, key, t_device_ns, seq, _numbers(values), quality)
-    if kind == "Frame":
-        # A recording made before a signal was added to the table lacks it.
-        values = [body.get(n) for n in _NAMES]
-        ages, quality_list = list(body["age_s"]), list(body["quality"])
-        missing = len(_NAMES) - len(ages)
-        return Frame(
-            t_ns,
-            body["k"],
-            _numbers(values),
-            _numbers(ages + [None] * missing),
-            tuple(quality_list + [int(Quality.MISSING)] * missing),
-        )
     if kind == "MethodEstimate":
         parameters = tuple(
             ParamEstimate(p["name"], _number(p["value"]), _number(p["sd"]), Status(p["status"]), p["why"])
