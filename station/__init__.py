@@ -18,18 +18,10 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 if _TYPE_CHECKING:
-    from station.api import (
-        Campaigned,
-        Diagnosed,
-        Identified,
-        Recording,
-        campaign,
-        diagnose,
-        identify,
-        import_file,
-        open,
-        simulate,
-    )
+    from station.api.diagnosing import Diagnosed, diagnose
+    from station.api.flown_recording import Recording, import_file, open, simulate
+    from station.api.identifying import Identified, identify
+    from station.api.monte_carlo import Campaigned, campaign
     from station.profile import Aircraft, load_aircraft
     from station.rows import LogError, ProfileError, StationError, UsageError
 
@@ -52,6 +44,10 @@ __all__ = [
     "simulate",
 ]
 _PLACES = {
+    **dict.fromkeys(("Recording", "import_file", "open", "simulate"), "station.api.flown_recording"),
+    **dict.fromkeys(("Identified", "identify"), "station.api.identifying"),
+    **dict.fromkeys(("Diagnosed", "diagnose"), "station.api.diagnosing"),
+    **dict.fromkeys(("Campaigned", "campaign"), "station.api.monte_carlo"),
     **dict.fromkeys(("Aircraft", "load_aircraft"), "station.profile"),
     **dict.fromkeys(("LogError", "ProfileError", "StationError", "UsageError"), "station.rows"),
 }
@@ -110,7 +106,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 def __getattr__(name: str) -> _Any:
     if name not in __all__:
         raise AttributeError(f"module 'station' has no attribute {name!r}")
-    return getattr(_importlib.import_module(_PLACES.get(name, "station.api")), name)
+    return getattr(_importlib.import_module(_PLACES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -7,23 +7,6 @@
     flight.signals["alpha_vane"]                # xarray, with unit and sign; read when it is looked at
     found = station.identify(flight, point=3)   # a table in a notebook; found.estimates, found.plot()
 
-Times are seconds since the recording's first frame, values SI and radians, as in every machine-readable file.
+Its names are those of `station`, which imports each when it is first used. Times are seconds since the recording's
+first frame, values SI and radians, as in every machine-readable file.
 """
-
-from station.api.diagnosing import Diagnosed, diagnose
-from station.api.flown_recording import Recording, import_file, open, simulate
-from station.api.identifying import Identified, identify
-from station.api.monte_carlo import Campaigned, campaign
-
-__all__ = [
-    "Campaigned",
-    "Diagnosed",
-    "Identified",
-    "Recording",
-    "campaign",
-    "diagnose",
-    "identify",
-    "import_file",
-    "open",
-    "simulate",
-]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from station.api.flown_recording import Recording
-from station.api.words_as_html import heading, lines
+from station.api.words_as_html import Picture, heading, lines
 from station.convert.jsbsim_aircraft import SUFFIX, write_jsbsim
 from station.diagnosis.checks import Checked, checked
 from station.diagnosis.diagnosis_result import Gain, Result, summary
@@ -23,7 +23,6 @@ from station.rows import LogError, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from station.diagnosis.detectable import Detectable
     from station.diagnosis.kinematic_diagnosis import KinematicDiagnosis
@@ -101,14 +100,14 @@ class Diagnosed:
         rows = [{"log": name, **row} for name, t in self.instruments.items() for row in lags_json(t)["lags"]]
         return made | {"lags": rows}
 
-    def plot(self) -> Figure:
+    def plot(self) -> Picture:
         """Measured and predicted, before and after, of the manoeuvre that changes most. Raises UsageError where nothing
         was simulated."""
         from station.diagnosis.pictures import compared, measured_and_predicted
 
         if self.whole is None:
             raise UsageError("the kinematic part simulates nothing: its pictures are in its report")
-        return measured_and_predicted(compared(self.whole.found))
+        return Picture(measured_and_predicted(compared(self.whole.found)))
 
     def report(self, folder: Path | str) -> Path:
         """Write the page with pictures, as `--report` does without its Rerun recording; returns its path."""

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from station.api.flown_recording import Recording
-from station.api.words_as_html import heading, lines
+from station.api.words_as_html import Picture, heading, lines
 from station.log import Point, metadata, points, table
 from station.profile import Aircraft, load_aircraft
 from station.rows import UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from station.identification.identified import Identification
 
@@ -70,7 +69,7 @@ class Identified:
 
         return as_json(self.found)
 
-    def plot(self, lateral: bool = False) -> Figure:
+    def plot(self, lateral: bool = False) -> Picture:
         """One panel a derivative: every method's estimate with two standard errors. Raises UsageError where the flight
         shows none of them."""
         from station.identification.identification_report import estimates_figure, groups
@@ -78,7 +77,7 @@ class Identified:
         every = groups(self.found)
         if lateral and len(every) < 2:  # noqa: PLR2004 longitudinal and lateral
             raise UsageError(f"{self.found.log}: no lateral derivatives: no aileron or rudder moves")
-        return estimates_figure(self.found, every[int(lateral)])
+        return Picture(estimates_figure(self.found, every[int(lateral)]))
 
     def report(self, folder: Path | str) -> Path:
         """Write the page with pictures, as `--report` does; returns its path. Raises LogError."""

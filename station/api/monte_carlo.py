@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from station.api.words_as_html import heading, lines
+from station.api.words_as_html import Picture, heading, lines
 from station.campaign.engine import Store, fly_dask, fly_local
 from station.campaign.spec import Plan, load_plan
 from station.rows import UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 Flown = Callable[[int, int], None]
 """Told how many flights are kept, and of how many."""
@@ -67,11 +66,11 @@ class Campaigned:
         """The figures that were written, by their names."""
         return {p.stem: p for p in sorted((self.folder / "figures").glob("*.png"))}
 
-    def plot(self) -> Figure:
+    def plot(self) -> Picture:
         """Bias and scatter of every method, a panel a derivative."""
         from station.campaign.figures import errors_figure
 
-        return errors_figure(self.plan, self.result)
+        return Picture(errors_figure(self.plan, self.result))
 
     def __repr__(self) -> str:
         return f"<campaign {self.plan.campaign.name}: {self.plan.flights} flights in {self.result}>"
