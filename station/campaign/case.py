@@ -6,26 +6,29 @@ import gc
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.campaign import physical_pass as physical
-from station.campaign.one_pass import SLOTS, Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
-from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan, Scenario
+from station.campaign.flown_scenario import flight_of, flown_aircraft, known_aircraft, manoeuvres_of, sensors_flown
+from station.campaign.one_pass import Air, Estimation, Results, Sensors, compile_fits, estimate, fly_and_measure
+from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan
+from station.campaign.whole_records import SPECTRA_SEED, WHOLE, WholeRecords
 from station.conventions import SIGNAL_INDEX, TICK_HZ
 from station.estimation import tick
 from station.estimation.derivatives import SEARS, SEARS_K, lengths
 from station.estimation.equation_error import Sides
+from station.estimation.method_table import MEASURED
+from station.estimation.method_table import METHODS as METHOD_TABLE
 from station.estimation.physical_method import SEGMENT
 from station.model import regressor_error, unsteady_lift
 from station.model.physical_constants import constants, why_not
 from station.numerics import spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
-from station.profile import NO_BOOM, Aircraft, Boom, Derivative, Flight, Manoeuvre, Pilot, load_aircraft
+from station.profile import NO_BOOM, Aircraft, Card, Pilot
 from station.simulation import airframe as ac
 from station.simulation.boom import second_order, vane_constants
 from station.simulation.distortion import REACH, distortion_filter
@@ -34,65 +37,17 @@ from station.simulation.gusts import STEP, dryden, field_constants, field_start
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
 from station.simulation.pilot import deviation, hands
-from station.simulation.sensors import STANDARD, Sensor
 
 Array = NDArray[np.float64]
 
 TOGETHER: Final = 8
 """Flights of one call of the compiled halves: little memory, and no time lost between calls."""
-_REGRESSORS: Final = ("alpha_vane", "q", "elevator")
 _FASTER: Final = 2.5
 """The field is made for flights that go this many standard deviations of the gust faster than trimmed, and 2 %; those
 that go farther are flown again."""
 _TICK_S: Final = 1.0 / TICK_HZ
-
-
-def flown_aircraft(scenario: Scenario, beside: Path | None = None) -> Aircraft:
-    """The aircraft that flies: the profile's, with the scenario's lift, vane and gust derivatives."""
-    aircraft = load_aircraft(scenario.aircraft, beside)
-    changes: dict[str, object] = {}
-    if scenario.lift == "steady":
-        changes["unsteady"] = aircraft.unsteady.model_copy(update={"memory": False})
-    boom = aircraft.boom if scenario.alpha == "boom" and aircraft.boom else NO_BOOM
-    vane = {"vane_frequency": scenario.vane_frequency, "vane_damping": scenario.vane_damping}
-    changes["boom"] = boom.model_copy(update={k: v for k, v in vane.items() if v is not None})
-    extra = {"CL_gust": scenario.CL_gust, "Cm_gust": scenario.Cm_gust}
-    added = {n: Derivative(value=v) for n, v in extra.items() if v}
-    return aircraft.model_copy(update={**changes, "derivatives": {**aircraft.derivatives, **added}})
-
-
-def known_aircraft(scenario: Scenario, flown: Aircraft) -> Aircraft:
-    """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth.
-
-    Where the lift has no memory they are not told: `physical` is to show what that costs. Mass and inertia are those of
-    the profile, and known to be.
-    """
-    boom: Boom | None = flown.boom if scenario.alpha == "boom" else None
-    unsteady = flown.unsteady.model_copy(update={"memory": True})
-    doubt = flown.uncertainty.model_copy(update={"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0})
-    return flown.model_copy(update={"boom": boom, "unsteady": unsteady, "uncertainty": doubt})
-
-
-def sensors_flown(scenario: Scenario) -> dict[str, Sensor]:
-    """Channels with noise. With a signal-to-noise ratio their noise depends on the flight, and is 1 here."""
-    if scenario.signal_to_noise is not None:
-        return {name: Sensor(1.0) for name in _REGRESSORS}
-    return dict(STANDARD)
-
-
-def flight_of(campaign: Campaign, scenario: Scenario) -> Flight:
-    """What the simulation flies."""
-    start = campaign.warm_up + scenario.turbulence_start if scenario.turbulence_start > 0 else 0.0
-    values = {"speed": scenario.speed, "altitude": scenario.altitude, "gust_sigma": scenario.turbulence}
-    return Flight().model_copy(update={**values, "gust_start": start})
-
-
-def manoeuvres_of(campaign: Campaign, scenario: Scenario) -> tuple[Manoeuvre, ...]:
-    """Its input, in times of flight."""
-    if not campaign.inputs:
-        return ()
-    chosen = campaign.inputs[scenario.input or next(iter(campaign.inputs))]
-    return tuple(m.model_copy(update={"start": m.start + campaign.warm_up}) for m in chosen)
+_ROUNDING: Final = 1e-9
+"""Of a time in ticks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +60,10 @@ class Setup:
     physical: physical.Constants | None
     points: int
     """Of the gust field."""
+    whole: WholeRecords | None = None
+    """The methods that the compiled pass has not, and"""
+    spectra: Setup | None = None
+    """the longer flight that IV takes its spectra from."""
 
 
 def prepare(plan: Plan, case: Case) -> Setup:
@@ -147,9 +106,34 @@ def prepare(plan: Plan, case: Case) -> Setup:
         noise=np.array([s.noise for s in channels.values()]),
         signal_to_noise=scenario.signal_to_noise or 0.0,
     )
-    known = known_aircraft(scenario, flown)
+    known = known_aircraft(scenario, flown, plan.path)
     own = _physical(campaign, known)
-    return Setup(air, sensors, _estimation(campaign, known, own is not None), own, points)
+    e = _estimation(campaign, known, own is not None)
+    return Setup(air, sensors, e, own, points, _whole_records(campaign, known), _for_spectra(plan, case))
+
+
+def _whole_records(campaign: Campaign, known: Aircraft) -> WholeRecords | None:
+    methods = {name: METHODS.index(name) for name in campaign.methods if name in WHOLE}
+    if not methods:
+        return None
+    frequencies = {key: getattr(campaign, key) for key in ("warm_up", "low", "high", "step")}
+    card = Card(name=campaign.name, aircraft=known.name, rig="").model_copy(update=frequencies)
+    return WholeRecords(methods, known, card, campaign.axes, math.ceil(campaign.warm_up * TICK_HZ - _ROUNDING))
+
+
+def _for_spectra(plan: Plan, case: Case) -> Setup | None:
+    """IV's longer flight: the same air throughout, the same input again and again."""
+    campaign = plan.campaign
+    if MEASURED not in campaign.methods:
+        return None
+    again = {
+        name: tuple(m.model_copy(update={"repeat": campaign.record}) for m in manoeuvres)
+        for name, manoeuvres in campaign.inputs.items()
+    }
+    flown = {"methods": ("II",), "record": campaign.spectra, "warm_up": 0.0, "inputs": again}
+    longer = Plan(campaign.model_copy(update=flown), (), plan.text, plan.path)
+    throughout = case.scenario.model_copy(update={"turbulence_start": 0.0})
+    return prepare(longer, Case(case.number, case.levels, throughout))
 
 
 def _estimation(campaign: Campaign, known: Aircraft, has_physical: bool) -> Estimation:
@@ -206,21 +190,38 @@ def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[
     room = Room.of(setup, TOGETHER)
     for begin in range(seeds.start, seeds.stop, TOGETHER):
         chunk = range(begin, min(begin + TOGETHER, seeds.stop))
-        here = room.first(len(chunk))
-        here.fly(setup, chunk)
-        wider = setup
-        while not _stayed(wider, here.reached):
-            # A flight went farther than the field: one that goes on begins with the same numbers.
-            wider = replace(wider, points=2 * wider.points)
-            here = Room.of(wider, len(chunk))
-            here.fly(wider, chunk)
+        here = _flown(setup, chunk, room)
         results = nothing(len(chunk))
         for run in range(len(chunk)):
             state, shown, true_alpha = blank(tick.State), here.shown[run], here.true_alpha[run]
             estimate(setup.estimation, setup.physical, state, shown, true_alpha, results, run)
+            if setup.whole is not None:
+                setup.whole.estimate(shown, _longer(setup, chunk[run], quiet), results, run)
         results.estimate[~results.solved] = math.nan
         results.error[~results.solved] = math.nan
         yield chunk, results
+
+
+def _flown(setup: Setup, seeds: range, room: Room) -> Room:
+    """The seeds flown in a room that is large enough for them, if none goes far."""
+    here = room.first(len(seeds))
+    here.fly(setup, seeds)
+    wider = setup
+    while not _stayed(wider, here.reached):
+        # A flight went farther than the field: one that goes on begins with the same numbers.
+        wider = replace(wider, points=2 * wider.points)
+        here = Room.of(wider, len(seeds))
+        here.fly(wider, seeds)
+    return here
+
+
+def _longer(setup: Setup, seed: int, quiet: bool) -> Array | None:
+    """What the sensors show of the flight that IV's spectra of one with this seed are of."""
+    if setup.spectra is None or quiet:
+        return None
+    seeds = range(seed + SPECTRA_SEED, seed + SPECTRA_SEED + 1)
+    shown: Array = _flown(setup.spectra, seeds, Room.of(setup.spectra, 1)).shown[0]
+    return shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,11 +283,11 @@ class Room:
 def nothing(runs: int) -> Results:
     """Results to be filled."""
     return Results(
-        np.full((runs, SLOTS, 2, 3), math.nan),
-        np.full((runs, SLOTS, 2, 3), math.nan),
-        np.zeros((runs, SLOTS, 2, 3)),
-        np.full((runs, SLOTS, 2), math.nan),
-        np.zeros((runs, SLOTS, 2), dtype=np.bool_),
+        np.full((runs, len(METHODS), 2, 3), math.nan),
+        np.full((runs, len(METHODS), 2, 3), math.nan),
+        np.zeros((runs, len(METHODS), 2, 3)),
+        np.full((runs, len(METHODS), 2), math.nan),
+        np.zeros((runs, len(METHODS), 2), dtype=np.bool_),
     )
 
 
@@ -318,16 +319,17 @@ def _stayed(setup: Setup, reached: Array) -> bool:
 
 
 def reference(plan: Plan, setup: Setup) -> Array:
-    """What each method's errors are from, (SLOTS, 2, 3).
+    """What each method's errors are from, (METHODS, 2, 3).
 
     The aircraft's own derivatives, or what perfect sensors make of the manoeuvre in calm air; the former always for
     `physical`, which estimates those whatever the manoeuvre.
     """
-    target = np.broadcast_to(_tabulated(plan, setup), (SLOTS, 2, 3)).copy()
+    target = np.broadcast_to(_tabulated(plan, setup), (len(METHODS), 2, 3)).copy()
     if plan.campaign.reference == "calm":
-        perfect = replace(setup, estimation=setup.estimation._replace(has_benchmarks=True))
+        perfect = replace(setup, estimation=setup.estimation._replace(has_benchmarks=True), whole=None)
         _, results = next(fly_case(perfect, range(1), quiet=True))
-        target[: METHODS.index("physical")] = results.estimate[0, METHODS.index("perfect")]
+        by_manoeuvre = [n not in METHOD_TABLE or METHOD_TABLE[n].definition == "quasi_steady" for n in METHODS]
+        target[by_manoeuvre] = results.estimate[0, METHODS.index("perfect")]
     return target
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from station.campaign import beside_printed
 from station.campaign.findings import OF_FLIGHTS, Rows, chosen, compare, judge, level_name
 from station.campaign.spec import Case, Plan
 
@@ -31,7 +32,7 @@ _PANEL_LIMIT: Final = 2.5
 
 
 def draw(plan: Plan, result: Path, out: Path) -> list[str]:
-    """Write the figures and the sentences under `out`; returns the sentences."""
+    """Write the figures and the sentences under `out`; returns the sentences, a study's tables before them."""
     rows = Rows(plan, result)
     folder = out / "figures"
     folder.mkdir(exist_ok=True)
@@ -39,7 +40,9 @@ def draw(plan: Plan, result: Path, out: Path) -> list[str]:
     for kind in plan.campaign.figures:
         for name, figure in kinds[kind](rows):
             figure.savefig(folder / f"{name}.png", dpi=_DPI)
-    sentences = [judge(rows, claim) for claim in plan.campaign.claims]
+    for name, figure in beside_printed.figures(rows):
+        figure.savefig(folder / f"{name}.png", dpi=_DPI)
+    sentences = [*beside_printed.lines(rows), *(judge(rows, claim) for claim in plan.campaign.claims)]
     for levels, cases in _groups(plan, ("turbulence",)):
         sentences += _compared(rows, levels, cases)
     (out / SENTENCES).write_text("".join(s + "\n" for s in sentences), encoding="utf-8")
@@ -90,7 +93,7 @@ def _claimed(rows: Rows, parameter: str, method: str, levels: dict[str, Any]) ->
         judge(rows, claim)
         for claim in campaign.claims
         if claim.parameter == parameter
-        and method == campaign.methods[0]
+        and method == (claim.method or campaign.methods[0])
         and all(levels.get(name, level) == level for name, level in claim.where.items())
     ]
 

@@ -12,7 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from station.campaign.spec import TURBULENCE, Case, Claim, Comparison, Plan
+from station.campaign.spec import TURBULENCE, Case, Plan
+from station.campaign.study import Claim, Comparison
 from station.conventions import from_si
 
 SURE: Final = 2.0
@@ -90,9 +91,13 @@ def chosen(plan: Plan, levels: dict[str, Any]) -> list[Case]:
 def judge(rows: Rows, claim: Claim) -> str:
     """One sentence: what the study found, what is found here, and whether they agree."""
     plan = rows.plan
-    method = plan.campaign.methods[0]
-    summaries = [rows.summary(c, method, claim.parameter) for c in chosen(plan, claim.where)]
-    head = f"{claim.figure}, {claim.parameter}: the study finds "
+    method = claim.method or plan.campaign.methods[0]
+    cases = [c for c in chosen(plan, claim.where) if not (claim.except_calm and c.scenario.turbulence == 0)]
+    summaries = [rows.summary(c, method, claim.parameter) for c in cases]
+    by = f" by {claim.method}" if claim.method else ""
+    head = f"{claim.figure}, {claim.parameter}{by}: the study finds "
+    if claim.is_number:
+        return head + _number(summaries, claim)
     if claim.finds in ("feasible", "not feasible"):
         return head + _feasibility(summaries, claim)
     calm, worst = summaries[0], summaries[-1]
@@ -142,21 +147,45 @@ def compare(rows: Rows, comparison: Comparison, cases: list[Case], among: str) -
 
 
 def _feasibility(summaries: list[Summary], claim: Claim) -> str:
-    counted = [s for s in summaries if not (claim.except_calm and s.case.scenario.turbulence == 0)]
-    over = sum(s.exceedances > claim.limit for s in counted)
-    most = max(s.exceedances for s in counted)
-    least = min(s.exceedances for s in counted)
-    share = over / len(counted)
+    over = sum(s.exceedances > claim.limit for s in summaries)
+    most = max(s.exceedances for s in summaries)
+    least = min(s.exceedances for s in summaries)
+    share = over / len(summaries)
     holds = share >= NEARLY_ALL if claim.finds == "not feasible" else share <= 1 - NEARLY_ALL
     where = " in turbulence" if claim.except_calm else ""
     levels: dict[str, list[bool]] = {}
-    for s in counted:
+    for s in summaries:
         levels.setdefault(level_name(s.case), []).append(s.exceedances > claim.limit)
     each = ", ".join(f"{level} {sum(beyond)} of {len(beyond)}" for level, beyond in levels.items())
     return (
-        f"accurate estimates {claim.finds}{where}; here {over} of {len(counted)} cases have more than {claim.limit} of "
-        f"{OF_FLIGHTS} flights beyond the tolerance ({least:.0f} to {most:.0f}; {each}): {_verdict(holds)}."
+        f"accurate estimates {claim.finds}{where}; here {over} of {len(summaries)} cases have more than {claim.limit} "
+        f"of {OF_FLIGHTS} flights beyond the tolerance ({least:.0f} to {most:.0f}; {each}): {_verdict(holds)}."
     )
+
+
+def _number(summaries: list[Summary], claim: Claim) -> str:
+    """Whether what is found in each case is the study's number, within its error here and the claim's own tolerance."""
+    wanted = claim.value or 0.0
+    found = [_with_error(s, claim.finds) for s in summaries]
+    holds = all(abs(value - wanted) <= claim.within + SURE * error for value, error in found)
+    unit = f" of {OF_FLIGHTS} flights" if claim.finds == "exceedances" else " %"
+    seen = ", ".join(f"{value:.1f} ± {SURE * error:.1f}" for value, error in found)
+    words = ", ".join(level_name(s.case) for s in summaries)
+    allowed = f" (± {claim.within:g})" if claim.within else ""
+    return f"{claim.finds} {wanted:g}{allowed}{unit}; here it is {seen}{unit} ({words}): {_verdict(holds)}."
+
+
+def _with_error(s: Summary, what: str) -> tuple[float, float]:
+    """A number of Claim.finds and its standard error: binomial for counts, by Wilson's shrunken share so that none and
+    all have one too."""
+    if what == "bias":
+        return s.bias, s.scatter / math.sqrt(s.flights)
+    if what == "scatter":
+        return s.scatter, s.scatter / math.sqrt(2.0 * (s.flights - 1))
+    full = OF_FLIGHTS if what == "exceedances" else 100.0
+    share = s.exceedances / OF_FLIGHTS if what == "exceedances" else s.coverage
+    shrunken = (share * s.flights + 0.5 * SURE**2) / (s.flights + SURE**2)
+    return full * share, full * math.sqrt(shrunken * (1.0 - shrunken) / (s.flights + SURE**2))
 
 
 def _verdict(holds: bool) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,8 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from station.campaign.study import Baseline, Claim, Comparison, PrintedTable
+from station.campaign.whole_records import WHOLE
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY, to_si
 from station.estimation.method_fits import KINDS
 from station.profile import (
@@ -47,7 +50,8 @@ TURBULENCE: Final = {"calm": 0.0} | {level: aloft for level, (_, aloft) in LEVEL
 
 BENCHMARKS: Final = ("perfect", "raw")
 """Regressors no station has or should use: the true angle of attack at the CG, and the vane as it is."""
-METHODS: Final = (*KINDS, *BENCHMARKS, "physical")
+METHODS: Final = (*KINDS, *BENCHMARKS, "physical", *WHOLE)
+"""In the order of the compiled pass's places, then those that need the whole record."""
 
 
 def _turbulence(value: object) -> object:
@@ -70,8 +74,12 @@ def _turbulence(value: object) -> object:
 class Scenario(Frozen):
     """One kind of flight. Each key may be a factor."""
 
+    point: str = ""
+    """What the test point is called."""
     aircraft: str = "twin_otter"
     """Name or path of the profile."""
+    icing: Annotated[float, Field(ge=0)] = 0.0
+    """Ice on the whole aircraft, 1 as in the reference icing condition of the Twin Otter; no estimator is told."""
     lift: Literal["steady", "unsteady"] = "unsteady"
     """steady: quasi-steady lift, everything at the CG; unsteady: as the aircraft's profile says."""
     speed: MetresPerSecond = to_si(110.0, "kt")
@@ -96,6 +104,8 @@ class Scenario(Frozen):
     signal_to_noise: float | None = Field(default=None, gt=0)
     """White noise on alpha_vane, q and elevator of their standard deviation over this; the noise of a good installation
     on every channel if left out."""
+    noise: float = Field(default=1.0, ge=0)
+    """Of a good installation's noise on every channel, where no signal-to-noise ratio is given."""
     CL_gust: float = 0.0
     """Additional to CL_alpha, per rad of the gust's part of alpha. Cm alike."""
     Cm_gust: float = 0.0
@@ -127,35 +137,7 @@ class Distortion(Frozen):
         return self
 
 
-class Claim(Frozen):
-    """Something that a study found, to be looked for in the results."""
-
-    figure: str
-    """Where the study says so."""
-    parameter: str
-    """Of which derivative."""
-    finds: Literal["less scatter", "more scatter", "more bias", "feasible", "not feasible"]
-    """With rising turbulence; or whether few enough flights (`limit`) leave the tolerance."""
-    limit: int = 20
-    """Exceedances of 200 flights that are still feasible."""
-    where: dict[str, Any] = Field(default={})
-    """Only cases with these levels."""
-    except_calm: bool = False
-    """Not looked for in calm air."""
-
-
-class Comparison(Frozen):
-    """Two methods side by side: for each level of turbulence, which errs less."""
-
-    method: str
-    """One method."""
-    against: str
-    """The other."""
-    says: str
-    """What the study says of it, or what is asked."""
-
-
-_LISTS: Final = ("methods", "figures", "show", "variants", "claims", "comparisons")
+_LISTS: Final = ("methods", "figures", "show", "variants", "claims", "comparisons", "tables")
 
 
 class Campaign(Frozen):
@@ -188,6 +170,8 @@ class Campaign(Frozen):
     """Highest frequency of the estimates."""
     step: Annotated[Hertz, Positive] = 0.04
     """Spacing of the transform's lines."""
+    spectra: Annotated[Seconds, Positive] = 400.0
+    """Flight in the same air, its input repeated every `record`, that method IV takes its spectra from."""
     segments: bool = True
     """As in flight, the transform begins anew every 1/step; false: one transform over the record."""
     figures: tuple[Literal["estimates", "exceedances", "errors"], ...] = ()
@@ -207,6 +191,9 @@ class Campaign(Frozen):
     claims: tuple[Claim, ...] = ()
     comparisons: tuple[Comparison, ...] = ()
     """One sentence each for every combination of the factors but turbulence."""
+    baseline: Baseline | None = None
+    tables: tuple[PrintedTable, ...] = ()
+    """A study's tables, to be printed with what is found here beside."""
 
     @model_validator(mode="before")
     @classmethod
@@ -244,7 +231,16 @@ class Campaign(Frozen):
             unless(parameter, self.parameters, "parameter")
         for claim in self.claims:
             unless(claim.parameter, self.parameters, "parameter")
+            if claim.method:
+                unless(claim.method, self.methods, "method of this campaign")
             for name in claim.where:
+                unless(name, self.varied, "factor")
+        if self.tables and self.baseline is None:
+            raise PydanticCustomError("table", "tables need a [baseline] that their change is from")
+        for table in (*self.tables, *((self.baseline,) if self.baseline else ())):
+            for method in table.methods:
+                unless(method, self.methods, "method of this campaign")
+            for name in table.where:
                 unless(name, self.varied, "factor")
         for comparison in self.comparisons:
             for method in (comparison.method, comparison.against):
@@ -301,6 +297,7 @@ def load_plan(name: str) -> Plan:
         chosen = {**dict(zip(campaign.factors, levels, strict=False)), **levels[-1]}
         values = {name: _level(path, name, level) for name, level in chosen.items()}
         cases.append(Case(len(cases), chosen, campaign.flight.model_copy(update=values)))
+    _require_cases(campaign, cases, wrong)
     known = tuple(campaign.inputs)
     for scenario in {c.scenario for c in cases}:
         aircraft = load_aircraft(scenario.aircraft, path)
@@ -322,6 +319,20 @@ def load_plan(name: str) -> Plan:
                 "name a profile without [instruments], or fly this one with `station simulate`",
             )
     return Plan(campaign, tuple(cases), path.read_text(encoding="utf-8"), path)
+
+
+def _require_cases(campaign: Campaign, cases: Sequence[Case], wrong: Callable[[str, str], ProfileError]) -> None:
+    """A claim is of some case, a table and its baseline of one."""
+    asked: list[tuple[str, dict[str, Any], bool]] = [("claims", c.where, False) for c in campaign.claims]
+    asked += [("tables", t.where, True) for t in campaign.tables]
+    asked += [("baseline", campaign.baseline.where, True)] if campaign.baseline else []
+    for key, where, one in asked:
+        found = sum(all(c.levels[n] == level for n, level in where.items()) for c in cases)
+        words = ", ".join(f"{n} {level}" for n, level in where.items()) or "any level"
+        if not found:
+            raise wrong(f"{key}.where", f"no case has {words}")
+        if one and found > 1:
+            raise wrong(f"{key}.where", f"{found} cases have {words}: name one")
 
 
 def _wrong(path: Path, key: str, what: str) -> ProfileError:

@@ -17,7 +17,8 @@ from pathlib import Path
 import jsbsim
 import numpy as np
 
-from station.campaign.case import flight_of, flown_aircraft, fly_case, known_aircraft, manoeuvres_of, prepare
+from station.campaign.case import fly_case, prepare
+from station.campaign.flown_scenario import flight_of, flown_aircraft, known_aircraft, manoeuvres_of
 from station.campaign.spec import load_plan
 from station.conventions import SIGNALS, TICK_NS
 from station.estimation.methods import Estimator

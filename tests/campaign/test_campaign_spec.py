@@ -68,7 +68,7 @@ def test_variants_change_together(tmp_path: Path) -> None:
         ("[0.1, 0.2]", "[0.1, 0.1]", "vane_damping: needs levels, each once"),
         ('turbulence = "light"', 'turbulence = "ligt"', r"unknown turbulence ligt; did you mean light\?"),
         ('turbulence = "light"', 'turbulance = "light"', r"turbulance: unknown key; did you mean turbulence\?"),
-        ('methods = ["II"]', 'methods = ["VII"]', r"unknown method VII; did you mean II\?"),
+        ('methods = ["II"]', 'methods = ["VII"]', r"unknown method VII; did you mean VI\?"),
         ("runs = 3", "runs = 0", "runs: "),
         ("runs = 3", "runs = -200", "runs: "),
         ("runs = 3", "", "runs: missing key"),

@@ -15,7 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from station.campaign import case as flying
-from station.campaign.case import fly_case, known_aircraft, prepare, reference
+from station.campaign.case import fly_case, prepare, reference
+from station.campaign.flown_scenario import known_aircraft
 from station.campaign.spec import METHODS, Case, Plan, load_plan
 from station.conventions import from_si
 from station.profile import load_aircraft

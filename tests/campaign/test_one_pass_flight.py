@@ -9,17 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from station.campaign.case import (
-    flight_of,
-    flown_aircraft,
-    fly_case,
-    known_aircraft,
-    manoeuvres_of,
-    prepare,
-    reference,
-    sensors_flown,
-)
-from station.campaign.spec import METHODS, Campaign, Case, Plan
+from station.campaign.case import fly_case, prepare, reference
+from station.campaign.flown_scenario import flight_of, flown_aircraft, known_aircraft, manoeuvres_of, sensors_flown
+from station.campaign.spec import BENCHMARKS, METHODS, Campaign, Case, Plan
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS
 from station.estimation.method_fits import KINDS
 from station.estimation.methods import Estimator
@@ -29,6 +21,7 @@ from station.simulation import fly
 from station.simulation.boom import second_order, vane_constants
 from station.simulation.distortion import REACH, distort, distortion_filter
 
+COMPILED = [*KINDS, *BENCHMARKS]
 MULTISINE = {"kind": "multisine", "start": "1 s", "duration": "10 s", "amplitude": "2 deg"}
 
 
@@ -37,7 +30,7 @@ def plan(flight: dict[str, Any], **keys: Any) -> Plan:
         {
             "name": "t",
             "runs": 3,
-            "methods": [m for m in METHODS if m != "physical"],
+            "methods": COMPILED,
             "inputs": {"m": [MULTISINE]},
             "flight": flight,
         }
@@ -87,7 +80,10 @@ DISTORTION = {"frequency": ["0 Hz", "2 Hz"], "correction": [0.75, 0.9], "lead": 
 @pytest.mark.parametrize(
     ("flight", "keys"),
     [
-        ({"turbulence": "light"}, {"warm_up": "3 s", "record": "35 s", "methods": list(METHODS)}),
+        (
+            {"turbulence": "light"},
+            {"warm_up": "3 s", "record": "35 s", "methods": [*COMPILED, "physical"]},
+        ),
         ({"turbulence": "moderate", "turbulence_start": "8 s", "CL_gust": 1.0, "Cm_gust": -0.5}, {"record": "15 s"}),
         ({"turbulence": "severe", "alpha": "perfect", "lift": "steady", "signal_to_noise": 50.0}, {"axes": "body"}),
         (

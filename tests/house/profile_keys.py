@@ -14,7 +14,7 @@ from markdown_table import markdown
 from pydantic import BaseModel, BeforeValidator
 from pydantic_core import PydanticUndefined
 
-from station.campaign import spec
+from station.campaign import spec, study
 from station.conventions import from_si
 from station.profile import aircraft, altered, card, channel, propulsion, rig, rig_loop, shapes, step, uncertainty
 
@@ -180,6 +180,9 @@ def campaign_keys() -> str:
         ("Top of the file", spec.Campaign),
         ("`[flight]`", spec.Scenario),
         ("`[distortion]`", spec.Distortion),
-        ("`[[claims]]`", spec.Claim),
-        ("`[[comparisons]]`", spec.Comparison),
+        ("`[[claims]]`", study.Claim),
+        ("`[[comparisons]]`", study.Comparison),
+        ("`[baseline]`", study.Baseline),
+        ("`[[tables]]`", study.PrintedTable),
+        ("`[[tables.rows]]`", study.PrintedRow),
     )
