@@ -105,8 +105,8 @@ def _baseline(rows: Rows) -> Array:
 
 
 def _of_print(rows: Rows) -> Array:
-    """(6,): standard deviation of what is printed and not simulated: how a point differs from the mean of others in calm
-    air, and rounding."""
+    """(6,): standard deviation of what is printed and not simulated: how a point differs from the others' mean in
+    calm air, and rounding."""
     known = rows.plan.campaign.baseline
     assert known is not None
     n = len(known.points)
