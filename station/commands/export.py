@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, cast
@@ -11,6 +12,7 @@ import typer
 from station.commands.common import LogPath, judged, profiles_of, there
 from station.console import say
 from station.log import make_folder, metadata, read_rows
+from station.rows import LogError
 
 
 class ExportFormat(StrEnum):
@@ -19,24 +21,43 @@ class ExportFormat(StrEnum):
     mat = "mat"
     mdf4 = "mdf4"
     rrd = "rrd"
+    ulog = "ulog"
+    tlog = "tlog"
+    mcap = "mcap"
+
+
+def _packets() -> Callable[[bytes], list[bytes]]:
+    """MAVLink packets out of what one device sends."""
+    from drivers.mavlink_frame import Framer
+
+    framer = Framer()
+    return lambda data: [bytes(message.get_msgbuf()) for message in framer.feed(data)]
 
 
 def export(
     log: LogPath,
-    to: Annotated[ExportFormat, typer.Option(help="mat is the SIDPAC fdata layout")],
+    to: Annotated[
+        ExportFormat, typer.Option(help="mat: SIDPAC's fdata; ulog: PX4's; tlog: the raw MAVLink; mcap: for Foxglove")
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="PATH", help="the file to make")],
 ) -> int:
     """Write the aligned table and the raw streams for other programs, units kept."""
     from station.convert import Format
     from station.convert import export as write_export
+    from station.convert.new_file import new_file
     from station.screen.rerun_page import write_rrd
 
     about = metadata(there(log)).about
     if to is ExportFormat.rrd:
         make_folder(out.parent)
-        write_rrd(read_rows(log), out, profiles_of(about), title=f"{about.source} of {about.aircraft.name}")
+        try:
+            with new_file(out) as partial:
+                title = f"{about.source} of {about.aircraft.name}"
+                write_rrd(read_rows(log), partial, profiles_of(about), title=title)
+        except FileExistsError:
+            raise LogError(f"{out}: exists already and is not overwritten") from None
         say(str(out))
     else:
-        for made in write_export(log, cast(Format, to.value), out):
+        for made in write_export(log, cast(Format, to.value), out, _packets):
             say(str(made))
     return judged(log)

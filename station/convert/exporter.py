@@ -1,8 +1,7 @@
-"""A recording as CSV, Parquet, MATLAB or MDF4 files."""
+"""A recording as CSV, Parquet, MATLAB, MDF4, ULog, MCAP and telemetry log files."""
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,13 +13,17 @@ import numpy as np
 from station.conventions import SIGNALS
 from station.convert.delimited import write_csv
 from station.convert.fdata import EXTRA_UNITS, write_fdata
+from station.convert.foxglove import write_mcap
+from station.convert.new_file import new_file
+from station.convert.tlog import Splitter, write_tlog
 from station.convert.tracks import Column
+from station.convert.ulog_writer import write_ulog
 from station.log import Table, make_folder, metadata, read_rows, table
 from station.log.messages import ESTIMATE_UNITS
 from station.profile import to_json
 from station.rows import AlphaEstimate, LogError, MethodEstimate, Sample
 
-Format = Literal["csv", "parquet", "mat", "mdf4"]
+Format = Literal["csv", "parquet", "mat", "mdf4", "ulog", "tlog", "mcap"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,19 +36,22 @@ class _Group:
     units: Mapping[str, str]
 
 
-def export(path: Path, form: Format, out: Path) -> tuple[Path, ...]:
+def export(path: Path, form: Format, out: Path, splitter: Callable[[], Splitter] | None = None) -> tuple[Path, ...]:
     """Write a recording's table, raw streams and estimates; returns the files made.
 
     `mat` is the table in SIDPAC's fdata layout, one file. `mdf4` is one file with a channel group for each time base.
     `csv` and `parquet` put the table in `out` and each stream of a flight, and the estimates, beside it as
-    out-stem.STREAM.csv. Nothing is overwritten. Raises LogError.
+    out-stem.STREAM.csv. `ulog` is PX4's, `mcap` for Foxglove, `tlog` raw MAVLink, its packets found by a `splitter`.
+    Nothing is overwritten, and nothing half-written is left. Raises LogError.
     """
-    flown = table(path)
     write: Mapping[Format, Callable[[], list[Path]]] = {
-        "csv": lambda: _separate(path, flown, out, _csv),
-        "parquet": lambda: _separate(path, flown, out, partial(_parquet, to_json(flown.aircraft))),
-        "mat": lambda: _mat(path, flown, out),
-        "mdf4": lambda: _mdf4(path, flown, out),
+        "csv": lambda: _separate(path, table(path), out, _csv),
+        "parquet": lambda: _separate(path, flown := table(path), out, partial(_parquet, to_json(flown.aircraft))),
+        "mat": lambda: _mat(path, table(path), out),
+        "mdf4": lambda: _mdf4(path, table(path), out),
+        "ulog": lambda: _single(out, partial(write_ulog, path)),
+        "tlog": lambda: _single(out, partial(write_tlog, path, splitter=splitter)),
+        "mcap": lambda: _single(out, partial(write_mcap, path)),
     }
     try:
         make_folder(out.parent)
@@ -57,6 +63,12 @@ def export(path: Path, form: Format, out: Path) -> tuple[Path, ...]:
         raise LogError(f"{error.filename}: exists already and is not overwritten") from None
     except OSError as error:
         raise LogError(f"{out}: cannot be written: {error.strerror or error}") from error
+
+
+def _single(out: Path, write: Callable[[Path], object]) -> list[Path]:
+    with new_file(out) as partial_path:
+        write(partial_path)
+    return [out]
 
 
 def _time_s(flown: Table) -> Column:
@@ -129,7 +141,8 @@ def _separate(path: Path, flown: Table, out: Path, write: Callable[[Path, _Group
     for group in (_table_group(flown), *_beside(path, flown)):
         name = group.name.replace(" ", "_").replace("/", "_")
         target = out if group.name == "table" else out.with_name(f"{out.stem}.{name}{out.suffix}")
-        write(target, group)
+        with new_file(target) as partial_path:
+            write(partial_path, group)
         made.append(target)
     return made
 
@@ -158,18 +171,12 @@ def _mat(path: Path, flown: Table, out: Path) -> list[Path]:
         values = np.array([a.alpha for a in alphas if isinstance(a, AlphaEstimate)])
         at = np.round(flown.t_s * 1e9)
         alpha_cg = np.interp(at, (t_ns - flown.t0_ns).astype(np.float64), values, np.nan, np.nan)
-    write_fdata(out, flown, alpha_cg)
-    return [out]
+    return _single(out, lambda partial_path: write_fdata(partial_path, flown, alpha_cg))
 
 
 def _mdf4(path: Path, flown: Table, out: Path) -> list[Path]:
     from asammdf import MDF, Signal  # slow to import, and wanted here only
 
-    # asammdf puts its own suffix in the place of any other: written so, then given the name that was asked for.
-    target = out.with_name(f"{out.name}.mf4") if out.suffix != ".mf4" else out
-    for there in (out, target):
-        if there.exists():
-            raise FileExistsError(errno.EEXIST, "exists already", str(there))
     mdf: Any = MDF(version="4.10")
     try:
         for group in (_table_group(flown), *_beside(path, flown)):
@@ -184,7 +191,14 @@ def _mdf4(path: Path, flown: Table, out: Path) -> list[Path]:
                 for name, column in group.columns.items()
             ]
             mdf.append(signals, acq_name=group.name, comment=group.name, common_timebase=True)
-        mdf.save(str(target), compression=1)
+        # asammdf puts its own suffix in the place of any other: written so, then given the name that was asked for.
+        with new_file(out) as partial_path:
+            target = partial_path.with_name(f"{partial_path.name}.mf4")
+            try:
+                mdf.save(str(target), compression=1)
+                target.rename(partial_path)
+            finally:
+                target.unlink(missing_ok=True)
     finally:
         mdf.close()
-    return [target.rename(out)]
+    return [out]

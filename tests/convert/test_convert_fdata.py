@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from records import record
 from scipy.io import loadmat, savemat
 
+from station.api.flown_recording import simulate
 from station.convert import export, import_file
 from station.log import metadata, summarise, table
 from station.profile import load_aircraft
@@ -163,3 +166,25 @@ def test_a_cut_mat_file_is_refused(tmp_path: Path) -> None:
         (tmp_path / "a.mat").write_bytes(data[:length])
         with pytest.raises(LogError):
             import_file(tmp_path / "a.mat", tmp_path / "a.mcap", load_aircraft("twin_otter"))
+
+
+def test_octave_reads_fdata_and_finds_the_same_lift(tmp_path: Path) -> None:
+    """Another program, by SIDPAC's channel list and in its units, against this one's signals in SI."""
+    octave = shutil.which("octave-cli") or shutil.which("octave")
+    if octave is None:
+        pytest.skip("no Octave here: apt-get install octave")
+    flight = simulate("bench", tmp_path / "a.mcap", {"flight.gust_sigma": "3 ft/s"}, seed=1, duration=20)
+    export(flight.path, "mat", tmp_path / "out.mat")
+    script = Path(__file__).with_name("fdata_in_octave.m")
+    shutil.copy(script, tmp_path)
+    words = [octave, "--no-gui", "--quiet", "--eval", "fdata_in_octave('out.mat')"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+    size, *theta = done.stdout.strip().splitlines()
+    flown = table(flight.path)
+    c, aircraft = flown.columns, flown.aircraft
+    weight = aircraft.inertia.mass / (c["dynamic_pressure"] * aircraft.geometry.wing_area)
+    lift = weight * (-c["az"] * np.cos(c["alpha_vane"]) + c["ax"] * np.sin(c["alpha_vane"]))
+    rate = c["q"] * aircraft.geometry.chord / (2 * c["airspeed"])
+    x = np.column_stack([c["alpha_vane"], rate, c["elevator"], np.ones(len(lift))])
+    assert size == f"{len(lift)} 90"
+    assert np.allclose([float(line) for line in theta], np.linalg.lstsq(x, lift)[0], rtol=1e-9)
