@@ -1,4 +1,4 @@
-"""The simulated aircraft in real time with something from outside in its loop: a hand on the bench's surfaces.
+"""The simulated aircraft in real time with something from outside in its loop.
 
 LOOP_HZ steps a second against the machine's clock, each on what has come until then; every other row goes at once to
 the devices' processes. A step that comes late is counted, and caught up with.
@@ -7,6 +7,7 @@ the devices' processes. A step that comes late is counted, and caught up with.
 from __future__ import annotations
 
 import gc
+import math
 import select
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -16,14 +17,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.adapter import Adapter, open_devices
 from drivers.emulated_device import heed_signals
 from drivers.emulated_messages import TRUTH_HZ
+from drivers.loop_inputs import LoopInput, input_of
 from drivers.loop_timing import REPORT_EVERY_NS, Overruns, claim_real_time
 from drivers.surface_tap import SurfaceTap
 from station.clock import SystemClock
 from station.profile import LOOP_HZ, Manoeuvre, MeasuredLoop, Profiles
-from station.rows import Code, Event, Rows, StationError
+from station.rows import Code, StationError
 from station.simulation.outside import Outside
 from station.simulation.sortie import stepped
 
@@ -43,31 +44,18 @@ def fly_closed(
 ) -> None:
     """The flight process. Without a `tap` nobody else reads the measured surfaces' devices: it opens them itself."""
     heed_signals()
-    adapters: list[Adapter] = []
     try:
-        loop = ClosedLoop(profiles, control, [(pipe, signals) for pipe, signals in devices if signals])
-        if tap is None:
-            tap = SurfaceTap(profiles.rig)
-            adapters = _own_adapters(profiles, tap, loop)
-        loop.fly(tap)
+        come = input_of(profiles, tap, SystemClock())
+        try:
+            loop = ClosedLoop(profiles, control, come, [(pipe, signals) for pipe, signals in devices if signals])
+            loop.fly()
+        finally:
+            come.close()
     except StationError as error:
         with suppress(OSError):
             control.send(("error", error))
     except (EOFError, OSError):
         return  # whoever served us is gone
-    finally:
-        for adapter in adapters:
-            adapter.stop()
-
-
-def _own_adapters(profiles: Profiles, tap: SurfaceTap, loop: ClosedLoop) -> list[Adapter]:
-    """Of the devices that measure surfaces, reading."""
-    names = {stream.partition(".")[0] for stream in profiles.rig.measured_surfaces}
-    own = profiles.rig.model_copy(update={"devices": tuple(d for d in profiles.rig.devices if d.name in names)})
-    adapters = open_devices(own, {}, profiles.rig_dir, SystemClock(), tap.putting(loop.note))
-    for adapter in adapters:
-        adapter.start()
-    return adapters
 
 
 class _Newest:
@@ -76,6 +64,9 @@ class _Newest:
     def __init__(self, columns: Sequence[str]) -> None:
         self._columns = columns
         self.row: Floats = np.empty(len(columns))
+
+    def signals(self) -> dict[str, float]:
+        return dict(zip(self._columns, self.row.tolist(), strict=True))
 
     def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
         """Nothing: the flight itself is asked."""
@@ -87,32 +78,25 @@ class _Newest:
 class ClosedLoop:
     """One flight: what comes in, the steps, what goes out to the devices."""
 
-    def __init__(self, profiles: Profiles, control: Connection, listening: Listening) -> None:
+    def __init__(self, profiles: Profiles, control: Connection, come: LoopInput, listening: Listening) -> None:
         """Compiles what it needs, then flies from trim. Raises ProfileError for what cannot be flown so."""
-        rig, card = profiles.rig, profiles.card
+        rig, card, aircraft = profiles.rig, profiles.card, profiles.aircraft
         assert rig.loop is not None
-        measured = isinstance(rig.loop, MeasuredLoop)
-        moved = {name for names in rig.measured_surfaces.values() for name in names}
-        stepped(profiles.aircraft, rig, card, moved, measured)[0].step({})
-        self._flight, make = stepped(profiles.aircraft, rig, card, moved, measured)
+        stepped(aircraft, rig, card, come.moved, come.measured)[0].step({})
+        self._flight, make = stepped(aircraft, rig, card, come.moved, come.measured)
         self._newest = _Newest(self._flight.columns)
         self._shown = make(self._newest)
-        aircraft = profiles.aircraft
-        travel = {n: getattr(aircraft, n).position_limit for n in moved if n != "thrust"}
-        rest = {n: self._flight.rest[n] for n in moved}
-        self._outside = Outside(rest, rig.loop.hold, rig.loop.fade, rig.loop.jump, travel)
-        self._control, self._listening = control, listening
+        travel = {n: getattr(aircraft, n).position_limit for n in come.moved if n != "thrust"}
+        rest = {n: self._flight.rest[n] for n in come.moved}
+        jump = rig.loop.jump if isinstance(rig.loop, MeasuredLoop) else math.inf
+        self._outside = Outside(rest, rig.loop.hold, rig.loop.fade, jump, travel)
+        self._patience_ns = round(rig.loop.hold * 1e9)
+        self._come, self._control, self._listening = come, control, listening
         self._clock = SystemClock()
         self._overruns = Overruns(_STEP_NS)
-        self._noted: list[Event] = []
         self._start_ns = 0
 
-    def note(self, row: Rows) -> None:
-        """What a device of the loop has to say; called from its thread."""
-        if isinstance(row, Event):
-            self._noted.append(row)
-
-    def fly(self, tap: SurfaceTap) -> None:
+    def fly(self) -> None:
         """Until `control` closes: raises EOFError then."""
         self._control.send(("ready", None))
         self._start_ns = self._control.recv()
@@ -124,12 +108,13 @@ class ClosedLoop:
         k = 0
         while True:
             due_ns = self._start_ns + k * _STEP_NS
-            self._wait(tap, due_ns)
+            self._wait(due_ns)
             now_ns = self._clock.now_ns()
             self._overruns.began(due_ns, now_ns)
             self._newest.row = self._flight.step(self._outside.at(self._since_start(now_ns)))
             if k % _EACH == 0:
                 self._hand_out()
+            self._come.answer(k, self._newest.signals(), now_ns)
             self._say()
             if now_ns >= report_ns:
                 report_ns += REPORT_EVERY_NS
@@ -139,18 +124,25 @@ class ClosedLoop:
     def _since_start(self, t_ns: int) -> float:
         return (t_ns - self._start_ns) * 1e-9
 
-    def _wait(self, tap: SurfaceTap, due_ns: int) -> None:
-        """Take what comes until then; what has come already in any case."""
+    def _wait(self, due_ns: int) -> None:
+        """Take what comes until then; what has come already in any case. In lock-step, until an answer has come."""
         while True:
-            left_s = max(0.0, (due_ns - self._clock.now_ns()) * 1e-9)
-            ready, _, _ = select.select((self._control.fileno(), tap.fileno()), (), (), left_s)
-            if self._control.fileno() in ready:
-                self._flight.ask(self._control.recv())
-            if tap.fileno() in ready:
-                for t_ns, name, value in tap.take():
-                    self._outside.take(self._since_start(t_ns), name, value)
-            if self._clock.now_ns() >= due_ns:
+            now_ns = self._clock.now_ns()
+            if now_ns >= due_ns + self._patience_ns and self._come.waits:
+                self._come.give_up()
+            until_ns = due_ns + (self._patience_ns if self._come.waits else 0)
+            own = self._control.fileno()
+            ready, _, _ = select.select([own, *self._come.descriptors()], (), (), max(0.0, (until_ns - now_ns) * 1e-9))
+            for descriptor in ready:
+                if descriptor == own:
+                    self._flight.ask(self._control.recv())
+                else:
+                    self._come.receive(descriptor, self._clock.now_ns(), self._take)
+            if self._clock.now_ns() >= due_ns and not self._come.waits:
                 return
+
+    def _take(self, t_ns: int, name: str, value: float) -> None:
+        self._outside.take(self._since_start(t_ns), name, value)
 
     def _hand_out(self) -> None:
         """The newest row to each device's pipe, with the time of the newest value that it was flown with."""
@@ -164,10 +156,7 @@ class ClosedLoop:
                 self._listening.remove((pipe, signals))
 
     def _say(self) -> None:
-        told = [("loop", code, words) for code, words in self._outside.told()]
-        while self._noted:
-            event = self._noted.pop(0)
-            told.append((event.source, event.code, event.detail))
+        told = [("loop", code, words) for code, words in self._outside.told()] + self._come.told()
         for source, code, words in told:
             self._control.send(("told", {"event": code.value, "source": source, "detail": words}))
 

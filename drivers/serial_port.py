@@ -39,6 +39,9 @@ class SerialPort:
     def write(self, data: bytes) -> None:
         self._port.write(data)
 
+    def fileno(self) -> int:
+        return int(self._port.fileno())
+
     def close(self) -> None:
         self._port.close()
 

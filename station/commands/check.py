@@ -59,5 +59,7 @@ def check(
     heard = {s.stream for s in board.health.streams if s.alive} if board.health is not None else set()
     signals = {name for stream in streams if stream.name in heard for name in stream.signals}
     sent = {device.name: what_is_sent(device) for device in profiles.rig.devices}
+    if profiles.card.emulate and profiles.rig.loop is not None:
+        sent["the loop"] = profiles.rig.loop.sent
     go = print_check(profiles.card.name, board, streams, told, sent)
     return DONE if print_steps(profiles, signals) and go else DEGRADED

@@ -118,6 +118,8 @@ def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> E
 
     def left(error: Error) -> float:
         x = moved(error)[good]
+        if not np.isfinite(x).any(axis=0).all():
+            return math.inf  # so far moved, nothing of the surface is left
         x = np.where(np.isfinite(x), x, np.nanmean(x, axis=0))
         x = x - x.mean(axis=0)
         estimate = np.linalg.lstsq(x, z, rcond=None)[0]

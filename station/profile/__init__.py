@@ -58,7 +58,7 @@ from station.profile.quantity import (
     quantity,
 )
 from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
-from station.profile.rig_loop import LOOP_HZ, Loop, MeasuredLoop
+from station.profile.rig_loop import LOOP_HZ, CommandedLoop, Loop, MavlinkLoop, MeasuredLoop
 from station.profile.shapes import Doublet, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
@@ -79,6 +79,7 @@ __all__ = [
     "Card",
     "Change",
     "Channel",
+    "CommandedLoop",
     "Condition",
     "Derivative",
     "Device",
@@ -98,6 +99,7 @@ __all__ = [
     "Loop",
     "Manoeuvre",
     "MavlinkDevice",
+    "MavlinkLoop",
     "Measured",
     "MeasuredLoop",
     "Metres",

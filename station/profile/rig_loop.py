@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from station.profile.quantity import Frozen, Positive, Radians, Seconds
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from station.conventions import SIGNALS, unit_named
+from station.profile.channel import Channel
+from station.profile.quantity import Frozen, Hertz, Positive, Radians, Seconds
 
 LOOP_HZ = 400
 """Steps a second with something from outside in the loop: an autopilot's inner loop runs at 250 to 400 Hz."""
+MOVED = ("elevator", "aileron", "rudder", "thrust")
+"""What can come from outside."""
 
 
 class _Loop(Frozen):
@@ -15,6 +22,16 @@ class _Loop(Frozen):
     """Who falls silent is flown as heard last for so long."""
     fade: Annotated[Seconds, Positive] = 2.0
     """Then surfaces and thrust go to trim with this time constant."""
+
+    @property
+    def sent(self) -> str:
+        """What goes out to who moves the surfaces, in words."""
+        return "nothing"
+
+    def delay_s(self, rate_hz: float) -> float:
+        """How much later a surface that is measured so often is flown than it is measured, on average: a value holds
+        until the next one, and waits for the next step."""
+        return 0.5 / rate_hz + 0.5 / LOOP_HZ
 
 
 class MeasuredLoop(_Loop):
@@ -25,10 +42,86 @@ class MeasuredLoop(_Loop):
     jump: Annotated[Radians, Positive] = 0.17453292519943295
     """A surface that moves farther from one sample to the next is held until it has stayed there for 0.1 s."""
 
-    def delay_s(self, rate_hz: float) -> float:
-        """How much later a surface that is measured so often is flown than it is measured, on average: a value holds
-        until the next one, and waits for the next step."""
-        return 0.5 / rate_hz + 0.5 / LOOP_HZ
+
+class CommandedLoop(_Loop):
+    """An autopilot's outputs, each behind the profile's actuator."""
+
+    commands: dict[str, Channel] = Field(min_length=1)
+    """By `elevator`, `aileron`, `rudder` (an angle) or `thrust` (a force): which output moves it, and how."""
+    rate: Annotated[Hertz, Positive] = 200.0
+    """How often the autopilot is told of its sensors: 400 Hz, or a whole part of it."""
+    lock_step: bool = False
+    """Whether each step waits for the autopilot's answer to the one before, for `hold` at most."""
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        for name, channel in self.commands.items():
+            if name not in MOVED:
+                known = ", ".join(MOVED)
+                raise PydanticCustomError(
+                    "command", "nothing from outside moves {name}: only {known}", {"name": name, "known": known}
+                )
+            unit = unit_named(channel.unit)
+            if unit is None or unit.si != SIGNALS[name].unit:
+                raise PydanticCustomError(
+                    "unit",
+                    "{name} is in {si}: unit {unit} does not fit",
+                    {"name": name, "si": SIGNALS[name].unit, "unit": repr(channel.unit)},
+                )
+            number = channel.field.removeprefix(self.output_prefix())
+            if not number.isdecimal() or not 1 <= int(number) <= self.outputs():
+                raise PydanticCustomError(
+                    "field",
+                    "{name}: no output {field}: {first} to {last}",
+                    {
+                        "name": name,
+                        "field": repr(channel.field),
+                        "first": f"{self.output_prefix()}1",
+                        "last": f"{self.output_prefix()}{self.outputs()}",
+                    },
+                )
+        if LOOP_HZ % self.rate != 0:
+            raise PydanticCustomError("rate", "rate: {hz} Hz is no whole part of 400 Hz", {"hz": f"{self.rate:g}"})
+        return self
+
+    @staticmethod
+    def output_prefix() -> str:
+        return "controls"
+
+    @staticmethod
+    def outputs() -> int:
+        """How many there are."""
+        return 16
+
+    def moved_by(self, outputs: Any) -> dict[str, float]:
+        """What these outputs, the first of them at 0, ask for, SI; one that is not there asks for nothing."""
+        found = {}
+        for name, channel in self.commands.items():
+            at = int(channel.field.removeprefix(self.output_prefix())) - 1
+            if at < len(outputs):
+                found[name] = channel.to_si(float(outputs[at]))
+        return found
 
 
-Loop = MeasuredLoop
+class MavlinkLoop(CommandedLoop):
+    """An autopilot over MAVLink: HIL_ACTUATOR_CONTROLS in; HIL_SENSOR, HIL_GPS and HIL_STATE_QUATERNION out."""
+
+    kind: Literal["mavlink_hil"]
+    """Who moves the surfaces."""
+    url: str = "tcpin:127.0.0.1:4560"
+    """tcpin:HOST:PORT, where PX4's simulator link calls; or a serial port's path, or usb:SERIAL, for hardware."""
+    baud: int = Field(default=921_600, gt=0)
+    """Bits per second, of a serial link."""
+    simulator: bool = False
+    """Whether this is a simulator's link, whose autopilot moves nothing real. Otherwise nothing is sent but to a system
+    whose heartbeats say that it is in HIL."""
+
+
+    @property
+    def sent(self) -> str:
+        """What goes out, in words."""
+        to = "on a simulator's link" if self.simulator else "to a system whose heartbeats say HIL"
+        return f"HIL_SENSOR, HIL_GPS and HIL_STATE_QUATERNION of the simulated aircraft, {to}"
+
+
+Loop = Annotated[MeasuredLoop | MavlinkLoop, Field(discriminator="kind")]

@@ -151,6 +151,8 @@ def rig_keys() -> str:
         ("`[[devices.streams]]`", rig.StreamProfile),
         ("`[devices.streams.signals]`, one line a signal", channel.Channel),
         ("`[loop]`", rig_loop.MeasuredLoop),
+        ("`[loop]`, an autopilot's", rig_loop.CommandedLoop, rig_loop.MeasuredLoop),
+        ("`[loop]`", rig_loop.MavlinkLoop, rig_loop.CommandedLoop),
     )
 
 

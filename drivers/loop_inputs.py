@@ -1,0 +1,154 @@
+"""Who is in the loop, as the loop sees them: what has come, what goes back, and whether to wait."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
+
+from drivers.adapter import Adapter, open_devices
+from drivers.loop_links import Link, open_link
+from drivers.mavlink_hil import MavlinkHil
+from drivers.surface_tap import SurfaceTap
+from station.clock import Clock, SystemClock
+from station.profile import CommandedLoop, MavlinkLoop, Profiles
+from station.rows import Code, DeviceError, Event, Rows
+
+Take = Callable[[int, str, float], None]
+"""Station time, ns, what moves, and where to."""
+
+
+class LoopInput(Protocol):
+    """One hand or autopilot."""
+
+    @property
+    def moved(self) -> Collection[str]:
+        """What it moves."""
+        ...
+
+    @property
+    def measured(self) -> bool:
+        """Whether that is where surfaces are, or a command."""
+        ...
+
+    def descriptors(self) -> list[int]: ...
+
+    def receive(self, descriptor: int, now_ns: int, take: Take) -> None:
+        """Read what has come and hand on what is to be flown."""
+        ...
+
+    @property
+    def waits(self) -> bool:
+        """Whether the next step is to wait for it."""
+        ...
+
+    def give_up(self) -> None:
+        """It has not answered in time."""
+        ...
+
+    def answer(self, step: int, row: Mapping[str, float], now_ns: int) -> None:
+        """A step has been made."""
+        ...
+
+    def told(self) -> list[tuple[str, Code, str]]:
+        """Source, code and words of what has happened since this was last asked."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class MeasuredInput:
+    """A hand on the bench, through whoever reads the devices: the station with a `tap`, or else adapters of its own."""
+
+    measured = True
+    waits = False
+
+    def __init__(self, profiles: Profiles, tap: SurfaceTap | None) -> None:
+        measured = profiles.rig.measured_surfaces
+        self.moved = frozenset(name for names in measured.values() for name in names)
+        self._noted: list[Event] = []
+        self._adapters: list[Adapter] = []
+        self._tap = tap or SurfaceTap(profiles.rig)
+        if tap is None:
+            names = {stream.partition(".")[0] for stream in measured}
+            own = tuple(d for d in profiles.rig.devices if d.name in names)
+            rig = profiles.rig.model_copy(update={"devices": own})
+            self._adapters = open_devices(rig, {}, profiles.rig_dir, SystemClock(), self._tap.putting(self._note))
+            for adapter in self._adapters:
+                adapter.start()
+
+    def _note(self, row: Rows) -> None:
+        if isinstance(row, Event):
+            self._noted.append(row)
+
+    def descriptors(self) -> list[int]:
+        return [self._tap.fileno()]
+
+    def receive(self, descriptor: int, now_ns: int, take: Take) -> None:  # noqa: ARG002 - there is one; they are stamped
+        for t_ns, name, value in self._tap.take():
+            take(t_ns, name, value)
+
+    def give_up(self) -> None:
+        """Nothing: nobody waits for a hand."""
+
+    def answer(self, step: int, row: Mapping[str, float], now_ns: int) -> None:
+        """Nothing: a hand sees the instruments."""
+
+    def told(self) -> list[tuple[str, Code, str]]:
+        said = []
+        while self._noted:
+            event = self._noted.pop(0)
+            said.append((event.source, event.code, event.detail))
+        return said
+
+    def close(self) -> None:
+        for adapter in self._adapters:
+            adapter.stop()
+
+
+class MavlinkInput:
+    """An autopilot on a stream of bytes."""
+
+    measured = False
+
+    def __init__(self, loop: MavlinkLoop, link: Link, seed: int) -> None:
+        self.moved = frozenset(loop.commands)
+        self._link, self._session = link, MavlinkHil(loop, seed)
+
+    def descriptors(self) -> list[int]:
+        return self._link.descriptors()
+
+    def receive(self, descriptor: int, now_ns: int, take: Take) -> None:
+        for name, value in self._session.feed(self._link.receive(descriptor), now_ns):
+            take(now_ns, name, value)
+
+    @property
+    def waits(self) -> bool:
+        return self._session.waits
+
+    def give_up(self) -> None:
+        self._session.give_up()
+
+    def answer(self, step: int, row: Mapping[str, float], now_ns: int) -> None:
+        self._link.send(self._session.outgoing(step, row, now_ns))
+
+    def told(self) -> list[tuple[str, Code, str]]:
+        said = []
+        for code, words in self._link.told():
+            if code in (Code.CONNECT, Code.DISCONNECT):
+                self._session.begin()
+            said.append(("autopilot in the loop", code, words))
+        return said + [("autopilot in the loop", code, words) for code, words in self._session.told()]
+
+    def close(self) -> None:
+        self._link.close()
+
+
+def input_of(profiles: Profiles, tap: SurfaceTap | None, clock: Clock) -> LoopInput:
+    """Who is in the rig's loop. Raises StationError for a link that cannot be opened."""
+    loop: Any = profiles.rig.loop
+    match loop:
+        case MavlinkLoop():
+            return MavlinkInput(loop, open_link(loop.url, loop.baud, clock), profiles.card.flight.seed)
+        case CommandedLoop():
+            raise DeviceError(f"loop: no driver for {type(loop).__name__}")
+    return MeasuredInput(profiles, tap)
