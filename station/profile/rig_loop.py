@@ -116,7 +116,6 @@ class MavlinkLoop(CommandedLoop):
     """Whether this is a simulator's link, whose autopilot moves nothing real. Otherwise nothing is sent but to a system
     whose heartbeats say that it is in HIL."""
 
-
     @property
     def sent(self) -> str:
         """What goes out, in words."""
