@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
 from station.conventions import CLOCK_LAW, Stream
+from station.log.counts import NAME, Counts, counted
 from station.log.scan import CRC, PartReader, seal
 from station.profile import Aircraft, Card, Rig, from_json, to_json
 from station.rows import LogError, ProfileError
@@ -87,6 +88,18 @@ def preamble(
         attachments["card.json"] = to_json(about.card).encode()
     attachments.update({f"files/{name}": data for name, data in about.files.items()})
     return {name: {**found, CRC: seal(found)} for name, found in metadata.items()}, attachments
+
+
+def closing(counts: Counts) -> dict[str, dict[str, str]]:
+    """Metadata for the end of a file: what it holds; `counts_of` reads it back."""
+    found = counts.as_metadata()
+    return {NAME: {**found, CRC: seal(found)}}
+
+
+def counts_of(reader: PartReader) -> Counts | None:
+    """What a sound file says that it holds; None where it says nothing."""
+    found = reader.metadata_at_end(NAME)
+    return None if found is None else counted(found)
 
 
 def info_of(reader: PartReader) -> LogInfo:

@@ -149,3 +149,21 @@ def _listed(data: Any, at: int, first_ns: int, last_ns: int) -> NDArray[Any]:
 def checksum(data: Any, start: int, end: int) -> int:
     with memoryview(data) as view, view[start:end] as part:
         return zlib.crc32(part)
+
+
+def string_of(data: bytes) -> tuple[str, bytes]:
+    """A record's string, and what follows it. Raises struct.error."""
+    (length,) = struct.unpack_from("<I", data)
+    if length > len(data) - 4:
+        raise struct.error("a string runs past its record")
+    return data[4 : 4 + length].decode(), data[4 + length :]
+
+
+def mapping_of(data: bytes) -> dict[str, str]:
+    """A record's map of strings. Raises struct.error."""
+    (length,) = struct.unpack_from("<I", data)
+    rest, found = data[4 : 4 + length], {}
+    while rest:
+        key, rest = string_of(rest)
+        found[key], rest = string_of(rest)
+    return found

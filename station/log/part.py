@@ -11,7 +11,7 @@ import contextlib
 import os
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -76,13 +76,19 @@ class PartWriter:
 
     What it says of itself stands at its start, and a second time behind the first chunk. The file is created
     exclusively (FileExistsError). Each chunk goes to the operating system in one write, together with the channels it
-    needs, so that a kill leaves whole chunks.
+    needs, so that a kill leaves whole chunks. `closing` gives the metadata that it ends with, by name.
     """
 
     def __init__(
-        self, path: Path, disk: Disk, metadata: Mapping[str, Mapping[str, str]], attachments: Mapping[str, bytes]
+        self,
+        path: Path,
+        disk: Disk,
+        metadata: Mapping[str, Mapping[str, str]],
+        attachments: Mapping[str, bytes],
+        closing: Callable[[], Mapping[str, Mapping[str, str]]] = dict,
     ) -> None:
         self.path = path
+        self._closing = closing
         self._disk = disk
         self._is_entered = self._is_closed = False
         self.size = 0
@@ -254,6 +260,11 @@ class PartWriter:
         """Close the last chunk, write the index, `sync` if asked to, and close the file: it is complete."""
         self.close_chunk()
         end = RecordBuilder()
+        for name, data in self._closing().items():
+            Metadata(name=name, metadata=dict(data)).write(end)
+            record = _taken(end)
+            self._other_indexes.append(MetadataIndex(offset=self.size, length=len(record), name=name))
+            self._write(record)
         DataEnd(self._crc).write(end)
         self._write(_taken(end))
         summary_at = self.size

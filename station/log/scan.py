@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel
 from numpy.typing import NDArray
 
-from station.log.index import Index, checksum, entries, is_sound, read_index
+from station.log.index import Index, checksum, entries, is_sound, mapping_of, read_index, string_of
 from station.log.index import times as listed_times
 from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
 from station.rows import LogError
@@ -80,16 +80,24 @@ class PartReader:
                 return
 
     def messages(self) -> Iterator[tuple[Channel, int, bytes]]:
-        self.channels.clear()
-        self.damage.clear()
-        self.truncated_at = None
-        for kind, payload in self._records(head_only=False):
+        for kind, payload in self._anew():
             if kind == Opcode.CHUNK:
                 yield from self._chunk_messages(payload)
             else:
                 message = self._message(payload, 0, len(payload))
                 if message is not None:
                     yield message
+
+    def check(self) -> None:
+        """Come to the verdict that `messages` does, and take no message apart."""
+        for _ in self._anew():
+            pass
+
+    def _anew(self) -> Iterator[tuple[int, bytes]]:
+        self.channels.clear()
+        self.damage.clear()
+        self.truncated_at = None
+        return self._records(head_only=False)
 
     def select(self, kinds: Collection[str], first_ns: int, last_ns: int) -> Iterator[tuple[Channel, int, bytes]]:
         """The `messages` of these kinds of rows from `first_ns` to `last_ns`, by the file's index where it has one that
@@ -116,6 +124,20 @@ class PartReader:
         """Whether the file is complete and its checksum fits: nothing of it needs to be taken apart to know that."""
         with self._mapped() as (data, file):
             return data is not None and is_sound(data, file)
+
+    def metadata_at_end(self, name: str) -> dict[str, str] | None:
+        """Metadata of a sound file, found by its index; None where it has none of that name."""
+        with self._mapped() as (data, file):
+            index = read_index(data, file) if data is not None else None
+            if data is None or index is None or name not in index.metadata:
+                return None
+            at, length = index.metadata[name]
+            try:
+                found, rest = string_of(data[at + RECORD.size : at + length])
+                content = mapping_of(rest)
+            except (struct.error, UnicodeDecodeError):
+                return None
+            return content if found == name and content.pop(CRC, None) == seal(content) else None
 
     def _wanted(self, index: Index, kinds: Collection[str]) -> frozenset[int]:
         for content in index.channels:
@@ -240,16 +262,16 @@ class PartReader:
             elif kind == Opcode.CHANNEL:
                 self._channel(data[start:end])
             elif kind == Opcode.METADATA:
-                name, rest = _string(data[start:end])
-                found = _mapping(rest)
+                name, rest = string_of(data[start:end])
+                found = mapping_of(rest)
                 stated = found.pop(CRC, None)
                 if self._keeps(at, name, stated is None or stated == seal(found)):
                     self.metadata[name] = found
             elif kind == Opcode.ATTACHMENT:
                 (crc,) = struct.unpack_from("<I", data, end - 4)
-                name, rest = _string(data[start + 16 : end - 4])
+                name, rest = string_of(data[start + 16 : end - 4])
                 if self._keeps(at, name, not crc or crc == zlib.crc32(data[start : end - 4])):
-                    _, rest = _string(rest)
+                    _, rest = string_of(rest)
                     self.attachments[name] = rest[8:]
         except (struct.error, UnicodeDecodeError, IndexError) as error:
             self._hurts(at, f"a record cannot be taken apart: {error}", None)
@@ -270,7 +292,7 @@ class PartReader:
         if end - start < CHUNK.size + 12:
             return "a chunk is too short"
         _, _, size, crc = CHUNK.unpack_from(data, start)
-        name, _ = _string(data[start + CHUNK.size : min(end, start + CHUNK.size + 64)])
+        name, _ = string_of(data[start + CHUNK.size : min(end, start + CHUNK.size + 64)])
         at = start + CHUNK.size + 4 + len(name)
         (length,) = struct.unpack_from("<Q", data, at)
         packed = data[at + 8 : end]
@@ -289,9 +311,9 @@ class PartReader:
 
     def _channel(self, content: bytes) -> None:
         number, schema = struct.unpack_from("<HH", content)
-        topic, rest = _string(content[4:])
-        encoding, rest = _string(rest)
-        self.channels[number] = Channel(number, topic, encoding, metadata=_mapping(rest), schema_id=schema)
+        topic, rest = string_of(content[4:])
+        encoding, rest = string_of(rest)
+        self.channels[number] = Channel(number, topic, encoding, metadata=mapping_of(rest), schema_id=schema)
 
     def _index_channels(self, data: Any, size: int) -> None:
         """Channels from the index at the end, for those whose own records are lost."""
@@ -369,19 +391,3 @@ def _unpacked_size(packed: bytes) -> int | None:
     except zstandard.ZstdError:
         return None
     return None if size < 0 else size
-
-
-def _string(data: bytes) -> tuple[str, bytes]:
-    (length,) = struct.unpack_from("<I", data)
-    if length > len(data) - 4:
-        raise struct.error("a string runs past its record")
-    return data[4 : 4 + length].decode(), data[4 + length :]
-
-
-def _mapping(data: bytes) -> dict[str, str]:
-    (length,) = struct.unpack_from("<I", data)
-    rest, found = data[4 : 4 + length], {}
-    while rest:
-        key, rest = _string(rest)
-        found[key], rest = _string(rest)
-    return found

@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import Literal
 
 from station.conventions import SIGNALS, Stream
-from station.log.about import About, LogInfo
+from station.log.about import About, LogInfo, counts_of
+from station.log.counts import Counts
 from station.log.messages import RowWriter
 from station.log.reading import absent, metadata, read_part, readers
 from station.log.scan import PartReader
 from station.log.writer import write_log
 from station.profile import Aircraft
-from station.rows import MISSED_SHARE, Code, Event, Frame, LogError, MethodEstimate, Rows, Sample, Tick
+from station.rows import MISSED_SHARE, Code, LogError, Rows
 
 Verdict = Literal["complete", "truncated", "damaged"]
-
-_KEPT = 1000
-"""Dropouts and events listed one by one; beyond that they are only counted."""
 
 
 @dataclass(slots=True)
@@ -88,80 +86,28 @@ class Summary:
     """What of it is not as it should be, in words; with any, `info` ends with exit code 3."""
 
 
-class _StreamCount:
-    """Running totals of one stream."""
-
-    def __init__(self, stream: Stream) -> None:
-        self.summary = StreamSummary(stream.name, stream.device, stream.signals, stream.rate_hz)
-        self._stale_s = stream.stale_after_s
-        self._first: int | None = None
-        self._last = 0
-
-    def add(self, row: Sample, zero_ns: int) -> None:
-        summary = self.summary
-        summary.samples += 1
-        t_ns = row.t_ns if row.t_device_ns is None else row.t_device_ns
-        if self._first is None:
-            self._first = self._last = t_ns
-            return
-        step = (t_ns - self._last) * 1e-9
-        self._last = t_ns
-        if summary.nominal_hz > 0 and step > 1.5 / summary.nominal_hz:
-            summary.gaps += 1
-            summary.longest_gap_s = max(summary.longest_gap_s, step)
-            if step > self._stale_s and len(summary.dropouts) < _KEPT:
-                summary.dropouts.append(Dropout((row.t_ns - zero_ns) * 1e-9 - step, step))
-        if self._last > self._first:
-            summary.rate_hz = (summary.samples - 1) / ((self._last - self._first) * 1e-9)
-
-
 def summarise(path: Path, info: LogInfo | None = None) -> Summary:
     """Read a whole recording and judge it. Raises LogError only if there is no such file, it is no recording of a
     station, or nothing of its start can be read; `info` says what it is, where its start does not."""
     given, info = info, info or metadata(path)
     out = _empty(path, info)
-    counts = {s.name: _StreamCount(s) for s in info.streams}
-    methods: dict[str, None] = {}
+    total = Counts.of(info.streams)
     lost: list[float | None] = []
-    first: int | None = None
-    last = previous_last = 0
-    k: int | None = None
     broke = False
     for reader in readers(path, given):
         out.files += 1
         out.bytes += reader.path.stat().st_size
-        part_first: int | None = None
-        for row in read_part(reader):
-            out.rows += 1
-            t_ns = row.t_ns
-            first = t_ns if first is None else first
-            part_first = t_ns if part_first is None else part_first
-            last = max(last, t_ns)
-            if isinstance(row, Sample):
-                if row.stream in counts:
-                    counts[row.stream].add(row, first)
-            elif isinstance(row, Tick):
-                out.ticks += 1
-                out.ticks_missed += max(0, row.k - k - 1) if k is not None else 0
-                k = row.k
-            elif isinstance(row, Frame):
-                out.frames += 1
-            elif isinstance(row, MethodEstimate):
-                methods[row.method] = None
-            elif isinstance(row, Event):
-                out.event_counts[row.code] = out.event_counts.get(row.code, 0) + row.times
-                if len(out.events) < _KEPT:
-                    event = EventSummary((t_ns - first) * 1e-9, row.source, row.code, row.count, row.detail)
-                    out.events.append(event)
-        if broke and part_first is not None:
+        counts = counts_of(reader) if given is None else None
+        if counts is None:
+            counts = Counts.of(info.streams)
+            for row in read_part(reader):
+                counts.add(row)
+        if broke and counts.first_ns is not None:
             # The file before ended early, and this one says when recording went on.
-            lost.append(max(0.0, (part_first - previous_last) * 1e-9))
+            lost.append(max(0.0, (counts.first_ns - total.last_ns) * 1e-9))
         broke = _judge(out, reader, lost) or broke
-        previous_last = last
-    out.streams = [c.summary for c in counts.values()]
-    out.methods = list(methods)
-    out.duration_s = (last - first) * 1e-9 if first is not None else 0.0
-    out.utc_start_ns = info.utc_ns + ((first or 0) - info.station_ns)
+        total.join(counts)
+    _tell(out, total, info)
     known = [x for x in lost if x is not None]
     out.seconds_lost = sum(known) if known or not lost else None
     gone = absent(path)
@@ -169,6 +115,23 @@ def summarise(path: Path, info: LogInfo | None = None) -> Summary:
         out.problems.append(f"not here: {', '.join(gone)}")
     out.degraded = _shortcomings(out) + [f"not here: {name}" for name in gone]
     return out
+
+
+def _tell(out: Summary, total: Counts, info: LogInfo) -> None:
+    """What was counted, in seconds since the first row."""
+    zero = total.first_ns or 0
+    devices = {s.name: s for s in info.streams}
+    for name, c in total.streams.items():
+        stream = StreamSummary(name, devices[name].device, devices[name].signals, c.nominal_hz)
+        stream.samples, stream.rate_hz = c.samples, c.rate_hz
+        stream.gaps, stream.longest_gap_s = c.gaps, c.longest_gap_s
+        stream.dropouts = [Dropout((end - zero) * 1e-9 - length, length) for end, length in c.dropouts]
+        out.streams.append(stream)
+    out.rows, out.ticks, out.ticks_missed, out.frames = total.rows, total.ticks, total.ticks_missed, total.frames
+    out.methods, out.event_counts = total.methods, total.event_counts
+    out.events = [EventSummary((e[0] - zero) * 1e-9, e[1], e[2], e[3], e[4]) for e in total.events]
+    out.duration_s = (total.last_ns - zero) * 1e-9 if total.first_ns is not None else 0.0
+    out.utc_start_ns = info.utc_ns + (zero - info.station_ns)
 
 
 def _shortcomings(s: Summary) -> list[str]:
@@ -185,8 +148,7 @@ def verdict(path: Path) -> Verdict:
     for reader in readers(path):
         if reader.is_sound():
             continue
-        for _ in reader.messages():
-            pass
+        reader.check()
         if reader.damage:
             return "damaged"
         found = "truncated" if reader.truncated_at is not None else found

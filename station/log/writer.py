@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from station.clock import Clock, SystemClock, utc_file_stamp, utc_now_ns
-from station.log.about import About, preamble
+from station.log.about import About, closing, preamble
+from station.log.counts import Counts
 from station.log.disk import Disk, make_folder, name_of_disk
 from station.log.messages import RowWriter
 from station.log.part import PartWriter
@@ -97,6 +98,7 @@ class LogWriter:
         self.rows_lost = 0
         self._number = 0
         self._parts: list[PartWriter] = []
+        self._counts: dict[PartWriter, Counts] = {}
         self._aside = Aside("syncing of a recording")
         self._is_syncing = False
         self._unsynced = ""
@@ -127,7 +129,10 @@ class LogWriter:
 
     def _new_part(self, path: Path) -> PartWriter:
         about = preamble(self._about, self._flight, self._number, self._station_ns, self._utc_ns)
-        return PartWriter(path, self._disk, *about)
+        counts = Counts.of(self._about.streams)
+        part = PartWriter(path, self._disk, *about, partial(closing, counts))
+        self._counts[part] = counts
+        return part
 
     def _next(self) -> PartWriter:
         make_folder(self._folder, self._disk)
@@ -160,7 +165,7 @@ class LogWriter:
                 self._close_chunk(part)
 
     def _write(self, part: PartWriter, rows: Iterable[Rows]) -> None:
-        encode = self._rows.message
+        encode, count = self._rows.message, self._counts[part].add
         messages = []
         for row in rows:
             try:
@@ -171,6 +176,7 @@ class LogWriter:
                 if self._unwritable == 1:
                     self._report(f"a {type(row).__name__} cannot be recorded: {error}")
                 continue
+            count(row)
             t_ns = row.t_ns
             messages.append((topic, (row.seq or 0) if type(row) is Sample else 0, t_ns if t_ns > 0 else 0, data))
         part.add(messages)
@@ -302,10 +308,11 @@ class LogWriter:
 
 def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 0, utc_ns: int = 0) -> int:
     """Write rows into a new recording and say how many. Raises LogError, and then leaves no file."""
-    writer, count = RowWriter(about.streams), 0
+    writer, counts, count = RowWriter(about.streams), Counts.of(about.streams), 0
     try:
         make_folder(path.parent)
-        part = PartWriter(path, Disk(SystemClock()), *preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns))
+        head = preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns)
+        part = PartWriter(path, Disk(SystemClock()), *head, partial(closing, counts))
     except FileExistsError:
         raise LogError(f"{path}: exists already, and a recording is never overwritten") from None
     except OSError as error:
@@ -313,6 +320,7 @@ def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 
     try:
         for row in rows:
             topic, data = writer.message(row)
+            counts.add(row)
             part.add([(topic, (row.seq or 0) if type(row) is Sample else 0, max(row.t_ns, 0), data)])
             count += 1
             if part.chunk_size >= CHUNK_BYTES:
