@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.special import hankel2, jv
 
 from station.estimation import acceptance, method_fits
 from station.estimation.acceptance import (
@@ -53,6 +52,7 @@ from station.model import regressor_error, unsteady_lift
 from station.model.airframe_error import relative_errors
 from station.numerics import spectra
 from station.numerics.spectra import Transform, central_difference_factor, grid
+from station.numerics.thin_aerofoil import sears_magnitude
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
 
@@ -63,14 +63,6 @@ Whole = NDArray[np.int64]
 
 SLACK_S: Final = 3.0
 """A group of signals that comes this much after the first still opens with it."""
-
-
-def sears_magnitude(k: Array) -> Array:
-    """|S(k)| of a thin aerofoil, k = omega c/2V: S = (J0 - i J1) C + i J1 with Theodorsen's C (Sears 1941)."""
-    k = np.maximum(np.asarray(k, dtype=np.float64), 1e-9)
-    h0, h1 = hankel2(0, k), hankel2(1, k)
-    c = h1 / (h1 + 1j * h0)
-    return np.asarray(np.abs((jv(0, k) - 1j * jv(1, k)) * c + 1j * jv(1, k)))
 
 
 SEARS_K: Final = np.linspace(0.0, 4.0, 801)

@@ -25,6 +25,7 @@ from station.identification.identified import Identification
 from station.identification.instrument_lag_page import lag_page
 from station.identification.instrument_pages import input_pages, kinematic_pages
 from station.identification.listing import definitions
+from station.identification.spectra_pages import spectra_pages
 from station.numerics.regression import autocorrelation
 from station.rows import ParamEstimate, Status
 
@@ -71,6 +72,7 @@ def write_report(found: Identification, folder: Path) -> Path:
     body += drag_page(drag_of(found.record))
     body.append(_consistency(found))
     body += _spectra(found)
+    body += spectra_pages(found.record)
     if found.kinematics is not None:
         body += kinematic_pages(found.kinematics, found.record)
     body += input_pages(found)

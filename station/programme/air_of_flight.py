@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from station.estimation.flight_record import FlightRecord
 from station.identification.flown import fly
 from station.identification.preparation import prepare
 from station.identification.request import Request
@@ -38,6 +39,7 @@ class Air:
     """rad"""
     limits: tuple[float, float, float]
     """From which it is light, moderate, severe."""
+    record: FlightRecord
 
 
 def air_of(flight: Flight, aircraft: Aircraft) -> Air | str:
@@ -60,4 +62,4 @@ def air_of(flight: Flight, aircraft: Aircraft) -> Air | str:
     square = uniform_filter1d(band**2, max(1, round(WINDOW_S / record.dt)), mode="nearest")
     speed = float(np.nanmean(record.motion["airspeed"]))
     limits = Thresholds().at(speed, record.noise["alpha_vane"], record.dt)
-    return Air(record.t_s, gust - np.nanmean(gust), np.sqrt(square), record.motion["elevator"], limits)
+    return Air(record.t_s, gust - np.nanmean(gust), np.sqrt(square), record.motion["elevator"], limits, record)

@@ -20,6 +20,7 @@ from station.estimation.flight_record import LEAST_S, LEAST_SHARE, SLOWEST_S, Fl
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, not_applicable
 from station.identification.analysis import identify
+from station.identification.flown_inputs import FlownInput, inputs_of
 from station.identification.identified import Identification
 from station.identification.request import Request
 from station.log import Point, Table
@@ -34,24 +35,8 @@ BASELINE: Final = "baseline"
 """A point whose condition says so is one of the baseline's."""
 SHORTEST_S: Final = 6.0
 """Of a point: below, not even one short period and the trim before it are in it."""
-REST_S: Final = 2.0
-"""A surface that rests so long has ended its input."""
 ANSWER_S: Final = 1.0
 """Before and after an input that its turbulence is judged over, too."""
-MOVED: Final = 0.2
-"""Share of its largest motion from which a surface is flown, not trimmed."""
-QUIET: Final = 6.0
-"""Standard deviations of its noise below which it rests whatever its largest motion is."""
-TRIM_S: Final = 10.0
-"""Over which the trim is a median."""
-
-
-@dataclass(frozen=True, slots=True)
-class Input:
-    """A time, s, in which the elevator was flown."""
-
-    start_s: float
-    end_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +52,7 @@ class FlownPoint:
     found: Identification | None
     """None where no method could use it, and why:"""
     why: str = ""
-    inputs: tuple[Input, ...] = ()
+    inputs: tuple[FlownInput, ...] = ()
     turbulence: str = "unknown"
     """During the inputs, as `gust_sd` is."""
     gust_sd: float = math.nan
@@ -144,32 +129,6 @@ def flown_point(
     )
 
 
-def inputs_of(record: FlightRecord) -> tuple[Input, ...]:
-    """When the elevator was flown: it stood off its trim, or moved, by more than MOVED of the most it did."""
-    if not record.has("elevator"):
-        return ()
-    de = record.motion["elevator"]
-    good = np.isfinite(de)
-    de = np.interp(record.t_s, record.t_s[good], de[good])
-    off = np.abs(de - _running_median(de, round(TRIM_S / record.dt)))
-    least = max(MOVED * float(off.max()), QUIET * record.noise["elevator"])
-    at = np.flatnonzero(off > least)
-    if not len(at):
-        return ()
-    breaks = np.flatnonzero(np.diff(record.t_s[at]) > REST_S)
-    starts, ends = at[np.concatenate(([0], breaks + 1))], at[np.concatenate((breaks, [len(at) - 1]))]
-    return tuple(Input(float(record.t_s[a]), float(record.t_s[b])) for a, b in zip(starts, ends, strict=True))
-
-
-def _running_median(x: Array, width: int) -> Array:
-    """By medians of pieces half that wide, straight between their middles."""
-    half = max(1, width // 2)
-    pieces = [x[max(0, k - half) : k + half] for k in range(0, len(x) + half, half)]
-    middles = np.minimum(np.arange(len(pieces)) * half, len(x) - 1)
-    medians = [float(np.median(p)) if len(p) else float(x[-1]) for p in pieces]
-    return np.asarray(np.interp(np.arange(len(x)), middles, medians))
-
-
 def gusts_over(found: Identification) -> Array | None:
     """Vertical gust in 2-7 Hz over an identified interval, m/s, (n,) on its record's grid; None where unknown."""
     return banded(found.record, found.flown.gust_vertical(found.record) if found.flown else None)
@@ -188,7 +147,7 @@ def banded(record: FlightRecord, gust: Array | None) -> Array | None:
     return np.asarray(sosfiltfilt(sos, whole - whole.mean()))
 
 
-def _turbulence(found: Identification, inputs: Sequence[Input]) -> tuple[str, float]:
+def _turbulence(found: Identification, inputs: Sequence[FlownInput]) -> tuple[str, float]:
     """Class and level during the inputs; over all of the point where none was flown."""
     record, band = found.record, gusts_over(found)
     if band is None:

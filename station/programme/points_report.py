@@ -1,7 +1,8 @@
 """A programme's report: one HTML file with its figures inside.
 
-After Martos 2013: turbulence over the flight with the inputs marked (Figure 40), every method at a point beside the
-baseline's points (Figures 42, 53, 55), the baseline (Table 7) and each point's change against it (Tables 8 to 10).
+After Martos 2013: turbulence over the flight with the inputs marked (Figure 40), the vane's spectra (Figures 19, 44, 45,
+49 to 51), every method at a point beside the baseline's points (Figures 42, 53, 55), the baseline (Table 7) and each
+point's change against it (Tables 8 to 10).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from station.conventions import LONGITUDINAL
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, write_page
 from station.identification.identification_report import without_frame
+from station.identification.spectra_pages import spectra_pages
 from station.numerics.random_effects import Pooled
 from station.programme.air_of_flight import air_of
 from station.programme.changes import CALM, OWN, Change, compared, estimates, recommended
@@ -103,6 +105,7 @@ def _air(made: Programme, flight: Flight) -> Iterator[str]:
         panel.tick_params(labelsize=8)
     yield image(figure, "Vertical gust, its level in 2 to 7 Hz and the elevator over the flight, test points marked")
     yield '<p class="note">Shaded: test points, the baseline\'s green; below, the inputs that were found in them.</p>'
+    yield from spectra_pages(air.record, f"Spectra of the vane over the flight: {flight.path.name}")
 
 
 def _baseline(made: Programme) -> Iterator[str]:

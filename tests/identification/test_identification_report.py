@@ -107,10 +107,10 @@ def test_a_folder_that_cannot_be_made_is_a_log_error(tmp_path: Path) -> None:
 def test_spectra_that_iv_measured_are_drawn(tmp_path: Path) -> None:
     flown = record()
     found = identify(flown, AIRCRAFT, Request(["I", "II", "IV"]))
-    assert "Delay and upwash" not in write_report(found, tmp_path / "without").read_text()
+    assert "Delay and upwash by frequency" not in write_report(found, tmp_path / "without").read_text()
     assert found.flown is not None
     lines = np.array([0.1, 0.5, 2.0])
-    spectra = VaneSpectra(*(lines,) * 6, believed=np.full(3, True), segments=9, segment_s=20.0)
+    spectra = VaneSpectra(*(lines,) * 7, believed=np.full(3, True), segments=9, segment_s=20.0)
     page = write_report(replace(found, flown=replace(found.flown, spectra=spectra)), tmp_path / "with").read_text()
     assert "Delay and upwash by frequency" in page
     assert page.count("<img") == (tmp_path / "without" / "identification.html").read_text().count("<img") + 1

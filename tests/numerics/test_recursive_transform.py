@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-from station.estimation.derivatives import sears_magnitude
 from station.numerics.spectra import Transform, central_difference_factor, grid
+from station.numerics.thin_aerofoil import sears_magnitude
 
 DT = 0.02
 

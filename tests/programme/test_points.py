@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from programme_flights import flown
 
+from station.identification.flown_inputs import inputs_of
 from station.log import table
 from station.profile import load_aircraft
-from station.programme.flown_points import inputs_of
 from station.programme.programme import Programme, programme
 
 METHODS = ("II", "III", "split", "physical")
@@ -118,7 +118,7 @@ def test_the_command(station, log: Path, tmp_path: Path) -> None:
     percent = said["points"][2]["methods"]["split"]["change_percent"]["CL_alpha"]
     assert percent["ci95"][0] < percent["estimate"] < percent["ci95"][1]
     assert -30 < percent["estimate"] < -10
-    assert (page / "points.html").read_text().count("<img") == 4  # the flight's air, and three points
+    assert (page / "points.html").read_text().count("<img") == 6  # the flight's air, two of its vane, and three points
 
 
 def test_a_recording_without_points_is_one(station, log: Path, tmp_path: Path) -> None:

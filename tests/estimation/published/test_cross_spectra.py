@@ -12,7 +12,8 @@ from scipy import signal
 from station.conventions import SIGNALS, TICK_NS
 from station.estimation.flight_record import FlightRecord
 from station.estimation.methods import Estimator
-from station.estimation.published.cross_spectra import VaneSpectra, cross_spectra, measure, vane_spectra
+from station.estimation.published.cross_spectra import VaneSpectra, measure, vane_spectra
+from station.numerics.cross_spectrum import cross_spectra
 from station.numerics.regression import NotIdentifiable
 from station.profile import Boom, Card, Doublet, Flight, load_aircraft, load_rig
 from station.rows import Frame, UsageError
@@ -160,7 +161,7 @@ def test_a_vane_distorted_as_the_spectra_say_is_corrected():
     delay = np.interp(np.log(f), np.log([0.1, 2.0]), [0.06, 0.12])
     upwash = np.interp(np.log(f), np.log([0.1, 2.0]), [0.3, 0.1])
     ones = np.ones(len(f))
-    spectra = VaneSpectra(f, delay, 0 * ones, ones, ones, upwash, ones > 0, 10, 40.0)
+    spectra = VaneSpectra(f, delay, 0 * ones, ones, ones, 0 * ones, upwash, ones > 0, 10, 40.0)
     slow = np.minimum(np.maximum(np.fft.rfftfreq(len(true), DT), 0.05), 10.0)
     late, more = spectra.at(slow)
     turn = np.exp(2j * np.pi * np.fft.rfftfreq(len(true), DT) * late) * (1 + more)
