@@ -59,7 +59,7 @@ class Mode:
 
 
 def find_mode(frequencies_hz: Array, density: Array, independent: Array, nyquist_hz: float) -> Mode:
-    """In densities (bins,) that are means of `independent` values each, of a series sampled at twice `nyquist_hz`.
+    """In densities (bins,) that are means of `independent` values of their own each, sampled at twice `nyquist_hz`.
     Raises NotIdentifiable where no mode stands out, saying why."""
     inside = (frequencies_hz >= LOWEST_HZ) & (density > 0)
     f, p, n = frequencies_hz[inside], density[inside], independent[inside]

@@ -68,7 +68,7 @@ def vane_density(record: FlightRecord) -> VaneDensity:
     fine = binned(found, edges)
     noise = 2.0 * record.dt * record.noise["alpha_vane"] ** 2
     try:
-        mode, why = find_mode(fine.frequencies_hz, fine.xx, fine.independent, nyquist), ""
+        mode, why = find_mode(fine.frequencies_hz, fine.xx, fine.own, nyquist), ""
     except NotIdentifiable as none:
         mode, why = None, str(none)
     return VaneDensity(_by_decade(found, nyquist), nyquist, noise, mode, fine, why)

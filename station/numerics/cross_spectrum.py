@@ -24,8 +24,9 @@ Flags = NDArray[np.bool_]
 
 OVERLAPPED: Final = 0.95
 """Independent share of Hann segments that overlap by half (Welch 1967)."""
-HANN_LINES: Final = 1.5
-"""Neighbouring lines of a Hann window's spectrum that are worth one."""
+HANN_LINES: Final = 2.0
+"""Neighbouring lines of a Hann window's spectrum that are worth one, where there are many: (sum W^2)^2/sum W^4 = 2.08;
+m lines are worth (m + 1)/2."""
 MEAN_LINES: Final = 2
 """The lowest lines, which the window leaks the mean into."""
 
@@ -43,13 +44,15 @@ class CrossSpectra:
 
 @dataclass(frozen=True, slots=True)
 class Bins:
-    """Means over lines, (bins,), and how many independent values each is a mean of."""
+    """Means over lines, (bins,); how many independent values each is a mean of, and how many of them are its own, not
+    its neighbours' too: what counts where bins are taken together."""
 
     frequencies_hz: Array
     xx: Array
     yy: Array
     xy: Complex
     independent: Array
+    own: Array
 
     @property
     def coherence(self) -> Array:
@@ -125,6 +128,7 @@ def binned(found: CrossSpectra, edges_hz: Array) -> Bins:
     def mean(x: Array | Complex) -> Complex:
         return np.array([np.mean(x[k]) for k in kept], dtype=np.complex128)
 
-    independent = OVERLAPPED * found.segments * np.array([max(len(k) / HANN_LINES, 1.0) for k in kept])
+    count = np.array([len(k) for k in kept], dtype=np.float64)
+    each = OVERLAPPED * found.segments / HANN_LINES
     frequencies, xx, yy = (mean(x).real for x in (found.frequencies_hz, found.xx, found.yy))
-    return Bins(frequencies, xx, yy, mean(found.xy), independent)
+    return Bins(frequencies, xx, yy, mean(found.xy), each * (count + 1.0), each * count)

@@ -1,8 +1,8 @@
 """A programme's report: one HTML file with its figures inside.
 
-After Martos 2013: turbulence over the flight with the inputs marked (Figure 40), the vane's spectra (Figures 19, 44, 45,
-49 to 51), every method at a point beside the baseline's points (Figures 42, 53, 55), the baseline (Table 7) and each
-point's change against it (Tables 8 to 10).
+After Martos 2013: turbulence over the flight with the inputs marked (Figure 40), the vane's spectra (Figures 19, 44,
+45, 49 to 51), every method at a point beside the baseline's points (Figures 42, 53, 55), the baseline (Table 7) and
+each point's change against it (Tables 8 to 10).
 """
 
 from __future__ import annotations

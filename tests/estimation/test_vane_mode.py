@@ -41,7 +41,7 @@ def test_frequency_and_damping_are_found_within_their_errors(frequency: float, d
     found: list[Mode] = []
     for seed in range(4):
         s = spectrum(seed, (frequency, damping), 1e-4)
-        found.append(find_mode(s.frequencies_hz, s.xx, s.independent, 25.0))
+        found.append(find_mode(s.frequencies_hz, s.xx, s.own, 25.0))
     away = [(m.frequency_hz - frequency) / m.frequency_sd for m in found]
     off = [(m.damping - damping) / m.damping_sd for m in found]
     # Eight standard normal numbers: their mean square is below 3.27 in 999 of 1000.
@@ -68,14 +68,14 @@ def test_no_mode_is_found_where_there_is_none(noise: float) -> None:
     for seed in range(3):
         s = spectrum(100 + seed, None, noise)
         with pytest.raises(NotIdentifiable, match="no mode"):
-            find_mode(s.frequencies_hz, s.xx, s.independent, 25.0)
+            find_mode(s.frequencies_hz, s.xx, s.own, 25.0)
 
 
 def test_a_mode_below_the_noise_is_not_found() -> None:
     """As in Martos 2013, Figure 19: at 8 and 9 Hz there is noise only."""
     s = spectrum(1, (9.0, 0.35), 3e-2)
     with pytest.raises(NotIdentifiable, match="no mode"):
-        find_mode(s.frequencies_hz, s.xx, s.independent, 25.0)
+        find_mode(s.frequencies_hz, s.xx, s.own, 25.0)
 
 
 def test_a_slow_record_is_refused() -> None:
