@@ -33,6 +33,7 @@ VERBS: Final = {
     "simulate": "Fly the simulation with the rig's sensors into a recording.",
     "diagnose": "Compare recordings with the simulation: what is wrong, and why.",
     "campaign": "Monte Carlo: simulated flights by the thousand, all estimated.",
+    "doctor": "Look at the machine: versions, clock, disk, ports, permissions, browser.",
 }
 """What `station --help` says. A verb is a function of its own module in station/commands, imported when it is called:
 together they take seconds, which a station that is to record at once does not have."""
@@ -69,7 +70,7 @@ class _Verbs(TyperGroup):
             formatter.write_dl(list(VERBS.items()))
 
 
-app = typer.Typer(cls=_Verbs, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app = typer.Typer(cls=_Verbs, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 def _version(wanted: bool) -> None:
