@@ -50,7 +50,7 @@ def campaign(
             if before is None:
                 before, begin = kept, clock.now_ns()
             rate = (kept - before) / max((clock.now_ns() - begin) * 1e-9, 1e-9)
-            words = f"{rate:.0f} flights/s" if kept > before else ""
+            words = f"{rate:.3g} flights/s" if kept > before else ""
             progress.update(bar, total=of, completed=kept, rate=words, refresh=True)
 
         made = fly(spec, out, engine=engine.value, scheduler=scheduler, resume=resume, workers=workers, progress=flown)
