@@ -32,10 +32,14 @@ import pyarrow.parquet as pq
 from station.campaign.case import PARTS, compile_part
 from station.campaign.result_rows import fly_rows
 from station.campaign.spec import Plan
+from station.campaign.whole_records import WHOLE
+from station.conventions import TICK_HZ
 from station.rows import LogError, StationError, UsageError
 
 BATCH_S: Final = 4000.0
 """Seconds of flight in a batch: half a second of work or more on any machine."""
+WHOLE_S: Final = 2000.0
+"""Seconds of flight that one by the methods of a whole record counts as: filter error and IV take a second or two."""
 ATTEMPTS: Final = 5
 """Workers may die on a batch so many times before it is taken for the batch's fault."""
 CONNECT_S: Final = 10.0
@@ -52,7 +56,8 @@ Done = Callable[[int], None]
 
 def batches(plan: Plan) -> list[range]:
     """Numbers of the flights of each batch."""
-    size = max(1, round(BATCH_S * 50.0 / plan.ticks))
+    seconds = plan.ticks / TICK_HZ + (WHOLE_S if set(plan.campaign.methods) & set(WHOLE) else 0.0)
+    size = max(1, round(BATCH_S / seconds))
     return [range(b, min(b + size, plan.flights)) for b in range(0, plan.flights, size)]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from station.campaign.case import Room, _flown, fly_case, prepare
+from station.campaign.engine import batches
 from station.campaign.flown_scenario import flown_aircraft, known_aircraft
 from station.campaign.spec import METHODS, Campaign, Case, Plan
 from station.campaign.whole_records import WHOLE
@@ -51,6 +52,14 @@ def test_iv_takes_its_spectra_of_a_longer_flight_in_the_same_air_throughout() ->
     np.testing.assert_allclose(results.estimate[:, slot, 1, 0], TABLE[1, 0], rtol=0.6)
     _, alone = next(fly_case(setup, range(6, 7)))
     np.testing.assert_array_equal(alone.estimate[0], results.estimate[1])
+
+
+def test_a_batch_of_slow_methods_is_short() -> None:
+    """What a kill loses, and what many workers share, stays seconds of work."""
+    live, whole = plan({}, methods=["II"], runs=200), plan({}, methods=["II", "fe"], runs=200)
+    assert len(batches(live)[0]) > 100
+    assert len(batches(whole)[0]) == 2
+    assert [b.stop for b in batches(whole)][-1] == 200
 
 
 def test_methods_of_a_whole_record_are_those_of_identify() -> None:
