@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -137,13 +137,14 @@ def _nanoseconds(path: Path, seconds: Column) -> NDArray[np.int64]:
     return t_ns
 
 
-def write_csv(path: Path, time_s: Column, columns: Mapping[str, Column], units: Mapping[str, str]) -> None:
-    """Columns with their units in the header; missing is blank. Raises OSError."""
-    header = ",".join(["time [s]", *(f"{name} [{units[name]}]" for name in columns)])
+def write_csv(path: Path, units: Mapping[str, str], blocks: Iterable[tuple[Column, Mapping[str, Column]]]) -> None:
+    """Times (s) and columns, block by block, with their `units` in the header; missing is blank. Raises OSError."""
+    header = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in units.items())])
     with path.open("x", encoding="utf-8", newline="\n") as file:
         file.write(header + "\n")
-        for row in zip(time_s.tolist(), *(c.tolist() for c in columns.values()), strict=True):
-            file.write(",".join(["" if v != v else repr(v) for v in row]) + "\n")
+        for t_s, columns in blocks:
+            for row in zip(t_s.tolist(), *(c.tolist() for c in columns.values()), strict=True):
+                file.write(",".join(["" if v != v else repr(v) for v in row]) + "\n")
 
 
 _HFB_SIGNALS: Final[Sequence[str]] = (

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, Final
 from mcap.writer import CompressionType, Writer
 
 from station.conventions import SIGNAL_INDEX
+from station.convert.groups import ROWS, Told
 from station.convert.ulog_writer import quaternion
 from station.log import LogInfo, metadata, read_rows
 from station.log.messages import RowWriter
@@ -86,13 +87,13 @@ class _Sink:
         self.add(topic.name, topic.schema, topic.schema_name, time_ns, data)
 
 
-def write_mcap(path: Path, out: Path) -> int:
+def write_mcap(path: Path, out: Path, told: Told = lambda _: None) -> int:
     """Write a recording for Foxglove into a new file; returns the messages. Raises LogError and OSError."""
     with out.open("xb") as file:
-        return _write(file, path, metadata(path))
+        return _write(file, path, metadata(path), told)
 
 
-def _write(file: BinaryIO, path: Path, info: LogInfo) -> int:
+def _write(file: BinaryIO, path: Path, info: LogInfo, told: Told) -> int:
     sink, rows, drawn = _Sink(file), RowWriter(info.streams), _Drawn()
     sink.writer.start(profile="", library=f"flight-test-station {info.software}")
     about = {"aircraft": info.aircraft.name, "source": info.about.source, "recording": path.name}
@@ -106,6 +107,8 @@ def _write(file: BinaryIO, path: Path, info: LogInfo) -> int:
             data = _logged(data, time_ns)
         sink.add_topic(topic, time_ns, data)
         count += 1
+        if not count % ROWS:
+            told(row.t_ns)
         if isinstance(row, Frame):
             for name, body in drawn.messages(row, time_ns).items():
                 sink.add(name, json.dumps(_SCHEMAS[name]).encode(), _SCHEMAS[name]["title"], time_ns, body)

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from station.convert.groups import Told
 from station.log import metadata, read_rows
 from station.profile import MavlinkDevice
 from station.rows import LogError, RawBlock
@@ -19,7 +20,7 @@ Splitter = Callable[[bytes], Iterable[bytes]]
 """Whole packets out of bytes that may begin and end within one."""
 
 
-def write_tlog(path: Path, out: Path, splitter: Callable[[], Splitter] | None) -> int:
+def write_tlog(path: Path, out: Path, splitter: Callable[[], Splitter] | None, told: Told = lambda _: None) -> int:
     """Write what MAVLink devices sent, all in one in the order of arrival, into a new file; returns the packets.
     `splitter` makes one for each device. Raises LogError and OSError."""
     info = metadata(path)
@@ -33,6 +34,7 @@ def write_tlog(path: Path, out: Path, splitter: Callable[[], Splitter] | None) -
     with out.open("xb") as file:
         for row in read_rows(path, (RawBlock,)):
             if isinstance(row, RawBlock) and row.device in ours:
+                told(row.t_ns)
                 stamp = struct.pack(">Q", max(row.t_ns + offset_ns, 0) // 1000)
                 for packet in ours[row.device](row.data):
                     file.write(stamp + packet)

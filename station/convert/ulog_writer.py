@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, Final
 
 from station.conventions import SIGNALS
 from station.convert.aligned import NAMES, aligned_rows
+from station.convert.groups import ROWS, Told
 from station.log import LogInfo, metadata
 from station.rows import Event, Level, LogError
 
@@ -132,15 +133,15 @@ def _layout(fields: str) -> struct.Struct:
     return struct.Struct(f"<Q{letters}")
 
 
-def write_ulog(path: Path, out: Path) -> None:
+def write_ulog(path: Path, out: Path, told: Told = lambda _: None) -> None:
     """Write a recording's aligned rows and events as ULog. Raises LogError and OSError."""
     info = metadata(path)
     with out.open("xb") as file:
-        if not _write(file, path, info):
+        if not _write(file, path, info, told):
             raise LogError(f"{path}: holds neither frames nor samples")
 
 
-def _write(file: BinaryIO, path: Path, info: LogInfo) -> int:
+def _write(file: BinaryIO, path: Path, info: LogInfo, told: Told) -> int:
     """Returns the number of rows."""
     known = {n for s in info.streams for n in s.signals}
     topics = [t for t in _TOPICS if known.issuperset(t.needs)]
@@ -166,6 +167,8 @@ def _write(file: BinaryIO, path: Path, info: LogInfo) -> int:
             if not topic.needs or any(math.isfinite(named[n]) for n in topic.needs):
                 _message(file, "D", struct.pack("<H", number) + layout.pack(us, *topic.values(named, us)))
         count += 1
+        if not count % ROWS:
+            told(t_ns)
     return count
 
 

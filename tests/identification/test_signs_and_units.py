@@ -133,7 +133,7 @@ def test_an_imported_record_with_az_reversed_gives_no_valid_estimate(tmp_path: P
     columns = {**flown(0.0)}
     columns["az"] = -columns["az"]
     file, log = tmp_path / "record.csv", tmp_path / "record.mcap"
-    write_csv(file, np.arange(len(columns["q"])) * 0.02, columns, {n: SIGNALS[n].unit for n in columns})
+    write_csv(file, {n: SIGNALS[n].unit for n in columns}, [(np.arange(len(columns["q"])) * 0.02, columns)])
     assert station("import", file, "-o", log, "--aircraft", "twin_otter")[0] == 0
     code, out, err = station("identify", log, "--method", "I,II", "--json", "-")
     found = json.loads(out)
