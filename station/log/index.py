@@ -7,6 +7,7 @@ files are read from their beginning (scan.py).
 
 from __future__ import annotations
 
+import mmap
 import os
 import struct
 import zlib
@@ -26,6 +27,8 @@ _DATA_END: Final = struct.Struct("<BQI")
 _PLACE: Final = np.dtype([("channel", "<u2"), ("at", "<u8")])
 _ENTRY: Final = np.dtype([("t_ns", "<u8"), ("at", "<u8")])
 _LIST: Final = struct.Struct("<HI")
+_PIECE: Final = 1 << 25
+"""Of a file that is in memory at once, where all of it is read."""
 
 
 class ChunkPlace(NamedTuple):
@@ -147,8 +150,18 @@ def _listed(data: Any, at: int, first_ns: int, last_ns: int) -> NDArray[Any]:
 
 
 def checksum(data: Any, start: int, end: int) -> int:
-    with memoryview(data) as view, view[start:end] as part:
-        return zlib.crc32(part)
+    crc = 0
+    for at in range(start, end, _PIECE):
+        with memoryview(data) as view, view[at : min(at + _PIECE, end)] as part:
+            crc = zlib.crc32(part, crc)
+        let_go(data)
+    return crc
+
+
+def let_go(data: Any) -> None:
+    """What of a mapped file has been read need not stay in this process's memory: the system keeps it while it can."""
+    if hasattr(data, "madvise"):
+        data.madvise(mmap.MADV_DONTNEED)
 
 
 def string_of(data: bytes) -> tuple[str, bytes]:

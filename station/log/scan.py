@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import mmap
 import os
@@ -19,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel
 from numpy.typing import NDArray
 
-from station.log.index import Index, checksum, entries, is_sound, mapping_of, read_index, string_of
+from station.log.index import Index, checksum, entries, is_sound, let_go, mapping_of, read_index, string_of
 from station.log.index import times as listed_times
 from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
 from station.rows import LogError
@@ -28,6 +29,8 @@ _LARGEST_CHUNK: Final = 1 << 26
 """The station closes a chunk at 32 KiB and a tick, others at some MiB: larger ones are not worth the memory."""
 CRC: Final = "crc32"
 """In metadata, the checksum of the rest of it: MCAP has none for metadata."""
+_LET_GO: Final = 500
+"""Chunks, of 32 KiB or less, that are read before their memory is given back."""
 _PROFILES_AGAIN: Final = 2
 """Behind so many chunks what a recording says of itself has been read a second time."""
 
@@ -147,7 +150,9 @@ class PartReader:
     def _selected(
         self, data: Any, index: Index, wanted: frozenset[int], first_ns: int, last_ns: int
     ) -> Iterator[tuple[Channel, int, bytes]]:
-        for chunk in index.chunks if wanted else ():
+        for number, chunk in enumerate(index.chunks if wanted else ()):
+            if not number % _LET_GO:
+                let_go(data)
             if chunk.last_ns < first_ns or chunk.first_ns > last_ns:
                 continue
             found = list(entries(data, chunk, wanted, first_ns, last_ns))
@@ -208,7 +213,9 @@ class PartReader:
                 raise LogError(f"{self.path}: not an MCAP file\nimport other formats with: station import")
             self._hurts(0, "the first bytes are wrong", 0.0)
         at, before, ended = 8, 8, False
-        while True:
+        for number in itertools.count():
+            if not number % (_LET_GO * 10):
+                let_go(data)
             if at + RECORD.size > size:
                 self.truncated_at = min(at, size)
                 return
