@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from typing import Any, Protocol
 
 from drivers.adapter import Adapter, open_devices
-from drivers.loop_links import Link, open_link
+from drivers.ardupilot_json import ArdupilotJson
+from drivers.loop_links import Link, listening_socket, open_link
+from drivers.mavlink_frame import SILENT_NS
 from drivers.mavlink_hil import MavlinkHil
 from drivers.surface_tap import SurfaceTap
 from station.clock import Clock, SystemClock
-from station.profile import CommandedLoop, MavlinkLoop, Profiles
-from station.rows import Code, DeviceError, Event, Rows
+from station.profile import JsonLoop, MavlinkLoop, Profiles
+from station.rows import Code, Event, Rows
 
 Take = Callable[[int, str, float], None]
 """Station time, ns, what moves, and where to."""
@@ -143,12 +146,72 @@ class MavlinkInput:
         self._link.close()
 
 
+class JsonInput:
+    """An ArduPilot on datagrams: whoever sends the first servo packet, until it has been silent for SILENT_NS."""
+
+    measured = False
+
+    def __init__(self, loop: JsonLoop) -> None:
+        """Raises DeviceError."""
+        self.moved = frozenset(loop.commands)
+        self._session = ArdupilotJson(loop)
+        self._socket = listening_socket(loop.address)
+        self._peer: tuple[str, int] | None = None
+        self._heard_ns = 0
+        self._told: list[tuple[Code, str]] = []
+
+    def descriptors(self) -> list[int]:
+        return [self._socket.fileno()]
+
+    def receive(self, descriptor: int, now_ns: int, take: Take) -> None:  # noqa: ARG002 - there is one
+        try:
+            data, sender = self._socket.recvfrom(2048)
+        except OSError:
+            return
+        if sender != self._peer and not self._takes(sender, data, now_ns):
+            return
+        self._heard_ns = now_ns
+        for name, value in self._session.feed(data, now_ns):
+            take(now_ns, name, value)
+
+    def _takes(self, sender: tuple[str, int], data: bytes, now_ns: int) -> bool:
+        if not self._session.is_servo_packet(data, now_ns):
+            return False
+        if self._peer is not None and now_ns - self._heard_ns <= SILENT_NS:
+            return False
+        if self._peer is not None:
+            self._session.begin()
+        self._peer = sender
+        self._told.append((Code.CONNECT, f"{sender[0]}:{sender[1]}"))
+        return True
+
+    @property
+    def waits(self) -> bool:
+        return self._session.waits
+
+    def give_up(self) -> None:
+        self._session.give_up()
+
+    def answer(self, step: int, row: Mapping[str, float], now_ns: int) -> None:  # noqa: ARG002 - it has its own time
+        data = self._session.outgoing(step, row)
+        if data and self._peer is not None:
+            with suppress(OSError):
+                self._socket.sendto(data, self._peer)
+
+    def told(self) -> list[tuple[str, Code, str]]:
+        said, self._told = self._told + self._session.told(), []
+        return [("autopilot in the loop", code, words) for code, words in said]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
 def input_of(profiles: Profiles, tap: SurfaceTap | None, clock: Clock) -> LoopInput:
     """Who is in the rig's loop. Raises StationError for a link that cannot be opened."""
     loop: Any = profiles.rig.loop
     match loop:
         case MavlinkLoop():
             return MavlinkInput(loop, open_link(loop.url, loop.baud, clock), profiles.card.flight.seed)
-        case CommandedLoop():
-            raise DeviceError(f"loop: no driver for {type(loop).__name__}")
+        case JsonLoop():
+            return JsonInput(loop)
     return MeasuredInput(profiles, tap)

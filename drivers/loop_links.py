@@ -202,3 +202,19 @@ def address(text: str) -> tuple[str, int]:
     if not port.isdecimal() or int(port) > _LAST_PORT:
         raise DeviceError(f"loop: cannot listen on {text}: the port must be a number from 1 to 65535")
     return host or "127.0.0.1", int(port)
+
+
+def listening_socket(text: str) -> socket.socket:
+    """A UDP socket bound to HOST:PORT that does not block. Raises DeviceError."""
+    here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        here.bind(address(text))
+    except (OSError, DeviceError) as error:
+        here.close()
+        if isinstance(error, DeviceError):
+            raise
+        hint = ": another program listens there; close that or use another port"
+        hint = hint if error.errno == errno.EADDRINUSE else ""
+        raise DeviceError(f"loop: cannot listen on {text}: {error.strerror or error}{hint}") from error
+    here.setblocking(False)
+    return here

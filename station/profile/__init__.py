@@ -58,7 +58,7 @@ from station.profile.quantity import (
     quantity,
 )
 from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
-from station.profile.rig_loop import LOOP_HZ, CommandedLoop, Loop, MavlinkLoop, MeasuredLoop
+from station.profile.rig_loop import LOOP_HZ, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
 from station.profile.shapes import Doublet, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
@@ -93,6 +93,7 @@ __all__ = [
     "Indicial",
     "Inertia",
     "Instrument",
+    "JsonLoop",
     "KilogramMetres2",
     "Kilograms",
     "Limits",

@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS, unit_named
 from station.profile.channel import Channel
-from station.profile.quantity import Frozen, Hertz, Positive, Radians, Seconds
+from station.profile.quantity import Frozen, Hertz, Metres, Positive, Radians, Seconds
 
 LOOP_HZ = 400
 """Steps a second with something from outside in the loop: an autopilot's inner loop runs at 250 to 400 Hz."""
@@ -123,4 +123,28 @@ class MavlinkLoop(CommandedLoop):
         return f"HIL_SENSOR, HIL_GPS and HIL_STATE_QUATERNION of the simulated aircraft, {to}"
 
 
-Loop = Annotated[MeasuredLoop | MavlinkLoop, Field(discriminator="kind")]
+class JsonLoop(CommandedLoop):
+    """An ArduPilot in software over its JSON interface: servo packets in, JSON out."""
+
+    kind: Literal["ardupilot_json"]
+    """Who moves the surfaces."""
+    address: str = "127.0.0.1:9002"
+    """HOST:PORT where servo packets come in, over UDP."""
+    ground: Metres = 0.0
+    """Height of the autopilot's home above mean sea level, as it is started with."""
+
+    @staticmethod
+    def output_prefix() -> str:
+        return "servo"
+
+    @staticmethod
+    def outputs() -> int:
+        return 32
+
+    @property
+    def sent(self) -> str:
+        """What goes out, in words."""
+        return "the simulated aircraft's state as JSON, to whom servo packets come from"
+
+
+Loop = Annotated[MeasuredLoop | MavlinkLoop | JsonLoop, Field(discriminator="kind")]

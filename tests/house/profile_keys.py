@@ -153,6 +153,7 @@ def rig_keys() -> str:
         ("`[loop]`", rig_loop.MeasuredLoop),
         ("`[loop]`, an autopilot's", rig_loop.CommandedLoop, rig_loop.MeasuredLoop),
         ("`[loop]`", rig_loop.MavlinkLoop, rig_loop.CommandedLoop),
+        ("`[loop]`", rig_loop.JsonLoop, rig_loop.CommandedLoop),
     )
 
 
