@@ -78,7 +78,8 @@ def find_mode(frequencies_hz: Array, density: Array, independent: Array, nyquist
     # A mode may show anywhere in the band: as many chances as it has bins.
     gain = without - least
     if best is None or chi2.sf(gain, 2) * len(f) > BY_CHANCE:
-        raise NotIdentifiable(f"no mode stands out between {f[0]:.2g} and {f[-1]:.2g} Hz")
+        band = f"{f[0]:.2g} and {f[-1]:.2g} Hz"
+        raise NotIdentifiable(f"no mode stands out between {band}: below the noise, or not moved by gusts")
     slopes = _slopes(best, f, nyquist_hz)
     covariance = np.linalg.pinv((slopes * n[:, None]).T @ slopes)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))

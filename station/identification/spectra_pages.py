@@ -51,12 +51,15 @@ def _density_page(record: FlightRecord) -> list[str]:
     profile = f" The profile has {boom.vane_frequency:g} Hz, {boom.vane_damping:g}." if boom else ""
     if found.mode is not None:
         m = found.mode
-        said = (
-            f"A mode at {m.frequency_hz:.2f} ± {2 * m.frequency_sd:.2f} Hz, damping {m.damping:.2f} ± "
-            f"{2 * m.damping_sd:.2f} (95 %), of the vane or of its boom, which a vane alone cannot tell apart.{profile}"
-        )
+        damping = f"damping {m.damping:.2f} ± {2 * m.damping_sd:.2f} (95 %)"
+        if not found.is_resolved:
+            most = m.damping + 2 * m.damping_sd
+            damping = f"damping at most {most:.2g}, which segments of {1 / found.line_hz:.0f} s do not resolve"
+        frequency = f"{m.frequency_hz:.2f} ± {2 * m.frequency_sd:.2f} Hz"
+        apart = "of the vane or of its boom, which a vane alone cannot tell apart"
+        said = f"A mode at {frequency}, {damping}, {apart}.{profile}"
     else:
-        said = f"{found.why[:1].upper()}{found.why[1:]}: below the noise, or not moved by gusts.{profile}"
+        said = f"{found.why[:1].upper()}{found.why[1:]}.{profile}"
     return [
         image(figure, "Spectral density of the vane's angle up to the Nyquist frequency"),
         _note(
@@ -99,7 +102,7 @@ def _parts_page(record: FlightRecord) -> list[str]:
         found = parts(record)
     except NotIdentifiable as why:
         return [_note(f"Delay and upwash over frequency: {why}.")]
-    refused = [_note(f"{p.name.capitalize()}, {p.seconds:.0f} s: {p.why}.") for p in found if p.why]
+    refused = [_note(f"{p.name.capitalize()}: {p.why}.") for p in found if p.why]
     shown = [p for p in found if p.spectra is not None]
     if not shown:
         return refused

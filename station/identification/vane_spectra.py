@@ -28,6 +28,8 @@ SEGMENTS_S: Final = (20.0, 10.0, 5.0)
 BINS_A_DECADE: Final = 24
 MODE_BIN_HZ: Final = 0.3
 """Width of the bins that a mode is looked for in: a fifth of the width of one of 9 Hz damped by 0.08."""
+RESOLVED: Final = 3.0
+"""Lines that a mode must be wide for its damping to be told: a Hann window makes half as many of a single frequency."""
 LOWEST_HZ: Final = 0.05
 
 
@@ -53,7 +55,14 @@ class VaneDensity:
     noise: float
     mode: Mode | None
     mode_bins: Bins
+    line_hz: float
+    """Between the transform's lines."""
     why: str = ""
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the mode is wider than what the window makes of a single frequency."""
+        return self.mode is not None and 2 * self.mode.damping * self.mode.frequency_hz > RESOLVED * self.line_hz
 
 
 def vane_density(record: FlightRecord) -> VaneDensity:
@@ -71,7 +80,7 @@ def vane_density(record: FlightRecord) -> VaneDensity:
         mode, why = find_mode(fine.frequencies_hz, fine.xx, fine.own, nyquist), ""
     except NotIdentifiable as none:
         mode, why = None, str(none)
-    return VaneDensity(_by_decade(found, nyquist), nyquist, noise, mode, fine, why)
+    return VaneDensity(_by_decade(found, nyquist), nyquist, noise, mode, fine, 1.0 / (segment * record.dt), why)
 
 
 def parts(record: FlightRecord) -> tuple[Part, ...]:
@@ -119,7 +128,7 @@ def _segment(usable: Flags, dt: float) -> int:
             return segment
     shortest = f"{SEGMENTS_S[-1]:g} s"
     raise NotIdentifiable(
-        f"{usable.sum() * dt:.0f} s in all, {count} of {MIN_SEGMENTS} whole segments of {shortest}: too short"
+        f"{usable.sum() * dt:.0f} s, {count} of {MIN_SEGMENTS} whole segments of {shortest}: too short"
     )
 
 
