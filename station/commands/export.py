@@ -10,6 +10,7 @@ from typing import Annotated, cast
 import typer
 
 from station.commands.common import LogPath, judged, profiles_of, there
+from station.commands.long_work import shown
 from station.console import say
 from station.log import make_folder, metadata, read_rows
 from station.rows import LogError
@@ -51,13 +52,15 @@ def export(
     if to is ExportFormat.rrd:
         make_folder(out.parent)
         try:
-            with new_file(out) as partial:
+            with shown("drawing"), new_file(out) as partial:
                 title = f"{about.source} of {about.aircraft.name}"
                 write_rrd(read_rows(log), partial, profiles_of(about), title=title)
         except FileExistsError:
             raise LogError(f"{out}: exists already and is not overwritten") from None
         say(str(out))
     else:
-        for made in write_export(log, cast(Format, to.value), out, _packets):
+        with shown(f"exporting {log.name}", log) as told:
+            files = write_export(log, cast(Format, to.value), out, _packets, told)
+        for made in files:
             say(str(made))
     return judged(log)

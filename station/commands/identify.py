@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from station.commands.common import LogPath, judged, there
+from station.commands.long_work import shown
 from station.console import DEGRADED, check_json, say, write_json
 
 
@@ -35,7 +36,10 @@ def identify(
 
     check_json(as_json)
     names = [name for text in method or ["all"] for name in text.replace(",", " ").split()]
-    made = solve(there(log), names, start=start, end=end, point=point, axes=axes.value, sift=sift, aircraft=aircraft)
+    with shown(f"identifying {log.name}"):
+        made = solve(
+            there(log), names, start=start, end=end, point=point, axes=axes.value, sift=sift, aircraft=aircraft
+        )
     found = made.found
     if found.hint:
         say(f"station: {found.hint}")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from station.commands.long_work import shown
 from station.console import DONE, say
 from station.profile import load_aircraft
 
@@ -19,5 +20,7 @@ def import_(
     """Make a station recording of a record from elsewhere."""
     from station.api.flown_recording import write_import
 
-    say(f"{out}: {write_import(file, out, load_aircraft(aircraft))} rows")
+    with shown(f"importing {file.name}", moving=False):
+        rows = write_import(file, out, load_aircraft(aircraft))
+    say(f"{out}: {rows} rows")
     return DONE

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from station.clock import SystemClock
 from station.commands.common import LogPath, ViewMode, judged, profiles_of
+from station.commands.long_work import shown
 from station.console import DONE, ERROR, say
+from station.conventions import TICK_HZ
 from station.log import metadata, points, read_rows
 from station.rows import Frame, Rows, UsageError
+
+if TYPE_CHECKING:
+    from station.flight import loop
 
 LEAD_S: Final = 30.0
 """Flight before a point that the filters run on."""
@@ -65,8 +70,9 @@ def replay(
                 if rate is None and found.beats % 200 == 0:
                     viewer.flush(10.0)
 
+        told = stack.enter_context(shown(f"replaying {log.name}", log))
         aligner = Aligner(about.streams, about.rig.noise_si(), about.clock_law)
-        live.run(source, aligner, lambda: made, None, show, found.take)
+        live.run(_telling(source, told), aligner, lambda: made, None, show, found.take)
     if found.beats == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")
     compared = f"{found.rows} rows compared, {found.different} different"
@@ -76,6 +82,14 @@ def replay(
         return ERROR
     whole = judged(log)
     return DONE if verify else whole
+
+
+def _telling(source: Iterator[loop.Beat], told: Callable[[int], None]) -> Iterator[loop.Beat]:
+    """The same beats; a second of flight after the other is told."""
+    for beat in source:
+        if not beat.tick.k % TICK_HZ:
+            told(beat.tick.t_ns)
+        yield beat
 
 
 def _interval(log: Path, number: int) -> tuple[int, int]:

@@ -7,7 +7,7 @@ each complete in itself.
 from station.log.about import About, LogInfo
 from station.log.disk import make_folder
 from station.log.reading import metadata, parts, read_rows, row_times
-from station.log.summary import Summary, describe, recover, summarise, verdict
+from station.log.summary import Summary, describe, recover, span_ns, summarise, verdict
 from station.log.table import Point, Table, points, table
 from station.log.writer import LogWriter, write_log
 from station.log.writer_thread import WriterThread
@@ -28,6 +28,7 @@ __all__ = [
     "read_rows",
     "recover",
     "row_times",
+    "span_ns",
     "summarise",
     "table",
     "verdict",

@@ -142,6 +142,15 @@ def _shortcomings(s: Summary) -> list[str]:
     return [*found, f"{lost} rows lost in flight"] if lost else found
 
 
+def span_ns(path: Path) -> tuple[int, int] | None:
+    """Station time of the first and the last row, as its files say at their ends; None where one does not."""
+    total = [counts_of(reader) for reader in readers(path)]
+    known = [c for c in total if c is not None and c.first_ns is not None]
+    if not known or len(known) < len(total):
+        return None
+    return min(c.first_ns or 0 for c in known), max(c.last_ns for c in known)
+
+
 def verdict(path: Path) -> Verdict:
     """The verdict alone, of files and chunks: no row is decoded. Raises LogError as `summarise` does."""
     found: Verdict = "complete"

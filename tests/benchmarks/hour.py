@@ -110,7 +110,8 @@ def main() -> None:
             write_log(log, metadata(flight).about, hour(flight, chosen.minutes))
         size = log.stat().st_size
         print(f"{chosen.minutes} min, {size / 2**20:.0f} MiB, {len(os.sched_getaffinity(0))} cores")
-        print(f"{'':24}{'s':>8}{'MiB':>8}")
+        print(f"{'':24}{'s':>8}{'MiB':>8}", flush=True)
+        measured(["identify", str(log), "--point", "1"], folder)  # compiles the numerics where they are not yet
         for title, words in commands(log, folder):
             if chosen.only in title:
                 seconds, memory, code = measured(words, folder)
