@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -13,6 +15,9 @@ from station.console import DEGRADED, DONE, say
 from station.log import About, verdict
 from station.profile import Profiles
 from station.rows import LogError
+
+_OF_SSH: Final = 4
+"""Words of SSH_CONNECTION: address and port of the client, then of this machine."""
 
 
 class ViewMode(StrEnum):
@@ -52,3 +57,14 @@ def profiles_of(about: About) -> Profiles | None:
     if about.rig is None or about.card is None:
         return None
     return Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card)
+
+
+def page_words(address: str) -> str:
+    """Where the viewer's page is; for who is logged in over ssh, with the command that brings its ports to them: it is
+    on this machine's loopback."""
+    here = os.environ.get("SSH_CONNECTION", "").split()
+    ports = dict.fromkeys(re.findall(r"127\.0\.0\.1:(\d+)", address))
+    if len(here) != _OF_SSH or not ports:
+        return f"viewer: {address}"
+    forwards = " ".join(f"-L {port}:127.0.0.1:{port}" for port in ports)
+    return f"viewer: {address}\nyou are here over ssh: first, on your machine: ssh -N {forwards} {here[2]}"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from station.clock import SystemClock
-from station.commands.common import LogPath, ViewMode, judged, profiles_of
+from station.commands.common import LogPath, ViewMode, judged, page_words, profiles_of
 from station.commands.long_work import shown
 from station.console import DONE, ERROR, say
 from station.conventions import TICK_HZ
@@ -62,7 +62,7 @@ def replay(
         if view is not ViewMode.none:
             viewer = View(view.value, f"replay of {log.name}", profiles_of(about), on_event=lambda _: None)
             stack.callback(viewer.close)
-            say(f"viewer: {viewer.start()}")
+            say(page_words(viewer.start()))
 
             def show(rows: Sequence[Rows]) -> None:
                 viewer.show(rows)

@@ -17,7 +17,7 @@ import typer
 
 from station.clock import SystemClock, asleep_ns
 from station.commands.cards import about_air, load, recorded_flight
-from station.commands.common import CardName, ViewMode, finite
+from station.commands.common import CardName, ViewMode, finite, page_words
 from station.commands.process import line_writer, stop_on_signals
 from station.console import judge, say
 from station.conventions import LONGITUDINAL, TICK_HZ
@@ -127,7 +127,7 @@ class _Flight:
             self.board.wait_for_first(FIRST_WITHIN_S)
             self.board.address = self.viewer.start()
             if self.board.address:
-                say(f"viewer: {self.board.address}")
+                say(page_words(self.board.address))
             self._show(as_json, write)
         finally:
             self.stop.set()
