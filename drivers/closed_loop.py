@@ -23,7 +23,7 @@ from drivers.loop_inputs import LoopInput, input_of
 from drivers.loop_timing import REPORT_EVERY_NS, Overruns, claim_real_time
 from drivers.surface_tap import SurfaceTap
 from station.clock import SystemClock
-from station.profile import LOOP_HZ, Manoeuvre, MeasuredLoop, Profiles
+from station.profile import LOOP_HZ, MeasuredLoop, Order, Profiles
 from station.rows import Code, StationError
 from station.simulation.outside import Outside
 from station.simulation.sortie import stepped
@@ -68,7 +68,7 @@ class _Newest:
     def signals(self) -> dict[str, float]:
         return dict(zip(self._columns, self.row.tolist(), strict=True))
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Nothing: the flight itself is asked."""
 
     def advance(self, n: int) -> Mapping[str, Floats]:  # noqa: ARG002 - there is one

@@ -29,11 +29,11 @@ from drivers.emulated_messages import TRUTH_HZ
 from drivers.surface_tap import SurfaceTap
 from station.clock import Clock, SystemClock
 from station.conventions import ANGLES_THAT_WRAP
-from station.profile import EMULATED, AlteredAircraft, Manoeuvre, MeasuredLoop, Profiles
+from station.profile import EMULATED, AlteredAircraft, Leg, MeasuredLoop, Order, Profiles
 from station.rows import DeviceError, StationError
 
 Floats = NDArray[np.float64]
-Orders = SimpleQueue[Sequence[Manoeuvre]]
+Orders = SimpleQueue[Sequence[Order]]
 Recording = Mapping[str, Floats]
 """Signals over time, SI: "time" (n,) s increasing and any of SIGNALS (n,), NaN where missing."""
 
@@ -53,7 +53,7 @@ class Source(Protocol):
         """The next n rows at TRUTH_HZ by signal; fewer, then none, at the end."""
         ...
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
         ...
 
@@ -78,7 +78,7 @@ class Playback:
         """Those with at least two values."""
         return frozenset(self._curves)
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Nothing: a recording is flown as it is."""
 
     def advance(self, n: int) -> Mapping[str, Floats]:
@@ -165,7 +165,7 @@ class _Begun:
     def __init__(self, source: Source, first: Mapping[str, Floats]) -> None:
         self._source, self._first = source, first
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         self._source.ask(manoeuvres)
 
     def advance(self, n: int) -> Mapping[str, Floats]:
@@ -180,7 +180,7 @@ class _Awaited:
         self._now, self._make = meanwhile, make
         self._made: Source | None = None
         self._failure: StationError | None = None
-        self._asked: Sequence[Manoeuvre] = ()
+        self._asked: Sequence[Order] = ()
         self._before, self._taken_over = 0, False
         self._thread = threading.Thread(target=self._prepare, name="simulation", daemon=True)
 
@@ -192,8 +192,8 @@ class _Awaited:
         except Exception as error:  # else level flight would go on, as if it were what the card flies
             self._failure = DeviceError(f"the simulation cannot be flown: {type(error).__name__}: {error}")
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
-        self._asked = manoeuvres
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
+        self._asked = [*(m for m in self._asked if isinstance(m, Leg)), *manoeuvres]
         # The simulation's time begins when it takes over.
         begun_s = self._before / TRUTH_HZ
         self._now.ask([m.model_copy(update={"start": m.start - begun_s}) for m in manoeuvres])
@@ -207,7 +207,8 @@ class _Awaited:
             raise self._failure
         elif self._made is not None:
             self._now, self._made, self._taken_over = self._made, None, True
-            self.ask(self._asked)
+            asked, self._asked = self._asked, ()
+            self.ask(asked)
         return rows
 
 

@@ -28,6 +28,7 @@ VERBS: Final = {
     "identify": "Derivatives of a recording, by every method, with their errors.",
     "points": "Test points by every method, the baseline, and what has changed.",
     "baseline": "Pool test points into an aircraft profile of measured derivatives and drag.",
+    "calibrate": "A calibration flight: air data, vane and zeros, into a new aircraft profile.",
     "export": "Write a recording's table and raw streams for other programs.",
     "inputs": "What a card asks to be flown, as a table for an autopilot.",
     "simulate": "Fly the simulation with the rig's sensors into a recording.",

@@ -54,6 +54,11 @@ def utc_now_ns() -> int:
     return time.time_ns()
 
 
+def utc_date(utc_ns: int) -> str:
+    """Of ns since 1970 UTC: 2026-11-22."""
+    return datetime.fromtimestamp(utc_ns // 1_000_000_000, UTC).strftime("%Y-%m-%d")
+
+
 def asleep_ns() -> int:
     """How long the machine has been suspended since it was switched on; meanwhile station time stands still. 0 where
     the system does not tell."""

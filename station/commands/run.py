@@ -20,22 +20,21 @@ from station.commands.cards import about_air, load, recorded_flight
 from station.commands.common import CardName, ViewMode, finite, page_words
 from station.commands.process import line_writer, stop_on_signals
 from station.console import judge, say
-from station.conventions import LONGITUDINAL, TICK_HZ
+from station.conventions import LONGITUDINAL
 from station.flight import loop as live
 from station.flight.alignment import Aligner
 from station.flight.board import Board
 from station.flight.bus import Bus
 from station.flight.emulators import Emulated, emulators, loop_words, streams_flown
-from station.flight.guide import Guide
+from station.flight.guide import Guide, table_of
 from station.flight.point_marks import Points
 from station.flight.preparing import Preparation
 from station.flight.verdict import Option
 from station.log import About, WriterThread
 from station.numerics.atmosphere import atmosphere
-from station.profile import CanDevice, Manoeuvre, Profiles, Rig
+from station.profile import CanDevice, Order, Profiles, Rig
 from station.rows import MISSED_SHARE, Code, Event, Rows, UsageError
 from station.screen.rerun_feed import View
-from station.simulation.input_table import input_table
 
 if TYPE_CHECKING:
     from drivers.surface_tap import SurfaceTap
@@ -205,7 +204,7 @@ def guide_of(
     board: Board,
     points: Points,
     put: Callable[[Event], None],
-    ask: Callable[[Sequence[Manoeuvre]], None],
+    ask: Callable[[Sequence[Order]], None],
     *,
     auto: bool,
 ) -> Guide:
@@ -219,7 +218,7 @@ def guide_of(
         speed = step.condition.speed or card.flight.speed
         height = card.flight.altitude if step.condition.altitude is None else step.condition.altitude
         density = aircraft.air_density or atmosphere(height)[2]
-        own = input_table(step.inputs, TICK_HZ).surfaces.get("elevator", np.empty(0))
+        own = table_of(step).surfaces.get("elevator", np.empty(0))
         found = {}
         for name in (n for n in step.accept if n in LONGITUDINAL):
             with suppress(NotIdentifiable):

@@ -19,11 +19,11 @@ from station.clock import Clock
 from station.console import say
 from station.conventions import Stream
 from station.flight.bus import Bus
-from station.profile import LOOP_HZ, Manoeuvre, Rig
+from station.profile import LOOP_HZ, Order, Rig
 from station.rows import Code, DeviceError, Event, StationError
 
 _LOOK_S: Final = 0.5
-Orders = SimpleQueue[Sequence[Manoeuvre]]
+Orders = SimpleQueue[Sequence[Order]]
 Serve = Callable[[Callable[[dict[str, Any]], None], threading.Event, Orders], None]
 """Serves the devices until the event is set, announces what drivers.emulation.serve says, and flies what is ordered."""
 _FORK: Final = multiprocessing.get_context("fork")
@@ -42,7 +42,7 @@ class Emulated:
     loop: dict[str, Any] = field(default_factory=dict)
     """How a loop keeps time, as it says itself: steps, late, worst_late_ms, surface_to_vane_ms."""
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Have the emulated aircraft fly these, too, `start` in station time, s; none to fly what was asked no more.
         Nothing where none is emulated: the pilot flies."""
         if self.pipe is None:

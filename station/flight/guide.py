@@ -20,7 +20,7 @@ from station.flight.limits import LimitWatch
 from station.flight.point_marks import Points
 from station.flight.verdict import Option, Verdict, judge, known
 from station.model.airframe_error import relative_errors
-from station.profile import AIR, Aircraft, Card, Manoeuvre, Step
+from station.profile import AIR, Aircraft, Card, Order, Step
 from station.rows import AlphaEstimate, Code, Event, Frame, Row
 from station.simulation.input_table import InputTable, input_table
 
@@ -82,14 +82,14 @@ class Guide:
         board: Board,
         points: Points,
         put: Callable[[Event], None],
-        ask: Callable[[Sequence[Manoeuvre]], None] = lambda _: None,
+        ask: Callable[[Sequence[Order]], None] = lambda _: None,
         options: Sequence[Mapping[str, Option]] = (),
         *,
         auto: bool = False,
     ) -> None:
         """`options`: of each step, a better input by derivative; `auto`: nobody presses keys."""
         self.steps = card.steps
-        self.tables: tuple[InputTable, ...] = tuple(input_table(s.inputs, TICK_HZ) for s in card.steps)
+        self.tables: tuple[InputTable, ...] = tuple(table_of(s) for s in card.steps)
         self.shown = Shown(Phase.READY if card.steps else Phase.DONE, 1, 0)
         self.flown: dict[str, Array] = {}
         """What each surface has done about its trim, by the ticks of the step's table; NaN to come."""
@@ -99,6 +99,7 @@ class Guide:
         self._alpha: AlphaEstimate | None = None
         self._pressed = ""
         self._start_ns = self._steady_ns = self._told_ns = 0
+        self._goes_places, self._led = card.goes_places, 0
         self._trim: dict[str, float] = {}
         self._faults: list[str] = []
         self._worst_air = 0
@@ -149,6 +150,7 @@ class Guide:
         self.shown = shown = replace(shown, checks=checks, since_s=since_s)
         match shown.phase:
             case Phase.READY:
+                self._lead(now)
                 if key == "n" or (self._auto and now - self._steady_ns > STEADY_S * 1e9):
                     self._count_down(now)
             case Phase.COUNTDOWN:
@@ -158,6 +160,13 @@ class Guide:
             case Phase.VERDICT:
                 self._go_on(key, now)
         self._obey(key)
+
+    def _lead(self, now: int) -> None:
+        """Have an emulated aircraft fly to where the step is flown."""
+        if self._goes_places and self._settled_ns and now >= self._settled_ns and self._led != self.shown.number:
+            self._led = self.shown.number
+            leg = self.step.leg(now * 1e-9)
+            self._ask([leg] if leg is not None else [])
 
     def _await_the_input(self, frame: Frame, since_s: float) -> None:
         if since_s < 0:
@@ -200,7 +209,7 @@ class Guide:
             more = f"; {step.condition.configuration}" if step.condition.configuration else ""
             self._points.begin(f"{step.name}{more}")
         self._start_ns = now + round(COUNTDOWN_S * 1e9)
-        begins, first = self._start_ns * 1e-9, min(m.start for m in step.inputs)
+        begins, first = self._start_ns * 1e-9, min((m.start for m in step.inputs), default=0.0)
         self._ask([m.model_copy(update={"start": begins + m.start - first}) for m in step.inputs])
         self.flown = {name: np.full(len(x), math.nan) for name, x in self.table.surfaces.items()}
         self._trim, self._faults, self._worst_air = {}, [], 0
@@ -266,8 +275,11 @@ class Guide:
             yield _check("speed", _signal(frame, "airspeed"), c.speed, c.speed_tolerance, "kt")
         if c.altitude is not None:
             yield _check("altitude", _signal(frame, "altitude"), c.altitude, c.altitude_tolerance, "ft")
+        if c.heading is not None:
+            heading = c.heading + math.remainder(_signal(frame, "psi") - c.heading, 2 * math.pi)
+            yield _check("heading", heading, c.heading, c.heading_tolerance, "deg")
         if before:
-            yield _check("bank", _signal(frame, "phi"), 0.0, c.bank_tolerance, "deg")
+            yield _check("bank", _signal(frame, "phi"), c.bank, c.bank_tolerance, "deg")
             rate = _signal(frame, "q")
             words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s"
             yield Check(words, not abs(rate) > c.pitch_rate_tolerance)
@@ -293,6 +305,13 @@ class Guide:
             "verdict": None if verdict is None else {"kind": verdict.kind, "words": verdict.words},
             "results": [{"name": name, "ended": how} for name, how in shown.results],
         }
+
+
+def table_of(step: Step) -> InputTable:
+    """What the step draws; nothing moves in a steady one, for as long as it lasts."""
+    if step.steady is None:
+        return input_table(step.inputs, TICK_HZ)
+    return InputTable(np.arange(math.ceil(step.steady * TICK_HZ) + 1) / TICK_HZ, {}, ())
 
 
 def _signal(frame: Frame, name: str) -> float:

@@ -137,7 +137,7 @@ class _Search:
     def _residual(self, delay: float, whitener: Array) -> tuple[Array, Array]:
         """Bias and scale at a delay, and their residual, not whitened."""
         x = self._level(delay)
-        found = np.linalg.lstsq(_whitened(x, whitener), _whitened(self._z, whitener))[0]
+        found = np.linalg.lstsq(whitened(x, whitener), whitened(self._z, whitener))[0]
         return np.asarray(found, dtype=np.float64), np.asarray(self._z - x @ found, dtype=np.float64)
 
     def calm(self) -> tuple[Value, Value, Value]:
@@ -147,10 +147,10 @@ class _Search:
     def gusty(self) -> tuple[Value, Value, Value]:
         """By generalised least squares, the whitener found along with the rest."""
         delay = 0.0
-        whitener = _autoregression(self._residual(delay, np.array([1.0, -1.0]))[1])
+        whitener = autoregression(self._residual(delay, np.array([1.0, -1.0]))[1])
         for _ in range(ROUNDS):
             before, delay = delay, self._best(whitener)
-            whitener = _autoregression(self._residual(delay, whitener)[1])
+            whitener = autoregression(self._residual(delay, whitener)[1])
             if delay == before:
                 break
         bias, scale, place = self._refined(delay, whitener)
@@ -168,21 +168,21 @@ class _Search:
 
     def _costs(self, whitener: Array) -> Array:
         """Residual sum of squares of the whitened reading at each delay of the scan."""
-        z = _whitened(self._z, whitener)
+        z = whitened(self._z, whitener)
         costs = []
         for delay in self._scan:
-            x = _whitened(self._level(float(delay)), whitener)
+            x = whitened(self._level(float(delay)), whitener)
             found = np.linalg.lstsq(x, z)[0]
             residual = z - x @ found
             costs.append(float(residual @ residual) if found[1] > 0 else math.inf)
         return np.array(costs)
 
     def _refined(self, delay: float, whitener: Array) -> tuple[Value, Value, Value]:
-        z, at = _whitened(self._z, whitener), self._t
+        z, at = whitened(self._z, whitener), self._t
         scale = self._residual(delay, whitener)[0][1]
         for _ in range(ROUNDS):
             slope = -scale * self._angle(at - delay, 1)
-            x = _whitened(np.column_stack([self._level(delay), slope]), whitener)
+            x = whitened(np.column_stack([self._level(delay), slope]), whitener)
             found = np.linalg.lstsq(x, z)[0]
             scale = found[1]
             delay += float(np.clip(found[2], -SCAN_S, SCAN_S))
@@ -192,12 +192,12 @@ class _Search:
         return Value(bias, sd[0]), Value(slope_, sd[1]), Value(delay, sd[2])
 
 
-def _whitened(x: Array, coefficients: Array) -> Array:
+def whitened(x: Array, coefficients: Array) -> Array:
     """A(L) x without the first rows, whose past is missing; x (n,) or (n, m)."""
     return np.asarray(lfilter(coefficients, [1.0], x, axis=0)[len(coefficients) - 1 :])
 
 
-def _autoregression(residual: Array) -> Array:
+def autoregression(residual: Array) -> Array:
     """(1, a1 ... ap): the filter that whitens a series, Yule-Walker, order by Akaike's criterion."""
     e = residual - residual.mean()
     r = np.array([e[: len(e) - k] @ e[k:] for k in range(ORDERS[-1] + 1)]) / len(e)

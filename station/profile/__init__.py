@@ -12,6 +12,7 @@ from station.profile.aircraft import (
     Actuator,
     Aircraft,
     Boom,
+    Calibrated,
     Derivative,
     Drag,
     Geometry,
@@ -59,7 +60,7 @@ from station.profile.quantity import (
 )
 from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
 from station.profile.rig_loop import LOOP_HZ, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
-from station.profile.shapes import Doublet, Manoeuvre, Multisine, Pulse, Sweep, ThreeTwoOneOne
+from station.profile.shapes import Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
 __all__ = [
@@ -75,6 +76,7 @@ __all__ = [
     "AlteredAircraft",
     "Boom",
     "Bytes",
+    "Calibrated",
     "CanDevice",
     "Card",
     "Change",
@@ -96,6 +98,7 @@ __all__ = [
     "JsonLoop",
     "KilogramMetres2",
     "Kilograms",
+    "Leg",
     "Limits",
     "Loop",
     "Manoeuvre",
@@ -107,6 +110,7 @@ __all__ = [
     "MetresPerSecond",
     "Multisine",
     "Newtons",
+    "Order",
     "Pilot",
     "Positive",
     "Profiles",

@@ -253,6 +253,41 @@ class Measured(Frozen):
     """By which that of another point would lie off it, standard deviation."""
 
 
+class Calibrated(Frozen):
+    """What `station calibrate` found of the boom and the instruments, whose values stand there: when, of what, and how
+    well, standard deviations."""
+
+    date: str
+    """Of the first recording, UTC."""
+    recordings: tuple[str, ...]
+    """Their names."""
+    lowest_speed: MetresPerSecond
+    """True airspeeds between which it was flown, the lowest"""
+    highest_speed: MetresPerSecond
+    """and the highest."""
+    airspeed_error_sd: MetresPerSecond | None = None
+    """Of the airspeed's position error at the mean of these speeds."""
+    airspeed_slope_sd: float | None = Field(default=None, ge=0)
+    """Of its slope: of the airspeed's gain."""
+    pressure_scale_sd: float | None = Field(default=None, ge=0)
+    """Of the dynamic pressure's gain."""
+    vane_zero_sd: Radians | None = None
+    """Of the vane's zero, attitude's included."""
+    upwash_sd: float | None = Field(default=None, ge=0)
+    """Of the steady upwash, body and wing together."""
+    vane_x_sd: Metres | None = None
+    """Of the vane's place."""
+    vane_delay_sd: Seconds | None = None
+    """Of its latency."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _recordings(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and isinstance(raw.get("recordings"), list):
+            raw = {**raw, "recordings": tuple(raw["recordings"])}
+        return raw
+
+
 COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
 ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr", "gust")
 DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
@@ -291,6 +326,7 @@ class Aircraft(Frozen):
     kinematics_only: bool = False
     """Geometry and mass are placeholders: instruments can be calibrated with such a profile, derivatives not found."""
     measured: Measured | None = None
+    calibrated: Calibrated | None = None
     instruments: dict[str, Instrument] = Field(default_factory=dict)
     """Errors of sensors that the rig does not know of, by signal: diagnosis writes them, the simulation flies them."""
     imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)

@@ -21,7 +21,7 @@ from station.profile.quantity import (
     Seconds,
     nearest,
 )
-from station.profile.shapes import Manoeuvre
+from station.profile.shapes import Leg, Manoeuvre
 from station.profile.step import Limits, Step
 
 
@@ -68,8 +68,12 @@ class Flight(Frozen):
     """Steady wind, towards the north."""
     wind_east: MetresPerSecond = 0.0
     """Steady wind, towards the east."""
+    wind_walk: Annotated[MetresPerSecond, Field(ge=0)] = 0.0
+    """By how much either component of the wind changes in a minute, standard deviation of a random walk."""
     heading: Radians = 0.0
     """Clockwise from north."""
+    legs: tuple[Leg, ...] = ()
+    """To which speeds and headings it flies, and when; it needs lateral derivatives."""
     seed: int = Field(default=1, ge=0)
     """Of gusts and sensor noise."""
     device_clock_offset: Seconds = 3600.0
@@ -84,12 +88,16 @@ class Flight(Frozen):
     def _truth(cls, raw: Any) -> Any:
         if isinstance(raw, dict) and isinstance(raw.get("truth"), dict):
             raw = {**raw, "truth": flattened(raw["truth"])}
+        if isinstance(raw, dict) and isinstance(raw.get("legs"), list):
+            raw = {**raw, "legs": tuple(raw["legs"])}
         return raw
 
     @model_validator(mode="after")
     def _can_change(self) -> Self:
         if self.truth and self.source != "simulation":
             raise PydanticCustomError("truth", "truth: only the simulation flies an aircraft that changes")
+        if (self.legs or self.wind_walk) and self.source != "simulation":
+            raise PydanticCustomError("legs", "legs, wind_walk: only the simulation flies them")
         return self
 
 
@@ -217,6 +225,13 @@ class Card(Frozen):
     def inputs(self) -> tuple[Manoeuvre, ...]:
         """All that may be flown: unasked, and step by step."""
         return (*self.manoeuvres, *(m for step in self.steps for m in step.inputs))
+
+    @property
+    def goes_places(self) -> bool:
+        """Whether an emulated aircraft turns, or changes its speed, on the way."""
+        wanted = [s.condition for s in self.steps]
+        speeds = {c.speed for c in wanted if c.speed is not None}
+        return bool(self.flight.legs) or len(speeds) > 1 or any(c.heading is not None or c.bank for c in wanted)
 
     @model_validator(mode="before")
     @classmethod

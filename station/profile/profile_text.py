@@ -19,7 +19,8 @@ UNIT_OF: Final[Mapping[str, str]] = {
     "tail_arm": "m", "downwash_delay": "s", "reference_chord": "m", "time_constant": "s",
     "rate_limit": "rad/s", "position_limit": "rad", "latency": "s", "lag": "s", "reference_speed": "m/s",
     "alpha_star": "rad", "air_density": "kg/m3", "thrust_angle": "rad", "thrust_pitch_arm": "m", "imu_offset": "m",
-    "lowest_speed": "m/s", "highest_speed": "m/s",
+    "lowest_speed": "m/s", "highest_speed": "m/s", "airspeed_error_sd": "m/s", "vane_zero_sd": "rad", "vane_x_sd": "m",
+    "vane_delay_sd": "s",
     "static_thrust": "N", "speeds": "m/s", "altitudes": "m",
 }  # fmt: skip
 """Keys of an aircraft that carry a unit."""

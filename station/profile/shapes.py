@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from station.profile.quantity import Frozen, Hertz, Positive, Radians, Seconds
+from station.profile.quantity import Frozen, Hertz, MetresPerSecond, Positive, Radians, Seconds
 
 
 class _Input(Frozen):
@@ -63,4 +63,20 @@ class Pulse(_Input):
     """How long it lasts."""
 
 
+class Leg(Frozen):
+    """Where an emulated aircraft flies to from `start` on; what is left out stays."""
+
+    start: Seconds
+    """Seconds of flight."""
+    speed: Annotated[MetresPerSecond, Positive] | None = None
+    """True airspeed."""
+    heading: Radians | None = None
+    """Clockwise from north; turned to the shorter way."""
+    bank: Radians | None = None
+    """Turns with it, right wing down positive, until a leg with a heading."""
+
+
 Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]
+
+Order = Manoeuvre | Leg
+"""What an emulated aircraft may be asked to fly."""

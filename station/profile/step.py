@@ -9,8 +9,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import LATERAL, LONGITUDINAL
-from station.profile.quantity import Frozen, Metres, MetresPerSecond, Positive, Radians, nearest
-from station.profile.shapes import Manoeuvre
+from station.profile.quantity import Frozen, Metres, MetresPerSecond, Positive, Radians, Seconds, nearest
+from station.profile.shapes import Leg, Manoeuvre
 
 AIR = ("calm", "light", "moderate", "severe")
 
@@ -67,8 +67,14 @@ class Condition(Frozen):
     """Above mean sea level."""
     altitude_tolerance: Annotated[Metres, Positive] = 60.0
     """Either way."""
+    heading: Radians | None = None
+    """Clockwise from north."""
+    heading_tolerance: Annotated[Radians, Positive] = math.radians(5.0)
+    """Either way."""
+    bank: Radians = 0.0
+    """Of a turn, right wing down positive; 0: wings level."""
     bank_tolerance: Annotated[Radians, Positive] = math.radians(5.0)
-    """Of wings level, before the input."""
+    """Either way, before the input."""
     pitch_rate_tolerance: Annotated[float, Field(gt=0)] = 0.03
     """Of none, before the input, rad/s."""
     air: Literal["calm", "light", "moderate", "severe"] | None = None
@@ -84,12 +90,21 @@ class Step(Frozen):
     """What the crew calls it."""
     inputs: tuple[Manoeuvre, ...] = ()
     """What is flown; `start` counts from the end of the countdown."""
+    steady: Annotated[Seconds, Positive] | None = None
+    """In place of an input: the condition is held so long."""
     accept: dict[str, Share] = Field(default_factory=dict)
     """Enough: 2 sd below this share of the value, by derivative; without any, once flown is enough."""
     repeats: int = Field(default=3, ge=1)
     """How often it is flown at most."""
     condition: Condition = Condition()
     """In which it is flown."""
+
+    def leg(self, start: float) -> Leg | None:
+        """Where an emulated aircraft flies to for the step, from `start` on (s); None where it is flown anywhere."""
+        c = self.condition
+        if c.speed is None and c.heading is None and not c.bank:
+            return None
+        return Leg.model_construct(start=start, speed=c.speed, heading=c.heading, bank=c.bank or None)
 
     @model_validator(mode="before")
     @classmethod
@@ -107,8 +122,12 @@ class Step(Frozen):
             if name not in known:
                 words = {"name": name, "near": nearest(name, known)}
                 raise PydanticCustomError("derivative", "accept: unknown derivative {name}{near}", words)
-        if not self.inputs:
-            raise PydanticCustomError("step", "inputs: missing: what is to be flown?")
+        if not self.inputs and self.steady is None:
+            raise PydanticCustomError("step", "inputs: missing: what is to be flown? (or steady: how long to hold)")
+        if self.inputs and self.steady is not None:
+            raise PydanticCustomError("step", "steady: an input is flown: leave one of them out")
+        if self.accept and self.steady is not None:
+            raise PydanticCustomError("step", "accept: no derivative is known from a steady condition")
         if any(m.repeat is not None for m in self.inputs):
             raise PydanticCustomError("step", "inputs: repeat is for [[manoeuvres]]; a step has repeats")
         return self

@@ -91,6 +91,8 @@ class Constants(NamedTuple):
     trim_elevator: float
     trim_thrust: float
     trim_speed: float
+    wanted_speed: float
+    """True airspeed that the pilot holds, m/s."""
     trim_height: float
     hold_speed: float
     """Thrust acceleration per speed error, 1/s."""
@@ -223,12 +225,14 @@ def constants(
     hold: bool = True,
     backlash: float = 0.0,
     about: Trim | None = None,
+    wanted: float | None = None,
 ) -> Constants:
     """The equations' constants for an aircraft trimmed at that true airspeed (m/s) and height (m).
 
     `hold` lets the pilot hold both with thrust; `backlash` is the elevator's (whole, rad); `about`: angle of attack and
     elevator that the equations are stated about, and the thrust that the pilot holds from, where they are another
-    aircraft's trim. Raises ProfileError for an aircraft that cannot be simulated.
+    aircraft's trim; `wanted`: the speed that he holds where it is another, m/s. Raises ProfileError for an aircraft
+    that cannot be simulated.
     """
     iyy = _pitch_inertia(aircraft)
     trim = _stated(aircraft, speed, about) if about else find_trim(aircraft, speed, height)
@@ -288,6 +292,7 @@ def constants(
         trim_elevator=trim.elevator,
         trim_thrust=trim.thrust,
         trim_speed=speed,
+        wanted_speed=wanted or speed,
         trim_height=height,
         hold_speed=HOLD_SPEED if hold else 0.0,
         hold_height=HOLD_HEIGHT if hold else 0.0,

@@ -14,6 +14,7 @@ from station.profile import NO_BOOM, Aircraft, AlteredAircraft, Flight, Pilot
 from station.rows import ProfileError
 from station.simulation.airframe import Trim, constants, find_trim, indicial_tables
 from station.simulation.boom import vane_constants
+from station.simulation.legs import Legs, WalkingWind
 from station.simulation.motion import Flown, Site
 from station.simulation.pilot import RATE_HZ, hands
 
@@ -26,6 +27,8 @@ RENEWED_S: Final = 0.1
 """Between two states of the aircraft: ice that builds up within a minute grows by 0.2 %."""
 _TRIMMED: Final = 10
 """States of the aircraft between two searches for its trim: a second."""
+ACCELERATION: Final = 0.4
+"""At which the pilot changes speed, m/s2: what engines have to spare in level flight."""
 _RETRIM_S: Final = 5.0
 """Time constant with which the pilot's trim follows: slower than a short period, faster than a phugoid."""
 
@@ -43,13 +46,17 @@ class FlownAircraft:
         hold: bool,
         pilot: Pilot,
         rate_hz: int = RATE_HZ,
+        seed: int | None = None,
     ) -> None:
-        """`imu_position` from the CG that the profile states, m; `rate_hz`: steps a second. Raises ProfileError, also
-        for a change after which the aircraft cannot be trimmed."""
+        """`imu_position` from the CG that the profile states, m; `rate_hz`: steps a second; `seed` in place of the
+        flight's. Raises ProfileError, also for a change after which the aircraft cannot be trimmed."""
         self._rate_hz, self._dt = rate_hz, 1.0 / rate_hz
         self.renewed = round(RENEWED_S * rate_hz)
         """Steps between two of its states."""
         self._altered = AlteredAircraft(profile, flight.truth)
+        self.legs = Legs(flight)
+        self._speed = flight.speed
+        self._wind = WalkingWind(flight, flight.seed if seed is None else seed, RENEWED_S)
         self._flight, self._place, self._hold, self._pilot = flight, imu_position, hold, pilot
         self.now = self._altered.at(0.0)
         """The aircraft as it is."""
@@ -57,7 +64,6 @@ class FlownAircraft:
             self._own_trim(self._altered.at(time), time)
         self._trim = self._goal = find_trim(self.now, flight.speed, flight.altitude)
         self._begun = self._trim
-        self._state = 0
         self.flown = self._made(None)
         self.behind, self.ahead = reach(self.now)
         """How far behind and ahead of the CG it meets the air at most, m."""
@@ -68,35 +74,40 @@ class FlownAircraft:
     @property
     def changes(self) -> bool:
         """Whether it is another from one tenth of a second to the next."""
-        return bool(self._altered.keys)
+        return bool(self._altered.keys) or self.legs.any or self._flight.wind_walk > 0
 
     @property
     def retrimmed(self) -> float:
         """What the pilot's trim adds to the elevator that the flight began with, rad."""
         return self._trim.elevator - self._begun.elevator
 
-    def go_on(self) -> None:
-        """The next `renewed` steps begin."""
-        time = self._state * self.renewed * self._dt
-        if self._state % _TRIMMED == 0:
+    def go_on(self, step: int, turned: float = 0.0) -> None:
+        """The next `renewed` steps begin with this one; the heading has `turned` so far, rad."""
+        time, state = step * self._dt, step // self.renewed
+        wanted = self.legs.at(time, turned)
+        if state % _TRIMMED == 0:
             self._goal = self._own_trim(self._altered.at(time), time)
-        share = 1.0 - math.exp(-self.renewed * self._dt / _RETRIM_S) if self._state else 1.0
+        if state and self._flight.wind_walk:
+            self._wind.go_on(time)
+        share = 1.0 - math.exp(-RENEWED_S / _RETRIM_S) if state else 1.0
+        furthest = ACCELERATION * RENEWED_S
+        self._speed += min(max(wanted.speed - self._speed, -furthest), furthest)
         old, goal = self._trim, self._goal
         self._trim = Trim(*(a + share * (b - a) for a, b in zip(_numbers(old), _numbers(goal), strict=True)))
-        self._state += 1
         self.now = self._altered.at(time)
         self.flown = self._made(self._begun)
 
     def _own_trim(self, aircraft: Aircraft, time: float) -> Trim:
         try:
-            return find_trim(aircraft, self._flight.speed, self._flight.altitude)
+            return find_trim(aircraft, self._speed, self._flight.altitude)
         except ProfileError as error:
             raise ProfileError(f"flight.truth, {time:g} s of flight: {error}") from None
 
     def _made(self, about: Trim | None) -> Flown:
         aircraft, flight = self.now, self._flight
         stated = replace(about, thrust=self._trim.thrust) if about else None
-        trimmed = constants(aircraft, flight.speed, flight.altitude, self._hold, elevator_backlash(aircraft), stated)
+        backlash = elevator_backlash(aircraft)
+        trimmed = constants(aircraft, flight.speed, flight.altitude, self._hold, backlash, stated, self._speed)
         moved = (b - a for a, b in zip(self._altered.profile.imu_offset, aircraft.imu_offset, strict=True))
         x, y, z = (a + b for a, b in zip(self._place, moved, strict=True))
         tables = indicial_tables(aircraft)
@@ -106,7 +117,7 @@ class FlownAircraft:
             trimmed,
             tables,
             vane_constants(aircraft.boom or NO_BOOM, self._dt),
-            site(flight, (x, y, z)),
+            site(flight, (x, y, z), self._wind),
             hands(self._pilot, self._trim.alpha, trimmed.trim_height, self._rate_hz),
         )
 
@@ -128,18 +139,20 @@ def reach(aircraft: Aircraft) -> tuple[float, float]:
     return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
 
 
-def site(flight: Flight, imu_position: tuple[float, float, float]) -> Site:
+def site(flight: Flight, imu_position: tuple[float, float, float], wind: WalkingWind | None = None) -> Site:
     """The earth is taken round with WGS-84's radii of curvature at the origin."""
     w2 = 1 - _ECCENTRICITY2 * math.sin(ORIGIN[0]) ** 2
+    wind = wind or WalkingWind(flight, flight.seed, 0.0)
+    north, east = _EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5, _EQUATOR / math.sqrt(w2)
     return Site(
         imu_x=imu_position[0],
         imu_y=imu_position[1],
         imu_z=imu_position[2],
-        wind_north=flight.wind_north,
-        wind_east=flight.wind_east,
+        wind_north=float(wind.now[0]),
+        wind_east=float(wind.now[1]),
         heading=flight.heading,
-        latitude=ORIGIN[0],
-        longitude=ORIGIN[1],
-        radius_north=_EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5,
-        radius_east=_EQUATOR / math.sqrt(w2),
+        latitude=ORIGIN[0] + float(wind.drifted[0]) / north,
+        longitude=ORIGIN[1] + float(wind.drifted[1]) / (east * math.cos(ORIGIN[0])),
+        radius_north=north,
+        radius_east=east,
     )

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS
-from station.profile import Aircraft, AlteredAircraft, Change, Instrument, Manoeuvre
+from station.profile import Aircraft, AlteredAircraft, Change, Instrument, Order
 from station.rows import ProfileError
 from station.simulation.engine_setting import engine_setting
 from station.simulation.motion import DT
@@ -31,7 +31,7 @@ DRIVES: Final = {"elevator": "elevator_drive"}
 class Source(Protocol):
     """What flies: rows at 200 Hz."""
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
         ...
 
@@ -121,7 +121,7 @@ class Installed:
         """How far ahead of what is shown it flies, s: for instruments that show what comes."""
         return self._ahead * DT
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Fly these, too, `start` in seconds of flight; none to fly what was asked no more."""
         self._source.ask(manoeuvres)
 

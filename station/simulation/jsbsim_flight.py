@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import to_si
-from station.profile import NO_BOOM, Actuator, Aircraft, Flight, Manoeuvre, Pilot
+from station.profile import NO_BOOM, Actuator, Aircraft, Flight, Manoeuvre, Order, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import HOLD_HEIGHT, HOLD_LAG, HOLD_SPEED, indicial_tables
 from station.simulation.boom import vane_constants
 from station.simulation.flown_aircraft import ORIGIN, elevator_backlash, site
 from station.simulation.gusts import dryden_of, gust_at
+from station.simulation.legs import without_legs
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import DONE, DT, EVERY, FLOWN, TRUTH, memory_of, vanes_now
 from station.simulation.pilot import asked, hands
@@ -276,9 +277,9 @@ class JsbsimFlight:
         self._distance = begin + float(velocity @ np.array([math.cos(heading), math.sin(heading)])) * DT
         self._memory.marks[DONE] += 1
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """As Simulation's, from the next block of inputs on."""
-        self._asked = tuple(manoeuvres)
+        self._asked = tuple(without_legs(manoeuvres))
 
     def _commands(self, k: int) -> dict[str, float]:
         """What the pilot asks for at the end of step k, rad; sets the power too."""

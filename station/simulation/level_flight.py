@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from station.conventions import G0
 from station.numerics.atmosphere import atmosphere
-from station.profile import Aircraft, Flight, Manoeuvre
+from station.profile import Aircraft, Flight, Order
 from station.simulation.airframe import find_trim
 from station.simulation.flown_aircraft import ORIGIN
 
@@ -22,7 +22,7 @@ class LevelFlight:
         """Raises ProfileError if the aircraft cannot be trimmed."""
         self._row = level_flight(aircraft, flight)
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Nothing: level it is."""
 
     def advance(self, n: int) -> Mapping[str, NDArray[np.float64]]:

@@ -201,7 +201,7 @@ def rates(c: Constants, tables: Tables, x: NDArray[np.float64], met: Met, dx: ND
     dx[HEIGHT] = u * sin_t - w * cos_t
     wanted = min(max(met.command, -c.actuator_limit), c.actuator_limit)
     dx[ELEVATOR] = min(max((wanted - x[ELEVATOR]) / c.actuator_lag, -c.actuator_rate), c.actuator_rate)
-    hold = c.hold_speed * (c.trim_speed - speed) + c.hold_height * (c.trim_height - x[HEIGHT])
+    hold = c.hold_speed * (c.wanted_speed - speed) + c.hold_height * (c.trim_height - x[HEIGHT])
     thrust = min(max(c.trim_thrust + c.mass * hold, 0.0), _MOST_THRUST * c.trim_thrust)
     dx[THRUST] = (thrust - x[THRUST]) / c.hold_lag
     return Flow(speed, pressure, cl, cd, cm, fx, fz, wing, alpha, alpha_inertial, gust_edge, moved)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.profile import NO_BOOM, Aircraft, Flight, Manoeuvre
+from station.profile import NO_BOOM, Aircraft, Flight, Order
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import constants, indicial_tables
 from station.simulation.boom import vane_constants
@@ -143,7 +143,7 @@ class _Played:
     def __init__(self, rows: dict[str, Array]) -> None:
         self._rows = rows
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Nothing: they have been flown."""
 
     def advance(self, n: int) -> dict[str, Array]:

@@ -17,12 +17,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Pilot
+from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Order, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants
 from station.simulation.flown_aircraft import FlownAircraft
 from station.simulation.gusts import SIDEWAYS, Field, gust_at
+from station.simulation.legs import BANK as MOST_BANK
+from station.simulation.legs import Wanted, without_legs
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import (
     AT_TAIL,
@@ -62,6 +64,8 @@ SURFACES: Final = ("elevator", "aileron", "rudder")
 HOLD_BANK: Final = 0.2
 HOLD_HEADING: Final = 0.15
 """Bank by which a heading error is met, rad per rad."""
+TURN_HEADING: Final = 0.6
+"""The same of an aircraft that flies legs: a turn rolls out within ten seconds."""
 HOLD_LAG: Final = 2.0
 
 _P, _R, _AX, _AY, _AZ, _PHI, _PSI = places("p", "r", "ax", "ay", "az", "phi", "psi")
@@ -84,6 +88,10 @@ class Lateral(NamedTuple):
     """(2, 3): lag (s), rate limit (rad/s) and travel (rad) of aileron and rudder."""
     hold_bank: float
     hold_heading: float
+    turn: float
+    """Heading turned since the start that the pilot holds, rad,"""
+    bank: float
+    """and of a turn its bank, rad; NaN where he holds the heading."""
 
 
 class Both(NamedTuple):
@@ -110,7 +118,7 @@ def has_lateral(aircraft: Aircraft) -> bool:
     return any(aircraft.value(f"{c}_{a}") for c in COEFFICIENTS for a in ARGUMENTS)
 
 
-def lateral_constants(aircraft: Aircraft, hold: bool = True) -> Lateral:
+def lateral_constants(aircraft: Aircraft, hold: bool = True, wanted: Wanted | None = None) -> Lateral:
     """Raises ProfileError for an aircraft that cannot be flown in six degrees of freedom."""
     inertia = aircraft.inertia
     if not has_lateral(aircraft):
@@ -138,7 +146,9 @@ def lateral_constants(aircraft: Aircraft, hold: bool = True) -> Lateral:
         vane_y=aircraft.boom.vane_y if aircraft.boom else 0.0,
         actuators=np.array([row(aircraft.aileron), row(aircraft.rudder)]),
         hold_bank=HOLD_BANK if hold else 0.0,
-        hold_heading=HOLD_HEADING if hold else 0.0,
+        hold_heading=(TURN_HEADING if wanted else HOLD_HEADING) if hold else 0.0,
+        turn=wanted.turn if wanted else 0.0,
+        bank=math.nan if wanted is None or wanted.bank is None else wanted.bank,
     )
 
 
@@ -202,7 +212,10 @@ def add_lateral(
         wanted = min(max(wanted, -travel), travel)
         dy[AILERON + i] = min(max((wanted - y[AILERON + i]) / lag, -rate), rate)
     # A positive aileron rolls left.
-    dy[HELD] = (side.hold_bank * (y[BANK] + side.hold_heading * y[TURN]) - y[HELD]) / HOLD_LAG
+    bank = side.bank
+    if math.isnan(bank):
+        bank = min(max(side.hold_heading * (side.turn - y[TURN]), -MOST_BANK), MOST_BANK)
+    dy[HELD] = (side.hold_bank * (y[BANK] - bank) - y[HELD]) / HOLD_LAG
     return seen
 
 
@@ -302,12 +315,12 @@ class LateralSimulation:
         pilot: Pilot = HANDS_OFF,
     ) -> None:
         """As Simulation's; `hold` also levels the wings. Raises ProfileError."""
-        self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot)
+        self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot, seed=seed)
         self._tremor = tremor(flight, pilot, seed)
         self._hold = hold
         self.lateral = lateral_constants(self.aircraft.now, hold)
         self._manoeuvres = tuple(manoeuvres)
-        self._asked: tuple[Manoeuvre, ...] = ()
+        self._asked: Sequence[Manoeuvre] = ()
         self._trimmed: NDArray[np.float64] = np.empty(0)
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
         self._field = gusts_of(flight, self._behind, self._ahead, seed)
@@ -317,9 +330,10 @@ class LateralSimulation:
         self._commands: NDArray[np.float64] = np.empty((3, 0))
         self._block = -1
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """As Simulation's."""
-        self._asked = tuple(manoeuvres)
+        self.aircraft.legs.ask(manoeuvres)
+        self._asked = without_legs(manoeuvres)
         if self._block >= 0:
             self._command(self._block)
 
@@ -341,8 +355,9 @@ class LateralSimulation:
             if self.aircraft.changes:
                 m = min(m, self.aircraft.renewed - offset % self.aircraft.renewed)
                 if offset % self.aircraft.renewed == 0:
-                    self.aircraft.go_on()
-                    self.lateral = lateral_constants(self.aircraft.now, self._hold)
+                    self.aircraft.go_on(begin + done, float(self._state[TURN]))
+                    wanted = self.aircraft.legs.wanted if self.aircraft.legs.any else None
+                    self.lateral = lateral_constants(self.aircraft.now, self._hold, wanted)
                 commands = commands + np.array([[self.aircraft.retrimmed], [0.0], [0.0]])
             advance_lateral(
                 self.flown,

@@ -25,13 +25,14 @@ Position = tuple[float, float, float]
 def source_of(
     aircraft: Aircraft, card: Card, imu_position: Position = (0.0, 0.0, 0.0), seed: int | None = None
 ) -> Source:
-    """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder, or
-    JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises ProfileError.
+    """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder or goes
+    elsewhere, or JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises
+    ProfileError.
     """
     place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":
         return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed, card.pilot)
-    if any(m.surface != "elevator" for m in card.inputs):
+    if card.goes_places or any(m.surface != "elevator" for m in card.inputs):
         return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
     return Simulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
 

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import TICK_HZ
-from station.profile import LOOP_HZ, Aircraft, Card, Manoeuvre
+from station.profile import LOOP_HZ, Aircraft, Card, Manoeuvre, Order
 from station.rows import ProfileError
 from station.simulation.flown_aircraft import FlownAircraft, Position
+from station.simulation.legs import without_legs
 from station.simulation.longitudinal import DISTANCE, ELEVATOR
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import COLUMNS, DONE, advance, at_rest
@@ -26,6 +27,7 @@ from station.simulation.six_degrees import (
     RUDDER,
     SIZE,
     SURFACES,
+    TURN,
     advance_lateral,
     has_lateral,
     lateral_constants,
@@ -77,10 +79,11 @@ class SteppedFlight:
         self._block_steps = round(_BLOCK_S * rate_hz)
         self._added: NDArray[np.float64] | None = None
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Fly these beside the card's from now on, `start` in seconds of flight; none to fly what was asked no more.
         Those on a measured surface are the hand's to fly."""
-        self._asked = tuple(manoeuvres)
+        self.aircraft.legs.ask(manoeuvres)
+        self._asked = tuple(without_legs(manoeuvres))
         self._added = None
 
     @property
@@ -96,8 +99,10 @@ class SteppedFlight:
         """The instant now with what is given from outside, else in trim, in the order of `columns`; then a step on."""
         step, given = self.steps_done, {**self.rest, **given}
         if self.aircraft.changes and step % self.aircraft.renewed == 0:
-            self.aircraft.go_on()
-            self._side = lateral_constants(self.aircraft.now, self._levels) if self._side is not None else None
+            self.aircraft.go_on(step, float(self._state[TURN]))
+            wanted = self.aircraft.legs.wanted if self.aircraft.legs.any else None
+            if self._side is not None:
+                self._side = lateral_constants(self.aircraft.now, self._levels, wanted)
         commands = self._commanded(step, given)
         s = float(self._memory.x[DISTANCE])
         # A block's way ahead at once: making the field takes longer than a step.

@@ -11,9 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.profile import Aircraft, Flight, Manoeuvre, Pilot
+from station.profile import Aircraft, Flight, Manoeuvre, Order, Pilot
 from station.simulation.flown_aircraft import FlownAircraft
 from station.simulation.gusts import GustField, dryden_of, field_constants
+from station.simulation.legs import without_legs
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import COLUMNS, DONE, DT, EVERY, Flown, advance, at_rest
@@ -48,10 +49,10 @@ class Simulation:
         """`imu_position` from the CG in body axes, m; `seed` in place of the flight's; `deflection`, where there is
         one, commanded from trim at every half step (rad), is flown in place of the manoeuvres; `pilot`: the
         elevator's feedback. Raises ProfileError."""
-        self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot)
+        self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot, seed=seed)
         self._tremor = tremor(flight, pilot, seed)
         self._manoeuvres = tuple(manoeuvres)
-        self._asked: tuple[Manoeuvre, ...] = ()
+        self._asked: Sequence[Manoeuvre] = ()
         self._trimmed: NDArray[np.float64] = np.empty(0)
         self._deflection = deflection
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
@@ -67,9 +68,10 @@ class Simulation:
         """What the equations take, now."""
         return self.aircraft.flown
 
-    def ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
-        """Fly these beside the others from now on, `start` in seconds of flight; none to fly what was asked no more."""
-        self._asked = tuple(manoeuvres)
+    def ask(self, manoeuvres: Sequence[Order]) -> None:
+        """Fly these beside the others from now on, `start` in seconds of flight; none to fly what was asked no more.
+        The heading stays: legs are not flown."""
+        self._asked = without_legs(manoeuvres)
         if self._block:
             self._commands = self._trimmed + self._added(self._block - 1)
 
@@ -91,7 +93,7 @@ class Simulation:
             if self.aircraft.changes:
                 m = min(m, self.aircraft.renewed - offset % self.aircraft.renewed)
                 if offset % self.aircraft.renewed == 0:
-                    self.aircraft.go_on()
+                    self.aircraft.go_on(begin + done)
                 command = command + self.aircraft.retrimmed
             command = command[2 * offset : 2 * (offset + m) + 1]
             advance(self.flown, self._memory, command, self._field.now, 1, out[done : done + m])

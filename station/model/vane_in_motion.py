@@ -1,0 +1,208 @@
+"""Lag, place and upwash of a vane from manoeuvres, with the profile's upwash memory and vane dynamics.
+
+    vane(t) = H [ (1 + k_body) (a - q x/V) + k_wing F a ] (t - delay) + e(t)
+
+a is the inertial angle of attack, H the vane on its spring of air, F the memory of the wing's upwash; their constants
+have the priors of the profile. An aircraft answers gusts, which are in e, so a and q are no fair regressors: their
+parts that the elevator made, its input through the aircraft's slow and fast modes, are the instruments (two-stage least
+squares), and where nobody moves the elevator against gusts the estimate is free of bias in any air. e is an
+autoregressive process, found along. SI, rad.
+
+Sources: Ljung 1999, section 7.6 (instrumental variables); Söderström and Stoica 1983; physics of the upwash as in
+station/simulation, written apart from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+from station.model.vane_calibration import autoregression, whitened
+from station.numerics.regression import NotIdentifiable
+from station.numerics.second_order import shown
+from station.profile import Aircraft, Boom, Indicial
+
+Array = NDArray[np.float64]
+
+BAND_HZ: Final = (0.15, 2.5)
+"""Below, attitude and GNSS drift and gusts rule; above, no rigid aircraft follows its elevator."""
+KEPT_HZ: Final = 10.0
+"""Rate of what is compared: four times the band."""
+LEAST_S: Final = 8.0
+MARGIN_S: Final = 3.0
+"""At either end, for the filters and the delay."""
+MODES: Final = (1.0, 2.0, 3.5, 5.5, 9.0)
+"""rad/s, of second-order filters with damping 0.7 that the elevator is put through: slow aircraft to fast."""
+ROUNDS: Final = 8
+NAMES: Final = ("delay", "vane_x", "upwash", "wing", "rate", "frequency", "damping")
+"""Delay, s; place, m; steady upwash; and, relative to the profile, the wing's share, the rate of its memory, frequency
+and damping of the vane."""
+LARGEST_STEP: Final = (0.03, 1.0, 0.1, 0.3, 0.3, 0.1, 0.2)
+DELAY_PRIOR_S: Final = 0.3
+UPWASH_PRIOR: Final = 0.5
+WEAK: Final = 0.15
+"""Share of the inertial angle's variance that the elevator must have made."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A manoeuvre: (n,) on a uniform grid, SI, all finite."""
+
+    vane: Array
+    alpha: Array
+    """Inertial, at the CG."""
+    q: Array
+    speed: Array
+    elevator: Array
+    dt: float
+
+
+@dataclass(frozen=True, slots=True)
+class InMotion:
+    """Estimates in the order of NAMES, and their covariance."""
+
+    values: Array
+    covariance: Array
+    seconds: float
+    forced: float
+    """Share of the inertial angle's variance that the elevator made."""
+    rms: float
+    """Of what is left in the band, rad."""
+    measured: tuple[Array, ...]
+    """Of each stretch, the vane in the band at KEPT_HZ,"""
+    expected: tuple[Array, ...]
+    """and what the motion makes it show."""
+
+    def value(self, name: str) -> float:
+        return float(self.values[NAMES.index(name)])
+
+    def sd(self, name: str) -> float:
+        return math.sqrt(float(self.covariance[NAMES.index(name), NAMES.index(name)]))
+
+
+def vane_in_motion(
+    stretches: Sequence[Stretch],
+    aircraft: Aircraft,
+    place_sd: float,
+    upwash: tuple[float, float] | None = None,
+) -> InMotion:
+    """`place_sd`: of the vane's place by the profile, m; `upwash`: what the steady parts of the flight tell of it, and
+    its standard deviation. Raises NotIdentifiable without manoeuvres that move the angle of attack by the elevator."""
+    usable = [s for s in stretches if len(s.vane) * s.dt > LEAST_S + 2 * MARGIN_S]
+    boom = aircraft.boom
+    if boom is None:
+        raise NotIdentifiable("the profile has no boom")
+    if not usable:
+        raise NotIdentifiable("no dynamic input: fly elevator doublets, 3-2-1-1 or multisines")
+    fit = _Fit(usable, aircraft, boom, place_sd, upwash)
+    if fit.forced < WEAK:
+        raise NotIdentifiable(
+            f"the elevator made {fit.forced:.0%} of the angle of attack's motion: fly larger inputs, in calmer air"
+        )
+    return fit.solve()
+
+
+class _Fit:
+    def __init__(
+        self,
+        stretches: Sequence[Stretch],
+        aircraft: Aircraft,
+        boom: Boom,
+        place_sd: float,
+        steady: tuple[float, float] | None,
+    ) -> None:
+        self.stretches, self.boom = stretches, boom
+        u, known = aircraft.unsteady, aircraft.uncertainty
+        self.memory: Indicial | None = u.upwash_motion
+        self.chord = u.reference_chord or aircraft.geometry.chord
+        upwash, upwash_sd = steady or (boom.upwash_body + boom.upwash_wing, UPWASH_PRIOR)
+        self.start = np.array([0.0, boom.vane_x, upwash, 1.0, 1.0, 1.0, 1.0])
+        priors = (
+            DELAY_PRIOR_S, place_sd, upwash_sd, known.upwash_wing, known.upwash_rate, known.vane_frequency,
+            known.vane_damping,
+        )  # fmt: skip
+        self.precision = np.diag(np.maximum(priors, 1e-4) ** -2.0)
+        self.forcing = [self._forced(s) for s in stretches]
+        alpha = np.concatenate([self._kept(s, s.alpha) for s in stretches])
+        made = np.concatenate([self._kept(s, f[0]) for s, f in zip(stretches, self.forcing, strict=True)])
+        self.forced = 1 - float(np.var(alpha - made) / max(float(np.var(alpha)), 1e-12))
+
+    def _forced(self, s: Stretch) -> tuple[Array, Array]:
+        """The parts of inertial angle and pitch rate that the elevator made, (n,) each."""
+        columns = [s.elevator - s.elevator[0]]
+        for omega in MODES:
+            low = shown(columns[0], omega / (2 * math.pi), 0.7, s.dt)
+            columns += [low, np.gradient(low, s.dt)]
+        x = np.column_stack(columns)
+        kept = np.column_stack([self._kept(s, c) for c in x.T])
+        both = []
+        for y in (s.alpha, s.q):
+            found = np.linalg.lstsq(kept, self._kept(s, y))[0]
+            both.append(np.asarray(x @ found))
+        return both[0], both[1]
+
+    @staticmethod
+    def _kept(s: Stretch, x: Array) -> Array:
+        """The band at KEPT_HZ, without the ends."""
+        sos = butter(2, BAND_HZ, "bandpass", fs=1 / s.dt, output="sos")
+        band = sosfiltfilt(sos, x - x.mean())
+        step, margin = max(1, round(1 / (KEPT_HZ * s.dt))), round(MARGIN_S / s.dt)
+        return np.asarray(band[margin : len(x) - margin : step])
+
+    def predicted(self, s: Stretch, alpha: Array, q: Array, x: Array) -> Array:
+        """What the vane shows of a motion, in the band."""
+        delay, place, upwash, share, rate, frequency, damping = x
+        wing = self.boom.upwash_wing * share
+        body = 1 + upwash - wing
+        flow = body * (alpha - place * q / s.speed) + wing * self._remembered(alpha, float(s.speed.mean()), rate, s.dt)
+        seen = shown(flow, self.boom.vane_frequency * frequency, max(self.boom.vane_damping * damping, 0.05), s.dt)
+        t = np.arange(len(seen)) * s.dt
+        return self._kept(s, CubicSpline(t, seen)(np.clip(t - delay, 0.0, t[-1])))
+
+    def _remembered(self, alpha: Array, speed: float, rate: float, dt: float) -> Array:
+        """The wing's upwash for one of upwash_wing 1."""
+        made = alpha.copy()
+        if self.memory is None:
+            return made
+        for a, b in zip(self.memory.a, self.memory.b, strict=True):
+            fall = math.exp(-max(rate, 0.05) * b * speed / self.chord * dt)
+            late = lfilter([0.5 * (1 - fall), 0.5 * (1 - fall)], [1.0, -fall], alpha - alpha[0]) + alpha[0]
+            made += a * (late - alpha)
+        return made
+
+    def _slopes(self, s: Stretch, alpha: Array, q: Array, x: Array) -> Array:
+        steps = np.array([1e-3, 0.01, 0.01, 0.02, 0.02, 0.02, 0.02])
+        columns = []
+        for i, h in enumerate(steps):
+            up, down = x.copy(), x.copy()
+            up[i], down[i] = x[i] + h, x[i] - h
+            columns.append((self.predicted(s, alpha, q, up) - self.predicted(s, alpha, q, down)) / (2 * h))
+        return np.column_stack(columns)
+
+    def solve(self) -> InMotion:
+        x, whitener = self.start.copy(), np.array([1.0])
+        measured = [self._kept(s, s.vane) for s in self.stretches]
+        for _ in range(ROUNDS):
+            expected = [self.predicted(s, s.alpha, s.q, x) for s in self.stretches]
+            left = [m - e for m, e in zip(measured, expected, strict=True)]
+            whitener = autoregression(np.concatenate(left))
+            e = np.concatenate([whitened(r, whitener) for r in left])
+            pairs = list(zip(self.stretches, self.forcing, strict=True))
+            j = np.vstack([whitened(self._slopes(s, s.alpha, s.q, x), whitener) for s, _ in pairs])
+            z = np.vstack([whitened(self._slopes(s, *made, x), whitener) for s, made in pairs])
+            variance = float(np.mean(e**2)) * len(e) / max(len(e) - len(x) - len(whitener), 1)
+            information = z.T @ j / variance + self.precision
+            score = z.T @ e / variance - self.precision @ (x - self.start)
+            x = x + np.clip(np.linalg.solve(information, score), -np.array(LARGEST_STEP), LARGEST_STEP)
+        inverse = np.linalg.inv(information)
+        spread = inverse @ (z.T @ z / variance + self.precision) @ inverse.T
+        rms = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+        seconds = sum(len(s.vane) * s.dt for s in self.stretches)
+        return InMotion(x, 0.5 * (spread + spread.T), seconds, self.forced, rms, tuple(measured), tuple(expected))

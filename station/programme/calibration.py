@@ -1,0 +1,259 @@
+"""A calibration flight: air data, vane and zeros, pooled over the runs and speeds of its recordings.
+
+Steady parts give position error, zeros and steady upwash with the wind solved along; manoeuvres the vane's lag and
+place, and the upwash once more. The one has the other's place and upwash as what is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.model.air_data_calibration import PRIORS, Place, Steady, solve
+from station.model.inertial_path import inertial_path
+from station.model.vane_in_motion import InMotion, Stretch, vane_in_motion
+from station.numerics.random_effects import NORMAL_95
+from station.numerics.regression import NotIdentifiable
+from station.profile import NO_BOOM, Aircraft
+from station.programme.calibration_blocks import Calibrating, Recorded, Run, calibrating
+from station.rows import UsageError
+
+Array = NDArray[np.float64]
+
+AROUND_S: Final = 8.0
+"""Before and after a manoeuvre that its vane is held against the motion, for the filters to settle and the answer to
+die down."""
+LONGEST_S: Final = 90.0
+TOLD: Final = 0.7
+"""Share of its prior's standard deviation from which a constant rests on the prior: half of what is known is."""
+REVERSE: Final = math.radians(120.0)
+"""Between the headings of steady runs, or turned through: below, wind and position error are one."""
+SPEEDS: Final = 8.0
+"""m/s between the slowest and the fastest run: below, the airspeed's slope is not told."""
+ANGLES: Final = math.radians(2.0)
+"""Of angle of attack between runs: below, the vane's zero is not told from its upwash."""
+UPWASH_TOLD: Final = 0.05
+"""Standard deviation of the upwash above which it is not: manoeuvres may tell it at one speed."""
+LEAST_RUNS_S: Final = 120.0
+"""Of steady runs: the mean of gusts that pass in ten seconds is known to a quarter of their own standard deviation."""
+LEAST_BLOCKS: Final = 2
+"""In a direction for it to count as flown."""
+GUSTY: Final = 1.0
+"""m/s: standard deviation of gusts over seconds in which no calibration is flown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A calibrated constant, SI; `why` it is not told, or ""."""
+
+    name: str
+    key: str
+    """Of the profile."""
+    unit: str
+    value: float
+    sd: float
+    before: float
+    """By the profile."""
+    why: str = ""
+
+    @property
+    def is_told(self) -> bool:
+        return not self.why
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        return self.value - NORMAL_95 * self.sd, self.value + NORMAL_95 * self.sd
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """The result."""
+
+    aircraft: Aircraft
+    logs: tuple[Path, ...]
+    flown: Calibrating
+    steady: Steady
+    motion: InMotion | None
+    motion_why: str
+    constants: Mapping[str, Constant]
+    remarks: tuple[str, ...]
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        return self.flown.runs
+
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """True airspeeds flown, lowest and highest, m/s."""
+        v = self.steady.flow["speed"]
+        return float(v.min()), float(v.max())
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all that a calibration flight is flown for is told."""
+        wanted = ("airspeed_error", "airspeed_slope", "vane_zero", "upwash", "vane_delay")
+        return all(self.constants[n].is_told for n in wanted)
+
+
+def calibrate(logs: Sequence[Path], aircraft: Aircraft, say: Callable[[str], None] = lambda _: None) -> Calibration:
+    """Raises LogError, and UsageError for recordings that nothing can be calibrated with."""
+    if aircraft.boom is None:
+        raise UsageError(f"aircraft {aircraft.name}: it has no boom: there is no vane to calibrate")
+    say(f"  reading {len(logs)} recording{'s' if len(logs) > 1 else ''}")
+    flown = calibrating(logs, aircraft)
+    boom, known = aircraft.boom, aircraft.uncertainty
+    place = Place(boom.vane_x, boom.vane_y, boom.vane_z, boom.upwash_body)
+    place_sd = known.vane_x * float(np.mean(flown.blocks.columns["airspeed"]))
+    priors = {"theta_zero": known.theta_zero, "ax_zero": known.ax_zero, "az_zero": known.az_zero, "vane_x": place_sd}
+    say(f"  {len(flown.blocks.time)} blocks of air data and attitude")
+    steady = solve(flown.blocks, place, priors)
+    motion, why = None, ""
+    try:
+        stretches = _stretches(flown, steady)
+        motion = vane_in_motion(stretches, aircraft, place_sd)
+        say(f"  {motion.seconds:.0f} s of manoeuvres")
+        told = {n: (motion.value(n), motion.sd(n)) for n in ("vane_x", "upwash")}
+        # Of slow motion, a vane's lag and its upwash look alike: what steady flight tells of the one is the other's.
+        upwash = steady.value("upwash"), steady.sd("upwash")
+        steady = solve(flown.blocks, place, priors, told)
+        motion = vane_in_motion(stretches, aircraft, place_sd, upwash)
+    except NotIdentifiable as error:
+        why = str(error)
+    constants = _constants(aircraft, flown, steady, motion, why)
+    return Calibration(
+        aircraft, tuple(logs), flown, steady, motion, why, constants, (*flown.remarks, *_remarks(flown, steady, why))
+    )
+
+
+def _stretches(flown: Calibrating, steady: Steady) -> list[Stretch]:
+    """The manoeuvres, with the airspeed corrected."""
+    found = []
+    for recorded in flown.recordings:
+        mine = [r for r in flown.runs if r.kind == "input" and r.log == recorded.path.name]
+        for begin, end in _joined(mine):
+            found += _stretch(recorded, steady, begin - AROUND_S, min(end, begin + LONGEST_S) + AROUND_S)
+    return found
+
+
+def _joined(runs: Sequence[Run]) -> list[tuple[float, float]]:
+    """Spans of manoeuvres less than AROUND_S apart as one."""
+    spans: list[tuple[float, float]] = []
+    for r in runs:
+        if spans and r.start_s - spans[-1][1] < 2 * AROUND_S:
+            spans[-1] = spans[-1][0], r.end_s
+        else:
+            spans.append((r.start_s, r.end_s))
+    return spans
+
+
+def _stretch(recorded: Recorded, steady: Steady, begin: float, end: float) -> list[Stretch]:
+    """One manoeuvre of a record, s of its time; none where a signal has a gap in it."""
+    record = recorded.record
+    rows = slice(*np.searchsorted(record.t_s, (begin, end)).tolist())
+    motion = {n: x[rows] for n, x in record.motion.items()}
+    needed = ("alpha_vane", "q", "theta", "airspeed", "elevator", "v_down", "az", "ax")
+    if any(n not in motion or not np.isfinite(motion[n]).all() for n in needed) or not len(motion["q"]):
+        return []
+    slope = steady.value("airspeed_slope")
+    v = steady.speed + (motion["airspeed"] - steady.speed - steady.value("airspeed_error")) / (1 + slope)
+    alpha = (motion["alpha_vane"] - steady.value("vane_zero")) / (1 + steady.value("upwash"))
+    side = motion.get("beta_vane", np.zeros(len(v)))
+    whole = motion | {"airspeed": v, "theta": motion["theta"] - steady.value("theta_zero")}
+    try:
+        path = inertial_path(whole, alpha, side if np.isfinite(side).all() else np.zeros(len(v)), record.dt)
+    except NotIdentifiable:
+        return []
+    return [Stretch(motion["alpha_vane"], path.alpha, motion["q"], path.speed, motion["elevator"], record.dt)]
+
+
+def _constants(
+    aircraft: Aircraft, flown: Calibrating, steady: Steady, motion: InMotion | None, why: str
+) -> dict[str, Constant]:
+    boom = aircraft.boom or NO_BOOM
+    stated = aircraft.instruments
+    gain, bias = (getattr(stated.get("airspeed"), k, d) for k, d in (("gain", 1.0), ("bias", 0.0)))
+    before = {
+        "airspeed_error": bias + (gain - 1) * steady.speed,
+        "airspeed_slope": gain - 1,
+        "pressure_scale": getattr(stated.get("dynamic_pressure"), "gain", 1.0) - 1,
+        "vane_zero": boom.zero,
+        "upwash": boom.upwash_body + boom.upwash_wing,
+        "vane_x": boom.vane_x,
+        **{f"{n}_zero": getattr(stated.get(n), "bias", 0.0) for n in ("phi", "theta", "psi", "ax", "ay", "az")},
+        "beta_zero": getattr(stated.get("beta_vane"), "bias", 0.0),
+        "vane_delay": getattr(stated.get("alpha_vane"), "latency", 0.0),
+    }
+    keys = {"airspeed_error": "instruments.airspeed.bias", "airspeed_slope": "instruments.airspeed.gain",
+            "pressure_scale": "instruments.dynamic_pressure.gain", "vane_zero": "boom.zero",
+            "upwash": "boom.upwash_body", "vane_x": "boom.vane_x", "beta_zero": "instruments.beta_vane.bias",
+            "vane_delay": "instruments.alpha_vane.latency"}  # fmt: skip
+    units = {"airspeed_error": "m/s", "airspeed_slope": "1", "pressure_scale": "1", "upwash": "1", "vane_x": "m",
+             "vane_delay": "s", **dict.fromkeys(("ax_zero", "ay_zero", "az_zero"), "m/s2")}  # fmt: skip
+    reasons = _not_told(flown, steady)
+    made = {}
+    for name in steady.names:
+        key = keys.get(name, f"instruments.{name.removesuffix('_zero')}.bias")
+        made[name] = Constant(
+            name, key, units.get(name, "rad"), steady.value(name), steady.sd(name), before[name], reasons.get(name, "")
+        )
+    late = (motion.value("delay"), motion.sd("delay")) if motion else (before["vane_delay"], math.inf)
+    made["vane_delay"] = Constant("vane_delay", keys["vane_delay"], "s", *late, before["vane_delay"], why)
+    if motion is None:
+        made["vane_x"] = replace(made["vane_x"], why=why)
+    return made
+
+
+def _not_told(flown: Calibrating, steady: Steady) -> dict[str, str]:
+    """Why constants are not told, by name."""
+    found: dict[str, str] = {}
+    usable = flown.blocks
+    if _turned(usable.columns["v_north"] - steady.wind[:, 0], usable.columns["v_east"] - steady.wind[:, 1]) < REVERSE:
+        why = "flown on one heading: wind and position error cannot be told apart; fly reverse headings or a full turn"
+        found |= dict.fromkeys(("airspeed_error", "airspeed_slope", "pressure_scale"), why)
+    v, alpha = steady.flow["speed"], steady.flow["alpha"][usable.steady]
+    if np.ptp(np.percentile(v, (2, 98))) < SPEEDS:
+        found.setdefault(
+            "airspeed_slope", f"flown at one speed ({v.mean():.0f} m/s): the error is known there, not its slope"
+        )
+    if len(alpha) and np.ptp(np.percentile(alpha, (2, 98))) < ANGLES and steady.sd("upwash") > UPWASH_TOLD:
+        why = "flown at one angle of attack: the vane's zero and its upwash cannot be told apart; fly two speeds"
+        found |= {"vane_zero": why, "upwash": why}
+    for name in steady.names:
+        prior = PRIORS[name]
+        if name not in found and steady.sd(name) > TOLD * prior and name != "vane_x":
+            found[name] = "rests on what was known before: the flight does not tell it"
+    return found
+
+
+def _turned(north: Array, east: Array) -> float:
+    """The widest angle between two directions flown for ten seconds and more, rad."""
+    way = np.arctan2(east, north)
+    bins = np.histogram(np.remainder(way, 2 * math.pi), 36, (0, 2 * math.pi))[0] >= LEAST_BLOCKS
+    at = np.flatnonzero(bins) * math.radians(10.0)
+    if not len(at):
+        return 0.0
+    apart = np.abs(np.angle(np.exp(1j * (at[:, None] - at))))
+    return float(apart.max())
+
+
+def _remarks(flown: Calibrating, steady: Steady, why: str) -> list[str]:
+    made = []
+    along, up = (steady.noise[r] for r in ("airspeed", "alpha_vane"))
+    gust = math.hypot(along[1], along[2]), math.hypot(up[1], up[2]) * steady.speed
+    if max(gust) > GUSTY:
+        made.append(
+            f"gusty air: {gust[0]:.1f} m/s along and {gust[1]:.1f} m/s across the path; the errors hold it, calmer air "
+            "would make them smaller"
+        )
+    if why:
+        made.append(f"vane's lag and place: {why}")
+    short = sum(r.end_s - r.start_s for r in flown.runs if r.kind == "steady")
+    if short < LEAST_RUNS_S:
+        made.append(f"only {short:.0f} s of steady runs: fly each for 30 s and more")
+    return made

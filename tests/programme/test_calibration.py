@@ -1,0 +1,124 @@
+"""Calibration flights of the simulation, which shares no formula with the estimate: what is planted is found."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from station.commands.calibrate import calibrate
+from station.commands.simulate import simulate
+from station.profile import load_aircraft
+from station.rows import UsageError
+
+HEAD = """
+name = "test"
+aircraft = "{aircraft}"
+rig = "{rig}"
+[flight]
+speed = "110 kt"
+altitude = "2500 ft"
+gust_sigma = "0.5 ft/s"
+wind_north = "7 m/s"
+wind_east = "-5 m/s"
+legs = [{legs}]
+"""
+LEGS = """
+{ start = "40 s", heading = "180 deg" }, { start = "140 s", speed = "130 kt" }, { start = "220 s", heading = "0 deg" },
+{ start = "330 s", speed = "90 kt" }
+"""
+TRUTH = """
+[flight.truth]
+"boom.zero" = { at = ["0 s"], value = ["0.8 deg"] }
+"boom.upwash_body" = { at = ["0 s"], value = [0.12] }
+"instruments.airspeed.bias" = { at = ["0 s"], value = [-2.0] }
+"instruments.airspeed.gain" = { at = ["0 s"], value = [1.05] }
+"""
+INPUT = """
+[[manoeuvres]]
+kind = "multisine"
+start = "108 s"
+duration = "24 s"
+amplitude = "2.5 deg"
+low = "0.1 Hz"
+high = "1.5 Hz"
+"""
+
+
+def flown(folder: Path, seconds: float, legs: str = "", more: str = "", rig: str = "boom_thrust") -> Path:
+    card, log = folder / "card.toml", folder / "flight.mcap"
+    card.write_text(HEAD.format(aircraft="twin_otter", rig=rig, legs=legs.replace("\n", " ")) + more)
+    simulate(str(card), log, None, 3, seconds)
+    return log
+
+
+@pytest.fixture(scope="module")
+def programme(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return flown(tmp_path_factory.mktemp("calibration"), 440.0, LEGS, TRUTH + INPUT)
+
+
+def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -> None:
+    page, profile = tmp_path / "found.json", tmp_path / "mine.toml"
+    calibrate([programme], profile, None, str(page), tmp_path / "report")
+    found = json.loads(page.read_text())
+    assert found["schema"] == "station.calibrate/1"
+    constants = found["constants"]
+    speed = found["position_error"]["reference_speed_mps"]
+    truth = {
+        "airspeed_error": -2.0 + 0.05 * speed,
+        "airspeed_slope": 0.05,
+        "vane_zero": math.radians(0.8),
+        "upwash": 0.12 + 0.107,
+        "vane_delay": 0.0,
+        "vane_x": 5.3,
+    }
+    accuracy = {"airspeed_error": 0.5, "vane_zero": math.radians(0.3), "upwash": 0.05, "vane_delay": 0.02}
+    for name, true in truth.items():
+        c = constants[name]
+        assert c["status"] == "estimated", name
+        assert abs(c["estimate"] - true) < 3.5 * c["std_error"], name
+        assert c["std_error"] < accuracy.get(name, 1.0), name
+    wind = found["wind"]
+    assert np.mean(wind["north_mps"]) == pytest.approx(7.0, abs=0.7)
+    assert np.mean(wind["east_mps"]) == pytest.approx(-5.0, abs=0.7)
+    made = load_aircraft(str(profile))
+    assert made.boom is not None
+    assert made.calibrated is not None
+    assert made.boom.zero == pytest.approx(constants["vane_zero"]["estimate"])
+    assert made.boom.upwash_body + made.boom.upwash_wing == pytest.approx(constants["upwash"]["estimate"])
+    errors = made.instruments["airspeed"]
+    assert errors.gain * speed + errors.bias - speed == pytest.approx(constants["airspeed_error"]["estimate"])
+    assert made.calibrated.vane_zero_sd == pytest.approx(constants["vane_zero"]["std_error"])
+    assert (tmp_path / "report" / "calibration.html").stat().st_size > 50_000
+    with pytest.raises(UsageError, match="never replaces"):
+        calibrate([programme], profile, None, None, None)
+
+
+@pytest.mark.slow
+def test_calibrated_profile_finds_the_same_again(programme: Path, tmp_path: Path) -> None:
+    """Stated errors are taken out and found anew, not twice."""
+    first, second, profile = tmp_path / "1.json", tmp_path / "2.json", tmp_path / "mine.toml"
+    calibrate([programme], profile, None, str(first), None)
+    calibrate([programme], None, str(profile), str(second), None)
+    a, b = (json.loads(p.read_text())["constants"] for p in (first, second))
+    for name in ("airspeed_error", "airspeed_slope", "vane_zero", "upwash"):
+        assert b[name]["estimate"] == pytest.approx(a[name]["estimate"], abs=a[name]["std_error"]), name
+        assert b[name]["before"] == pytest.approx(a[name]["estimate"], abs=1e-6), name
+
+
+def test_one_heading_at_one_speed_says_what_it_cannot_tell(tmp_path: Path) -> None:
+    page = tmp_path / "found.json"
+    assert calibrate([flown(tmp_path, 100.0)], None, None, str(page), None) == 3
+    constants = json.loads(page.read_text())["constants"]
+    assert "one heading" in constants["airspeed_error"]["why"]
+    assert constants["airspeed_error"]["estimate"] is None
+    assert "one angle of attack" in constants["vane_zero"]["why"]
+    assert "no dynamic input" in constants["vane_delay"]["why"]
+
+
+def test_too_short_and_without_gnss_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="a calibration needs 60 s"):
+        calibrate([flown(tmp_path, 30.0)], None, None, None, None)
