@@ -45,12 +45,14 @@ class Hand:
         self._thread.start()
 
     def _send(self) -> None:
-        k, begin = 0, time.monotonic()
+        k, begin, noise = 0, time.monotonic(), np.random.default_rng(1)
         while not self._stop.wait(max(0.0, begin + 0.005 * k - time.monotonic())):
             k += 1
             if self.silent.is_set():
                 continue
-            fields = {"elevator": self.angle_deg, "stamp": (0.005 * k) % 6.5536, "counter": k % 256}
+            # A pot is never quite still; one that is, the station takes for stuck.
+            angle = self.angle_deg + noise.normal(scale=0.02)
+            fields = {"elevator": angle, "stamp": (0.005 * k) % 6.5536, "counter": k % 256}
             data = self._message.encode(fields)
             self._bus.send(can.Message(arbitration_id=self._message.frame_id, data=data, is_extended_id=False))
 
