@@ -51,7 +51,7 @@ class TcpServerLink:
         except OSError as error:
             hint = ": another program listens there; close that or use another port"
             hint = hint if error.errno == errno.EADDRINUSE else ""
-            raise DeviceError(f"loop: cannot listen on {host}:{port}: {error.strerror or error}{hint}") from error
+            raise DeviceError(f"loop: cannot listen on {host}:{port}: {os.strerror(error.errno or 0)}{hint}") from error
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
         self._rest = b""
@@ -215,6 +215,6 @@ def listening_socket(text: str) -> socket.socket:
             raise
         hint = ": another program listens there; close that or use another port"
         hint = hint if error.errno == errno.EADDRINUSE else ""
-        raise DeviceError(f"loop: cannot listen on {text}: {error.strerror or error}{hint}") from error
+        raise DeviceError(f"loop: cannot listen on {text}: {os.strerror(error.errno or 0)}{hint}") from error
     here.setblocking(False)
     return here

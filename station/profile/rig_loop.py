@@ -59,7 +59,7 @@ class CommandedLoop(_Loop):
             if name not in MOVED:
                 known = ", ".join(MOVED)
                 raise PydanticCustomError(
-                    "command", "nothing from outside moves {name}: only {known}", {"name": name, "known": known}
+                    "signal", "nothing from outside moves {name}: only {known}", {"name": name, "known": known}
                 )
             unit = unit_named(channel.unit)
             if unit is None or unit.si != SIGNALS[name].unit:
@@ -71,7 +71,7 @@ class CommandedLoop(_Loop):
             number = channel.field.removeprefix(self.output_prefix())
             if not number.isdecimal() or not 1 <= int(number) <= self.outputs():
                 raise PydanticCustomError(
-                    "field",
+                    "signal",
                     "{name}: no output {field}: {first} to {last}",
                     {
                         "name": name,
@@ -81,7 +81,7 @@ class CommandedLoop(_Loop):
                     },
                 )
         if LOOP_HZ % self.rate != 0:
-            raise PydanticCustomError("rate", "rate: {hz} Hz is no whole part of 400 Hz", {"hz": f"{self.rate:g}"})
+            raise PydanticCustomError("quantity", "rate: {hz} Hz is no whole part of 400 Hz", {"hz": f"{self.rate:g}"})
         return self
 
     @staticmethod
