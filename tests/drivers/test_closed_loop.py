@@ -32,6 +32,9 @@ from station.simulation.stepped_flight import SteppedFlight
 DBC = profiles_dir() / "rigs" / "pots.dbc"
 TRIM = math.degrees(SteppedFlight(load_card("by_hand").aircraft, load_card("by_hand").card).rest["elevator"])
 
+QUICKEST = 60.0
+"""deg/s"""
+
 
 class Hand:
     """A pot box of its own: the DBC read by cantools, frames sent by python-can, nothing of the station's."""
@@ -45,14 +48,14 @@ class Hand:
         self._thread.start()
 
     def _send(self) -> None:
-        k, begin, noise = 0, time.monotonic(), np.random.default_rng(1)
+        k, begin, noise, at = 0, time.monotonic(), np.random.default_rng(1), self.angle_deg
         while not self._stop.wait(max(0.0, begin + 0.005 * k - time.monotonic())):
             k += 1
             if self.silent.is_set():
                 continue
-            # A pot is never quite still; one that is, the station takes for stuck.
-            angle = self.angle_deg + noise.normal(scale=0.02)
-            fields = {"elevator": angle, "stamp": (0.005 * k) % 6.5536, "counter": k % 256}
+            # No hand moves it at once, and a pot is never quite still: the station believes neither.
+            at += max(-QUICKEST * 0.005, min(QUICKEST * 0.005, self.angle_deg - at))
+            fields = {"elevator": at + noise.normal(scale=0.02), "stamp": (0.005 * k) % 6.5536, "counter": k % 256}
             data = self._message.encode(fields)
             self._bus.send(can.Message(arbitration_id=self._message.frame_id, data=data, is_extended_id=False))
 
@@ -206,20 +209,27 @@ while (t := (time.monotonic() - begin) % 28) >= 0:
 """
 
 
+def one_link_and_a_pot(channel: str) -> str:
+    """A rig: loop and pot of by_hand, everything else from an emulated autopilot."""
+    rigs = profiles_dir() / "rigs"
+    loop, pots, *_ = re.split(r"(?m)^(?=\[\[devices\]\])", (rigs / "by_hand.toml").read_text())
+    head, *streams = re.split(r"(?m)^(?=\[\[devices.streams\]\])", (rigs / "mavlink_only.toml").read_text())
+    autopilot = head[head.index("[[devices]]") :] + "".join(s for s in streams if 'name = "elevator"' not in s)
+    return (loop + pots).replace("239.74.163.2", channel) + autopilot
+
+
 @pytest.mark.slow
 def test_doublets_by_hand_give_derivatives_within_their_intervals(tmp_path: Path, station: Any) -> None:
     """Two processes: one moves the pot, the other is the station with everything else emulated."""
     here = Path(__file__).parents[2]
     channel = "239.74.163.78"
-    for kind in ("cards", "rigs"):
-        (tmp_path / kind).mkdir()
-        text = (profiles_dir() / kind / "by_hand.toml").read_text()
-        (tmp_path / kind / "by_hand.toml").write_text(text.replace("239.74.163.2", channel))
-    (tmp_path / "rigs" / "bench.dbc").write_text((profiles_dir() / "rigs" / "bench.dbc").read_text())
-    (tmp_path / "rigs" / "pots.dbc").write_text(DBC.read_text())
+    (tmp_path / "rig.toml").write_text(one_link_and_a_pot(channel))
+    (tmp_path / "pots.dbc").write_text(DBC.read_text())
+    card = (profiles_dir() / "cards" / "by_hand.toml").read_text()
+    (tmp_path / "card.toml").write_text(card.replace('rig = "by_hand"', 'rig = "rig.toml"'))
     environment = {**os.environ, "PYTHONPATH": f"{here}:{here / 'tests'}"}
     hand = subprocess.Popen([sys.executable, "-c", FLYING, channel], cwd=here, env=environment)
-    words = ["run", str(tmp_path / "cards" / "by_hand.toml"), "--duration", "56", "--view", "none"]
+    words = ["run", str(tmp_path / "card.toml"), "--duration", "56", "--view", "none"]
     told = subprocess.run(
         [sys.executable, "-m", "station", *words, "--log", str(tmp_path)],
         cwd=here,
