@@ -89,11 +89,13 @@ def campaign(
     resume: bool = False,
     workers: int | None = None,
     progress: Flown = _silent,
+    say: Callable[[str], None] = print,
 ) -> Campaigned:
     """Fly a campaign, a name under profiles/campaigns or a path, into the folder `out`.
 
     `engine` "dask" with the `scheduler`'s address flies it on a cluster, "local" in `workers` processes, one a core if
-    left out; `resume` goes on where it was stopped. Raises UsageError, ProfileError, LogError and StationError.
+    left out; `resume` goes on where it was stopped; `say` is told what it waits
+    for. Raises UsageError, ProfileError, LogError and StationError.
     """
     from station.campaign.figures import draw
 
@@ -113,7 +115,7 @@ def campaign(
         progress(kept, plan.flights)
 
     if scheduler is not None:
-        fly_dask(plan, store, scheduler, done)
+        fly_dask(plan, store, scheduler, done, say)
     else:
         fly_local(plan, store, workers or len(os.sched_getaffinity(0)), done)
     result = store.finish()

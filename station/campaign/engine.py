@@ -256,8 +256,40 @@ def _is_address(scheduler: str) -> bool:
         return False
 
 
-def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
-    """Fly the missing batches on a Dask cluster that is there already. Raises StationError."""
+def _need_workers(client: Any, scheduler: str, say: Callable[[str], None]) -> None:
+    """Wait for a worker, saying so where none comes soon. Raises StationError where one has another station."""
+
+    def theirs() -> str:
+        try:
+            return importlib.metadata.version("flight-test-station")
+        except importlib.metadata.PackageNotFoundError:
+            return "none"
+
+    try:
+        client.wait_for_workers(1, timeout=CONNECT_S)
+    except TimeoutError:
+        say(f"{scheduler}: the cluster has no workers: waiting\nstart some with `dask worker {scheduler}`")
+        client.wait_for_workers(1)
+    ours = importlib.metadata.version("flight-test-station")
+    for worker, version in client.run(theirs).items():
+        if version != ours:
+            raise StationError(
+                f"worker {worker} has station {version}, this is {ours}: its flights would be another station's\n"
+                "install the same on every worker"
+            )
+
+
+def fly_of(version: str, plan: Plan, flights: range) -> pa.Table:
+    """`fly_rows` by the same station; a worker that joins later may have another. Raises StationError."""
+    ours = importlib.metadata.version("flight-test-station")
+    if version != ours:
+        raise StationError(f"a worker has station {ours}, the campaign {version}\ninstall the same on every worker")
+    return fly_rows(plan, flights)
+
+
+def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done, say: Callable[[str], None] = lambda _: None) -> None:
+    """Fly the missing batches on a Dask cluster that is there already; `say` is told what it waits for. Raises
+    StationError."""
     if not _is_address(scheduler):
         raise UsageError(f"--scheduler {scheduler}: no host and port\nwrite for example tcp://127.0.0.1:8786")
     distributed: Any = importlib.import_module("distributed")
@@ -271,11 +303,13 @@ def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done) -> None:
             "start one with `dask scheduler` and workers with `dask worker ADDRESS`; finished rows are kept"
         ) from None
     with client:
+        _need_workers(client, scheduler, say)
+        version = importlib.metadata.version("flight-test-station")
         waiting = iter(missing)
         numbers: dict[Any, int] = {}
 
         def submit(i: int) -> Any:
-            future = client.submit(fly_rows, plan, planned[i], pure=False, retries=ATTEMPTS)
+            future = client.submit(fly_of, version, plan, planned[i], pure=False, retries=ATTEMPTS)
             numbers[future.key] = i
             return future
 

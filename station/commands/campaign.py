@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from station.clock import SystemClock
+from station.console import say
 
 
 class Engine(StrEnum):
@@ -53,7 +54,16 @@ def campaign(
             words = f"{rate:.3g} flights/s" if kept > before else ""
             progress.update(bar, total=of, completed=kept, rate=words, refresh=True)
 
-        made = fly(spec, out, engine=engine.value, scheduler=scheduler, resume=resume, workers=workers, progress=flown)
+        made = fly(
+            spec,
+            out,
+            engine=engine.value,
+            scheduler=scheduler,
+            resume=resume,
+            workers=workers,
+            progress=flown,
+            say=say,
+        )
     seconds = (clock.now_ns() - begin) * 1e-9
     for line in made.sentences:
         sys.stdout.write(line + "\n")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import importlib.metadata
 import json
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -204,6 +206,38 @@ def test_a_scheduler_that_is_not_there(plan: Plan, tmp_path: Path, monkeypatch: 
 def test_a_scheduler_s_address_without_host_or_port(plan: Plan, tmp_path: Path, address: str) -> None:
     with pytest.raises(UsageError, match="no host and port"):
         fly_dask(plan, Store(tmp_path / "out", plan, resume=False), address, lambda n: None)
+
+
+class NoWorkersAtFirst:
+    """What is asked of Dask's client before the first flight."""
+
+    def __init__(self, versions: dict[str, str]) -> None:
+        self.waited: list[float | None] = []
+        self.versions = versions
+
+    def wait_for_workers(self, n: int, timeout: float | None = None) -> None:
+        self.waited.append(timeout)
+        if timeout is not None:
+            raise TimeoutError
+
+    def run(self, _: Callable[[], str]) -> dict[str, str]:
+        return self.versions
+
+
+def test_a_cluster_without_workers_says_so_and_waits() -> None:
+    client, told = NoWorkersAtFirst({}), list[str]()
+    engine._need_workers(client, "tcp://h:1", told.append)
+    assert client.waited == [engine.CONNECT_S, None]
+    assert told == ["tcp://h:1: the cluster has no workers: waiting\nstart some with `dask worker tcp://h:1`"]
+
+
+def test_workers_of_another_station_are_refused_with_both_versions(plan: Plan) -> None:
+    ours = importlib.metadata.version("flight-test-station")
+    with pytest.raises(StationError, match=rf"worker tcp://w:1 has station 0\.0\.9, this is {re.escape(ours)}"):
+        engine._need_workers(NoWorkersAtFirst({"tcp://w:0": ours, "tcp://w:1": "0.0.9"}), "tcp://h:1", print)
+    # One that joins later.
+    with pytest.raises(StationError, match=rf"a worker has station {re.escape(ours)}, the campaign 0\.0\.9"):
+        engine.fly_of("0.0.9", plan, range(1))
 
 
 def test_a_folder_that_cannot_be(plan: Plan, tmp_path: Path) -> None:
