@@ -46,9 +46,13 @@ methods miss by a quarter (CL_q) and by an eighth (CL_de), whatever error the so
 
 LEAST_SHAPE: Final = 0.1
 """Of a span's lag: more even than any loading makes it."""
-STARTS: Final[tuple[Mapping[str, float], ...]] = ({}, {"gust span": 2.5}, {"gust span": 2.5, "gust span shape": -1.4})
-"""Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, which meets gusts one
-after the other; from a span far from the true one fits end in worse minima."""
+STARTS: Final[tuple[Mapping[str, float], ...]] = (
+    {},
+    {"gust span": 2.5},
+    {"gust span": 2.5, "gust span shape": -1.4, "gust span cut": 1.8},
+)
+"""Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, whose lags have no end,
+or are even; from a span far from the true one fits end in worse minima."""
 _MEANS: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0")
 
 
@@ -98,6 +102,11 @@ def _span_shape(a: Aircraft, x: float) -> Aircraft:
     return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={"gust_span_shape": made})})
 
 
+def _span_cut(a: Aircraft, x: float) -> Aircraft:
+    made = min(max(a.unsteady.gust_span_cut + x, 0.0), 0.5)
+    return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={"gust_span_cut": made})})
+
+
 def _vane_scale(aircraft: Aircraft) -> float:
     """What the vane's scale is uncertain by besides the wing's upwash, which is free itself."""
     u, boom = aircraft.uncertainty, aircraft.boom
@@ -128,6 +137,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("gust lift rate", u.lift_rate, indicial_rate("lift_gust")),
             Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
             Free("gust span shape", u.span_shape, _span_shape),
+            Free("gust span cut", u.span_cut, _span_cut),
             Free("turned at once", u.turned_at_once, unsteady("turned_at_once")),
             Free("tail speed", u.tail_speed, unsteady("tail_speed")),
             Free("convection", u.convection, unsteady("convection")),

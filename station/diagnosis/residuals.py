@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft, signal, special
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.diagnosis.attached_flow import attached_along
@@ -61,6 +61,11 @@ GUST_PASS_HZ: Final = (4.0, 6.0)
 SPEED_PASS_HZ: Final = (0.3, 0.6)
 """The speed that lift and moment depend on is passed up to the first and stopped from the second: dynamic pressure has
 the airspeed's noise, and so has the lift made with it; a dependence on the noise would be found."""
+
+LEAST_CUT: Final = 0.1
+"""Below it a span's lags are mixed of those that end there and those without end: nodes are too few for longer ones."""
+SPAN_NODES: Final = 48
+"""Exact to 1e-6 for lags that turn a gust by up to 60 rad."""
 
 
 class _Motion(NamedTuple):
@@ -176,7 +181,7 @@ def _stages(
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
     on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once)
     path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, drift))
-    spread = (unsteady.gust_span, unsteady.gust_span_shape)
+    spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut)
     of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
     seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
     shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s))
@@ -253,17 +258,35 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
         shown = shown * given + transform(boom.flexure * load, s) * bend
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
-    averaged = span_response(unsteady.gust_span, unsteady.gust_span_shape, w / v0)
+    averaged, slow = np.zeros((w / v0).shape, dtype=complex), w < 2 * np.pi * GUST_PASS_HZ[1]  # as fast as is passed
+    span = unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut
+    averaged[..., slow] = span_response(*span, (w / v0)[..., slow])
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
     return _Shown(vane, quick, met, _along(quick, met, path, s), ahead * _along(quick * averaged, met, path, s))
 
 
-def span_response(length: float, shape: float, wave: Array) -> Complex:
-    """What a span makes of gusts of `wave` rad/m: the transform of a gamma distribution of lags with that mean (m) and
-    variance."""
-    return np.asarray((1 + 1j * wave * length * shape) ** (-1 / shape), dtype=complex)
+def span_response(length: float, shape: float, cut: float, wave: Array) -> Complex:
+    """What a span makes of gusts of `wave` rad/m: the transform of a beta distribution of lags (Pearson 1895, type I)
+    with the mean `length` (m) and the variance `shape` length2, the longest length/`cut`; without end a gamma
+    distribution."""
+    endless = (1 + 1j * wave * length * shape) ** (-1 / shape)
+    end = max(cut, LEAST_CUT)
+    share = min(cut / end, 1.0)
+    if not share or not length:
+        return np.asarray(endless, dtype=complex)
+    a = (1 - end) / shape - end
+    lags, weights = _beta_nodes(a, a * (1 - end) / end)
+    ended = np.exp(-1j * wave[..., None] * (length / end) * lags) @ weights
+    return np.asarray((1 - share) * endless + share * ended, dtype=complex)
+
+
+@lru_cache(maxsize=64)
+def _beta_nodes(a: float, b: float) -> tuple[Array, Array]:
+    """Gauss-Jacobi nodes of 0 to 1, and weights of sum 1."""
+    x, weights = special.roots_jacobi(SPAN_NODES, b - 1, a - 1)
+    return 0.5 * (1 + x), weights / weights.sum()
 
 
 def _along(quick: Complex, met: Complex, path: _Path, s: Setting) -> Complex:

@@ -46,6 +46,8 @@ class Uncertainty(Frozen):
     """Share of the lag with which a wing of that span would follow a gust, were its lift spread evenly."""
     span_shape: float = Field(default=0.5, ge=0)
     """Of the shape of that lag (`gust_span_shape`), absolute."""
+    span_cut: float = Field(default=0.25, ge=0)
+    """Of where that lag ends (`gust_span_cut`), absolute: wings do end."""
     turned_at_once: float = Field(default=0.5, ge=0)
     """Of the share of the mean angle of attack that gusts along the path turn at once, absolute."""
     tail_speed: float = Field(default=0.7, ge=0)

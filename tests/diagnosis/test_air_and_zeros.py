@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import Setting, bridge_of, own_speed
@@ -32,26 +32,28 @@ def test_a_gust_along_the_path_is_no_motion_of_the_aircraft() -> None:
 
 
 @pytest.mark.parametrize("shape", [1.0, 0.5, 0.2])
-def test_a_span_follows_gusts_by_the_transform_of_a_gamma_distribution(shape: float) -> None:
-    """Characteristic function by quadrature of the density of scipy."""
+@pytest.mark.parametrize("cut", [0.0, 0.15, 0.4])
+def test_a_span_follows_gusts_by_the_transform_of_its_lags(shape: float, cut: float) -> None:
+    """Of a gamma distribution, or where it ends of a beta distribution of the same mean and variance: characteristic
+    function by quadrature of the density of scipy."""
     length, wave = 3.0, np.array([0.0, 0.05, 0.2, 0.6])
     lags = stats.gamma(1 / shape, scale=length * shape)
-    far = np.linspace(0, lags.ppf(1 - 1e-9), 200_001)
-    middle, weight = 0.5 * (far[1:] + far[:-1]), np.diff(lags.cdf(far))
-    by_sum = (weight * np.exp(-1j * wave[:, None] * middle)).sum(1)
-    np.testing.assert_allclose(span_response(length, shape, wave), by_sum, atol=1e-4)
+    if cut:
+        a = (1 - cut) / shape - cut
+        lags = stats.beta(a, a * (1 - cut) / cut, scale=length / cut)
+    np.testing.assert_allclose((lags.mean(), lags.var()), (length, shape * length**2))
+    middle = lags.ppf((np.arange(200_000) + 0.5) / 200_000)
+    by_sum = np.exp(-1j * wave[:, None] * middle).mean(1)
+    np.testing.assert_allclose(span_response(length, shape, cut, wave), by_sum, atol=1e-4)
 
 
-def test_strips_of_a_span_are_nearer_to_their_shape_than_to_a_lag() -> None:
-    """Evenly loaded strips, met one after the other over twice the mean lag, to a mean phase of 1 rad: two moments
-    agree, and what differs is of the third order."""
-    length, wave = 3.0, np.linspace(0.02, 1 / 3, 50)
-    strips = np.exp(-1j * wave * length) * np.sinc(wave * length / np.pi)
-
-    def off(shape: float) -> float:
-        return float(np.abs(span_response(length, shape, wave) - strips).max())
-
-    assert off(1 / 3) < 0.25 * off(1.0)
+def test_even_strips_and_an_elliptic_loading_are_met_exactly() -> None:
+    """Lags that end at twice their mean: sin x / x and 2 J1(x) / x of the mean's phase."""
+    length, wave = 8.0, np.linspace(0.01, 0.7, 50)
+    x = wave * length
+    strips, ellipse = (np.exp(-1j * x) * f for f in (np.sinc(x / np.pi), 2 * special.j1(x) / x))
+    np.testing.assert_allclose(span_response(length, 1 / 3, 0.5, wave), strips, atol=1e-9)
+    np.testing.assert_allclose(span_response(length, 1 / 4, 0.5, wave), ellipse, atol=1e-9)
 
 
 def flight(alike: float, speed: float, pressure: float) -> Record:
