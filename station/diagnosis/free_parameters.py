@@ -49,10 +49,10 @@ LEAST_SHAPE: Final = 0.1
 STARTS: Final[tuple[Mapping[str, float], ...]] = (
     {},
     {"gust span": 2.5},
-    {"gust span": 2.5, "gust span shape": -1.4, "gust span cut": 1.8},
+    {"gust span": 2.5, "gust span shape": -0.3, "gust span cut": 1.8},
 )
-"""Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, whose lags have no end,
-or are even; from a span far from the true one fits end in worse minima."""
+"""Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, whose lags are even or
+have no end; from a span far from the true one fits end in worse minima."""
 _MEANS: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0")
 
 

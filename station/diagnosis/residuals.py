@@ -179,13 +179,11 @@ def _stages(
     motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
     of_drift = drift if isinstance(drift, float) else id(drift)
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
-    boom = aircraft.boom or NO_BOOM
-    of_vane = (found.get("alpha_vane"), boom.steady_calibration, boom.zero, boom.gust_x)
-    on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once, of_vane)
-    path = memo.get("path", on_path, lambda: _path(x["alpha_vane"], motion, boom, unsteady, s, drift))
+    on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once)
+    path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, drift))
     spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut)
     of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
-    seen = (on_path, aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
+    seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
     shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s))
     key = (seen, unsteady)
     return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s)), seen
@@ -219,7 +217,7 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True), v)
 
 
-def _path(vane: Array, motion: _Motion, boom: Boom, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
+def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
     # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
     # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
     # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
@@ -233,12 +231,7 @@ def _path(vane: Array, motion: _Motion, boom: Boom, unsteady: Unsteady, s: Setti
     moved = at_places(alpha_i, there)
     along = transform(moved, s)
     moved = moved - (1 - unsteady.turned_at_once) * moved.mean(-1, keepdims=True)
-    # A gust across the path adds to the airspeed by where it comes from, and turns nothing but itself.
-    across = (vane - boom.zero) / boom.steady_calibration - alpha_i
-    across = back(transform(across, s) * np.exp(-1j * s.omega * boom.gust_x / v0), s)
-    ahead = motion.airspeed * np.cos(alpha_i + across) / np.cos(alpha_i)
-    ahead = ahead - ahead.mean(-1, keepdims=True) + v0
-    surge = at_places((ahead - inertial) / motion.airspeed, there)
+    surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
     return _Path(v0, inertial, there, again, alpha_i, along, moved, transform(surge, s), transform(-moved * surge, s))
 
 
@@ -278,14 +271,14 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
 
 def span_response(length: float, shape: float, cut: float, wave: Array) -> Complex:
     """What a span makes of gusts of `wave` rad/m: the transform of a beta distribution of lags (Pearson 1895, type I)
-    with the mean `length` (m) and the variance `shape` length2, the longest length/`cut`; without end a gamma
-    distribution."""
+    with the mean `length` (m), the longest length/`cut`, and `shape` of the variance of lags that thin out from the
+    first on; without end a gamma distribution."""
     endless = (1 + 1j * wave * length * shape) ** (-1 / shape)
     end = max(cut, LEAST_CUT)
     share = min(cut / end, 1.0)
     if not share or not length:
         return np.asarray(endless, dtype=complex)
-    a = (1 - end) / shape - end
+    a = (1 + end) / shape - end
     lags, weights = _beta_nodes(a, a * (1 - end) / end)
     ended = np.exp(-1j * wave[..., None] * (length / end) * lags) @ weights
     return np.asarray((1 - share) * endless + share * ended, dtype=complex)

@@ -154,8 +154,9 @@ class Unsteady(Frozen):
     gust_span: Metres = Field(default=0.0, ge=0)
     """Length of the lag by which the wing averages gusts along its span: about a quarter of it; 0 for none."""
     gust_span_shape: float = Field(default=1.0, gt=0, le=1)
-    """How that lag spreads, its variance over the square of its mean: 1 as a lag of the first order does, 1/3 where
-    strips of a span are met one after the other, 1/4 with an elliptic loading. Of diagnosis: simulations take 1."""
+    """How that lag spreads, its variance as a share of that of lags which thin out from the first on: 1 as a lag of the
+    first order does, or where strips of a span are met one after the other (`gust_span_cut` 1/2); 3/4 with an elliptic
+    loading. Of diagnosis: simulations take 1."""
     gust_span_cut: float = Field(default=0.0, ge=0, le=0.5)
     """That lag's mean over the longest one: 1/2 where a span meets gusts evenly on either side of the mean, 0 for no
     longest. Of diagnosis: simulations take 0."""

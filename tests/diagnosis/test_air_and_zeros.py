@@ -39,9 +39,9 @@ def test_a_span_follows_gusts_by_the_transform_of_its_lags(shape: float, cut: fl
     length, wave = 3.0, np.array([0.0, 0.05, 0.2, 0.6])
     lags = stats.gamma(1 / shape, scale=length * shape)
     if cut:
-        a = (1 - cut) / shape - cut
+        a = (1 + cut) / shape - cut
         lags = stats.beta(a, a * (1 - cut) / cut, scale=length / cut)
-    np.testing.assert_allclose((lags.mean(), lags.var()), (length, shape * length**2))
+    np.testing.assert_allclose((lags.mean(), lags.var()), (length, shape * (1 - cut) / (1 + cut) * length**2))
     middle = lags.ppf((np.arange(200_000) + 0.5) / 200_000)
     by_sum = np.exp(-1j * wave[:, None] * middle).mean(1)
     np.testing.assert_allclose(span_response(length, shape, cut, wave), by_sum, atol=1e-4)
@@ -52,8 +52,8 @@ def test_even_strips_and_an_elliptic_loading_are_met_exactly() -> None:
     length, wave = 8.0, np.linspace(0.01, 0.7, 50)
     x = wave * length
     strips, ellipse = (np.exp(-1j * x) * f for f in (np.sinc(x / np.pi), 2 * special.j1(x) / x))
-    np.testing.assert_allclose(span_response(length, 1 / 3, 0.5, wave), strips, atol=1e-9)
-    np.testing.assert_allclose(span_response(length, 1 / 4, 0.5, wave), ellipse, atol=1e-9)
+    np.testing.assert_allclose(span_response(length, 1.0, 0.5, wave), strips, atol=1e-9)
+    np.testing.assert_allclose(span_response(length, 0.75, 0.5, wave), ellipse, atol=1e-9)
 
 
 def flight(alike: float, speed: float, pressure: float) -> Record:
