@@ -306,13 +306,18 @@ class Problem:
 
     def null(self) -> Estimate:
         """Without effects."""
+        at_profile = np.zeros(len(self.frees) + len(self.manoeuvres))
+        self._volume_at = tuple(m.responses(self.aircraft_at({}, at_profile)) for m in self.manoeuvres)
+        return self.from_profile({})
+
+    def from_profile(self, values: Mapping[str, float]) -> Estimate:
+        """Fitted from the profile on, with effects that begin at `values`; at best of STARTS."""
         none = [0.0] * len(self.manoeuvres)
         starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in STARTS]
-        self._volume_at = tuple(m.responses(self.aircraft_at({}, starts[0])) for m in self.manoeuvres)
         # A zero that all manoeuvres share is looked for before zeros are let wander.
         self._zeros_wander = False
-        start = min((self.relevelled(self.state({}, a)) for a in starts), key=self.cost)
-        near = self.estimate(start, ROUNDS, self.rough, NEAR)
+        start = min((self.relevelled(self.state(values, a)) for a in starts), key=self.cost)
+        near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         self._zeros_wander = True
         return self.estimate(near.state, ROUNDS, self.whole)
 

@@ -24,6 +24,9 @@ FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 CONFOUNDED: Final = 6.0
 """Candidates of one size within this deviance of the best are confounded with it."""
+LARGE: Final = 100.0
+"""Deviance reduction of an effect without which the first fit may have ended in a minimum of its own, its constants far
+from the profile's: such an effect is fitted from the profile on too."""
 RIVAL_SHARE: Final = 0.1
 """Of the best's deviance reduction: candidates nearer than this may yet overtake it when fitted to the end."""
 SINGLES: Final = 5
@@ -31,6 +34,7 @@ PAIRS: Final = 5
 MORE: Final = 3
 MOST: Final = 4
 """Effects at once."""
+RESTARTED: Final = 2
 REFITS: Final = 4
 WHOLE: Final = 4
 """Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
@@ -116,6 +120,15 @@ class _Refits:
     def fit_to_the_end(self, e: Estimate) -> None:
         """A candidate again from where it is, all slopes made anew."""
         self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
+
+    def fit_from_profile(self, e: Estimate) -> None:
+        """A candidate from the profile on, and the better of both."""
+        try:
+            found = self._judged(self.problem.from_profile(e.state.values))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            return
+        if found.cost < e.cost:
+            self.done[frozenset(e.state.ids)] = found
 
     def _judged(self, found: Estimate) -> Estimate:
         if any(self._is_nothing(BY_ID[i], found.state) for i in found.state.ids):
@@ -209,6 +222,10 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
         if near > CONFOUNDED and len(rivals) > 1:
             for e in rivals:
                 refits.fit_to_the_end(e)
+            found = refits.of_size(size)
+        if size == 1 and cost - found[0].cost > LARGE:
+            for e in found[:RESTARTED]:
+                refits.fit_from_profile(e)
             found = refits.of_size(size)
     return found
 
