@@ -117,8 +117,6 @@ class Problem:
         self._volume_at: tuple[Complex, ...] | None = None
         self._zeros_wander = True
 
-    # --- candidates
-
     def aircraft_at(self, values: Mapping[str, float], a: Array) -> Aircraft:
         """With its free parameters moved, then the effects."""
         return extended(moved(self.aircraft, self.frees, a), values)
@@ -176,8 +174,6 @@ class Problem:
     def cost(self, s: State) -> float:
         """-2 log likelihood with priors, and how rare the effects are: what candidates are compared by."""
         return s.q + self.volume(s.levels) + sum(BY_ID[i].price for i in s.values)
-
-    # --- parameters
 
     def effect_slopes(self, s: State, terms: Sequence[Term]) -> list[Slopes]:
         """Per unit of each effect's value, by manoeuvre."""
@@ -306,12 +302,11 @@ class Problem:
 
     def null(self) -> Estimate:
         """Without effects."""
-        at_profile = np.zeros(len(self.frees) + len(self.manoeuvres))
-        self._volume_at = tuple(m.responses(self.aircraft_at({}, at_profile)) for m in self.manoeuvres)
+        self._volume_at = tuple(m.responses(self.aircraft_at({}, np.zeros(0))) for m in self.manoeuvres)
         return self.from_profile({})
 
     def from_profile(self, values: Mapping[str, float]) -> Estimate:
-        """Fitted from the profile on, with effects that begin at `values`; at best of STARTS."""
+        """Fitted from the profile on, at the best of STARTS, with effects that begin at `values`."""
         none = [0.0] * len(self.manoeuvres)
         starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in STARTS]
         # A zero that all manoeuvres share is looked for before zeros are let wander.

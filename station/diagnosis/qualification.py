@@ -226,8 +226,8 @@ def qualification_json(flown: Sequence[Flown]) -> dict[str, Any]:
                     {
                         "entry": e.name,
                         "tolerance": e.tolerance,
-                        "worst_before": e.before if math.isfinite(e.before) else None,
-                        "worst_after": e.after if math.isfinite(e.after) else None,
+                        "worst_before": _finite(e.before),
+                        "worst_after": _finite(e.after),
                         "inside": e.inside,
                         "first_outside_s": e.outside_s,
                     }
@@ -235,8 +235,8 @@ def qualification_json(flown: Sequence[Flown]) -> dict[str, Any]:
                 ],
                 "rms": {
                     n: {
-                        "before": float(np.sqrt(np.mean((f.before[n] - f.measured[n]) ** 2))),
-                        "after": float(np.sqrt(np.mean((f.after[n] - f.measured[n]) ** 2))),
+                        "before": _finite(np.sqrt(np.mean((f.before[n] - f.measured[n]) ** 2))),
+                        "after": _finite(np.sqrt(np.mean((f.after[n] - f.measured[n]) ** 2))),
                     }
                     for n in f.before
                 },
@@ -244,6 +244,11 @@ def qualification_json(flown: Sequence[Flown]) -> dict[str, Any]:
             for f in flown
         ],
     }
+
+
+def _finite(x: float) -> float | None:
+    """None of a simulation that departs."""
+    return float(x) if math.isfinite(x) else None
 
 
 def qualification_lines(flown: Sequence[Flown]) -> list[str]:
@@ -254,5 +259,6 @@ def qualification_lines(flown: Sequence[Flown]) -> list[str]:
             lines.append(f"{f.record}: not simulated: {f.why}")
         for e in f.entries:
             end = "inside" if e.inside else f"outside from {e.outside_s:.1f} s"
-            lines.append(f"{f.record}: {e.name}: worst {e.before:.2f} -> {e.after:.2f} of the tolerance: {end}")
+            one, other = (f"{x:.2f}" if math.isfinite(x) else "departs" for x in (e.before, e.after))
+            lines.append(f"{f.record}: {e.name}: worst {one} -> {other} of the tolerance: {end}")
     return ["simulated from measured inputs, 14 CFR 60 table A2A:", *(f"  {line}" for line in lines)]

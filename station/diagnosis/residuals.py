@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal, special
+from scipy import fft, signal
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.diagnosis.attached_flow import attached_along
@@ -43,6 +43,7 @@ from station.diagnosis.processing import (
     transform,
     without_line,
 )
+from station.diagnosis.span_lags import span_response
 from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
@@ -61,11 +62,6 @@ GUST_PASS_HZ: Final = (4.0, 6.0)
 SPEED_PASS_HZ: Final = (0.3, 0.6)
 """The speed that lift and moment depend on is passed up to the first and stopped from the second: dynamic pressure has
 the airspeed's noise, and so has the lift made with it; a dependence on the noise would be found."""
-
-LEAST_CUT: Final = 0.1
-"""Below it a span's lags are mixed of those that end there and those without end: nodes are too few for longer ones."""
-SPAN_NODES: Final = 48
-"""Exact to 1e-6 for lags that turn a gust by up to 60 rad."""
 
 
 class _Motion(NamedTuple):
@@ -267,28 +263,6 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
     return _Shown(vane, quick, met, _along(quick, met, path, s), ahead * _along(quick * averaged, met, path, s))
-
-
-def span_response(length: float, shape: float, cut: float, wave: Array) -> Complex:
-    """What a span makes of gusts of `wave` rad/m: the transform of a beta distribution of lags (Pearson 1895, type I)
-    with the mean `length` (m), the longest length/`cut`, and `shape` of the variance of lags that thin out from the
-    first on; without end a gamma distribution."""
-    endless = (1 + 1j * wave * length * shape) ** (-1 / shape)
-    end = max(cut, LEAST_CUT)
-    share = min(cut / end, 1.0)
-    if not share or not length:
-        return np.asarray(endless, dtype=complex)
-    a = (1 + end) / shape - end
-    lags, weights = _beta_nodes(a, a * (1 - end) / end)
-    ended = np.exp(-1j * wave[..., None] * (length / end) * lags) @ weights
-    return np.asarray((1 - share) * endless + share * ended, dtype=complex)
-
-
-@lru_cache(maxsize=64)
-def _beta_nodes(a: float, b: float) -> tuple[Array, Array]:
-    """Gauss-Jacobi nodes of 0 to 1, and weights of sum 1."""
-    x, weights = special.roots_jacobi(SPAN_NODES, b - 1, a - 1)
-    return 0.5 * (1 + x), weights / weights.sum()
 
 
 def _along(quick: Complex, met: Complex, path: _Path, s: Setting) -> Complex:

@@ -11,7 +11,8 @@ from scipy import special, stats
 
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import Setting, bridge_of, own_speed
-from station.diagnosis.residuals import Spectra, span_response
+from station.diagnosis.residuals import Spectra
+from station.diagnosis.span_lags import span_response
 from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, wandering
 
 SPEED, DENSITY = 52.0, 1.0

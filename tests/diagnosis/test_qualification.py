@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import replace
 
 import another_simulation as foreign
 import numpy as np
@@ -158,3 +160,14 @@ def test_an_aircraft_that_cannot_be_trimmed_says_so(navion: Aircraft) -> None:
     assert "no trim" in found[0].why
     assert qualification_json(found)["manoeuvres"][0]["entries"] == []
     assert "not simulated" in " ".join(qualification_page(found))
+
+
+def test_a_simulation_that_departs_says_so(navion: Aircraft) -> None:
+    (found,) = qualified([flown(navion, Case(seed=1), 0)], navion, navion)
+    lost = {name: np.full_like(x, np.nan) for name, x in found.after.items()}
+    departed = replace(found, after=lost, entries=(replace(found.entries[0], after=math.nan),))
+    said = json.loads(json.dumps(qualification_json([departed]), allow_nan=False))["manoeuvres"][0]
+    assert said["entries"][0]["worst_after"] is None
+    assert not said["entries"][0]["inside"]
+    assert said["rms"]["q"]["after"] is None
+    assert "departs" in qualification_lines([departed])[1]
