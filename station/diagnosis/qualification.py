@@ -258,7 +258,8 @@ def qualification_lines(flown: Sequence[Flown]) -> list[str]:
         if f.why:
             lines.append(f"{f.record}: not simulated: {f.why}")
         for e in f.entries:
-            end = "inside" if e.inside else f"outside from {e.outside_s:.1f} s"
+            begun = "" if e.outside_s is None else f" from {e.outside_s:.1f} s"
+            end = "inside" if e.inside else f"outside{begun}"
             one, other = (f"{x:.2f}" if math.isfinite(x) else "departs" for x in (e.before, e.after))
             lines.append(f"{f.record}: {e.name}: worst {one} -> {other} of the tolerance: {end}")
     return ["simulated from measured inputs, 14 CFR 60 table A2A:", *(f"  {line}" for line in lines)]
