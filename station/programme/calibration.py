@@ -21,7 +21,7 @@ from station.model.vane_in_motion import InMotion, Stretch, vane_in_motion
 from station.numerics.random_effects import NORMAL_95
 from station.numerics.regression import NotIdentifiable
 from station.profile import NO_BOOM, Aircraft
-from station.programme.calibration_blocks import Calibrating, Recorded, Run, calibrating
+from station.programme.calibration_blocks import Calibrating, Opened, Recorded, Run, calibrating, opened
 from station.rows import UsageError
 
 Array = NDArray[np.float64]
@@ -101,12 +101,14 @@ class Calibration:
         return all(self.constants[n].is_told for n in wanted)
 
 
-def calibrate(logs: Sequence[Path], aircraft: Aircraft, say: Callable[[str], None] = lambda _: None) -> Calibration:
-    """Raises LogError, and UsageError for recordings that nothing can be calibrated with."""
+def calibrate(
+    logs: Sequence[Path], aircraft: Aircraft, say: Callable[[str], None] = lambda _: None, read: Opened = opened
+) -> Calibration:
+    """`read` opens a recording. Raises LogError, and UsageError for recordings that nothing can be calibrated with."""
     if aircraft.boom is None:
         raise UsageError(f"aircraft {aircraft.name}: it has no boom: there is no vane to calibrate")
     say(f"  reading {len(logs)} recording{'s' if len(logs) > 1 else ''}")
-    flown = calibrating(logs, aircraft)
+    flown = calibrating(logs, aircraft, read)
     boom, known = aircraft.boom, aircraft.uncertainty
     place = Place(boom.vane_x, boom.vane_y, boom.vane_z, boom.upwash_body)
     place_sd = known.vane_x * float(np.mean(flown.blocks.columns["airspeed"]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,7 +15,7 @@ from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import known
 from station.identification.cleaning import cleaned
 from station.identification.preparation import corrected, flight_record
-from station.log import metadata, table
+from station.log import About, Table, metadata, table
 from station.model.air_data_calibration import Blocks
 from station.numerics.atmosphere import air_densities
 from station.numerics.regression import NotIdentifiable
@@ -98,7 +98,15 @@ def bare(aircraft: Aircraft) -> Aircraft:
     return aircraft.model_copy(update={"instruments": kept})
 
 
-def calibrating(logs: Sequence[Path], aircraft: Aircraft) -> Calibrating:
+Opened = Callable[[Path], tuple[Table, About]]
+
+
+def opened(path: Path) -> tuple[Table, About]:
+    """A recording, and what it says of itself. Raises LogError."""
+    return table(path), metadata(path).about
+
+
+def calibrating(logs: Sequence[Path], aircraft: Aircraft, read: Opened = opened) -> Calibrating:
     """Raises LogError, and UsageError for recordings that nothing can be calibrated with."""
     subject = bare(aircraft)
     remarks = [*known(subject).refused]
@@ -107,7 +115,7 @@ def calibrating(logs: Sequence[Path], aircraft: Aircraft) -> Calibrating:
     runs: list[Run] = []
     after, count = 0.0, 0
     for path, utc in _in_order(logs):
-        record, words = _record(path, subject)
+        record, words = _record(path, subject, read)
         remarks += [f"{path.name}: {w}" for w in words]
         time, columns = _blocks(record)
         if not len(time):
@@ -139,19 +147,21 @@ def calibrating(logs: Sequence[Path], aircraft: Aircraft) -> Calibrating:
 
 def _in_order(logs: Sequence[Path]) -> list[tuple[Path, float | None]]:
     """As flown, with their begin in s after the first, where their clocks tell them apart; else as given."""
+    if len(logs) == 1:
+        return [(logs[0], None)]
     begins = {path: metadata(path).utc_ns * 1e-9 for path in dict.fromkeys(logs)}
     ordered = sorted(begins, key=lambda p: begins[p])
     steps = np.diff([begins[p] for p in ordered])
     imported = any(metadata(p).about.imported for p in ordered)
-    if imported or len(ordered) == 1 or not ((steps > BLOCK_S) & (steps < DAY_S)).all():
+    if imported or not ((steps > BLOCK_S) & (steps < DAY_S)).all():
         return [(path, None) for path in begins]
     return [(p, begins[p] - begins[ordered[0]]) for p in ordered]
 
 
-def _record(path: Path, subject: Aircraft) -> tuple[FlightRecord, list[str]]:
+def _record(path: Path, subject: Aircraft, read: Opened) -> tuple[FlightRecord, list[str]]:
     """Raises UsageError for one without what is needed."""
-    about = metadata(path).about
-    whole, words = cleaned(table(path))
+    flown, about = read(path)
+    whole, words = cleaned(flown)
     ready = corrected(whole, subject, about.noise_si(whole.aligned), about.imu_position)
     lacking = [n for n in NEEDED if n not in ready.columns or not np.isfinite(ready.columns[n]).any()]
     if "v_north" in lacking or "v_east" in lacking:
