@@ -134,7 +134,8 @@ def identify(
         marked = _point(path, point)
         start, end = marked.start_s, marked.end_s
     near = (-math.inf if start is None else start - NEARBY_S, math.inf if end is None else end + NEARBY_S)
-    flown = table(path) if start is None and end is None else table(path, near)
+    # An interval that is none is refused with what the whole recording has.
+    flown = table(path) if (start is None and end is None) or not near[0] < near[1] else table(path, near)
     names = [method] if isinstance(method, str) else list(method)
     request = Request(
         names,

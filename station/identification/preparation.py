@@ -65,6 +65,8 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
     """Clean, correct and cut `table`. Raises UsageError for an empty interval, or a record that no method can use."""
     whole, remarks = cleaned(table)
     whole = corrected(whole, aircraft, request.noise, request.imu_position)
+    if not len(table.t_s):
+        raise UsageError(f"{request.subject}: no data from {request.start_s} to {request.end_s} s")
     if not len(whole.t_s):
         raise UsageError(f"{request.subject}: shorter than the delays of the profile's instruments")
     first, last = float(whole.t_s[0]), float(whole.t_s[-1])
