@@ -25,8 +25,10 @@ FURTHER_SHARE: Final = 0.03
 CONFOUNDED: Final = 6.0
 """Candidates of one size within this deviance of the best are confounded with it."""
 LARGE: Final = 100.0
-"""Deviance reduction of an effect without which the first fit may have ended in a minimum of its own, its constants far
-from the profile's: such an effect is fitted from the profile on too."""
+HUGE: Final = 1000.0
+"""Deviance reductions of an effect without which the first fit may have ended in a minimum of its own: the first where
+constants are farther from the profile's than its doubt lets expect, the second anyhow. Such an effect is fitted from
+the profile on too."""
 RIVAL_SHARE: Final = 0.1
 """Of the best's deviance reduction: candidates nearer than this may yet overtake it when fitted to the end."""
 SINGLES: Final = 5
@@ -34,7 +36,6 @@ PAIRS: Final = 5
 MORE: Final = 3
 MOST: Final = 4
 """Effects at once."""
-RESTARTED: Final = 2
 REFITS: Final = 4
 WHOLE: Final = 4
 """Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
@@ -223,8 +224,9 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
             for e in rivals:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
-        if size == 1 and cost - found[0].cost > LARGE:
-            for e in found[:RESTARTED]:
+        if size == 1 and (gained := cost - found[0].cost) > LARGE:
+            e = found[0]
+            if gained > HUGE or e.state.a @ e.state.a > len(e.state.a):
                 refits.fit_from_profile(e)
             found = refits.of_size(size)
     return found

@@ -107,6 +107,7 @@ def test_a_new_row_is_all_that_a_new_effect_takes(monkeypatch):
     assert "v_down.scale" in effects_table(found.named)
 
 
+@pytest.mark.slow
 def test_what_held_out_data_do_not_confirm_is_neither_named_nor_left_in_the_aircraft(monkeypatch):
     """Gyro and attitude contradict each other whatever is held out; an elevator's lag rests on the aircraft's model."""
     case = Case(seed=78, effects={"q.delay": 0.02, "elevator.lag": 0.06})
