@@ -219,11 +219,9 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array)
     # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
     # Either is a few per cent of the gust, and looks like another tail.
     v0 = motion.mean_speed + drift
-    level = motion.base + v0
-    level = level - (np.hypot(level, motion.down) - v0).mean(-1, keepdims=True)
-    inertial = np.hypot(level, motion.down)
+    inertial = motion.base + v0
     there, again = places_of(v0 + unsteady.convection * (inertial - v0), v0, s)
-    alpha_i = motion.theta + np.arctan(motion.down / level)
+    alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
     moved = at_places(alpha_i, there)
     along = transform(moved, s)
     moved = moved - (1 - unsteady.turned_at_once) * moved.mean(-1, keepdims=True)
