@@ -76,7 +76,8 @@ class _Motion(NamedTuple):
     theta: Array
     down: Array
     base: Array
-    """Speed through the air but for its mean."""
+    """Speed through the air but for its mean: over ground where that is recorded, else along the path."""
+    over_ground: bool
     mean_speed: Array
     airspeed: Array
 
@@ -210,7 +211,8 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
     if ground is not None:
         out[..., NORTH, :] = ground - along
     base = own_speed(v, along, s) if ground is None else ground
-    return _Motion(q, qdot, ax, az, out, theta, down, base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True), v)
+    base, mean = base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True)
+    return _Motion(q, qdot, ax, az, out, theta, down, base, ground is not None, mean, v)
 
 
 def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
@@ -220,6 +222,9 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array)
     # Either is a few per cent of the gust, and looks like another tail.
     v0 = motion.mean_speed + drift
     inertial = motion.base + v0
+    if motion.over_ground:
+        level = inertial - (np.hypot(inertial, motion.down) - v0).mean(-1, keepdims=True)
+        inertial = np.hypot(level, motion.down)
     there, again = places_of(v0 + unsteady.convection * (inertial - v0), v0, s)
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
     moved = at_places(alpha_i, there)
