@@ -13,6 +13,7 @@ import struct
 from collections.abc import Mapping
 from typing import Final
 
+from station.numerics.earth import radii
 from station.profile import LOOP_HZ, JsonLoop
 from station.rows import Code
 
@@ -23,8 +24,6 @@ _FOREIGN_EVERY_NS: Final = 60_000_000_000
 _MOST_PWM: Final = 2500
 """us: no servo's; an output that is off says 0, and a surface is then left where it is."""
 _LEAST_PWM: Final = 500
-_METRES_PER_RADIAN: Final = 6_371_000.0
-"""Latitude to a plane's metres, from where the flight began: ArduPilot takes its own way back to a position."""
 
 
 class ArdupilotJson:
@@ -105,8 +104,9 @@ class ArdupilotJson:
 def state(time_s: float, row: Mapping[str, float], origin: tuple[float, float], ground: float) -> bytes:
     """The line that ArduPilot reads: from `origin` (latitude and longitude, rad), down from the height `ground`, m."""
     latitude, longitude = origin
-    north = (row["latitude"] - latitude) * _METRES_PER_RADIAN
-    east = (row["longitude"] - longitude) * _METRES_PER_RADIAN * math.cos(latitude)
+    along, across = radii(latitude)
+    north = (row["latitude"] - latitude) * along
+    east = (row["longitude"] - longitude) * across * math.cos(latitude)
     words = {
         "timestamp": time_s,
         "imu": {"gyro": [row["p"], row["q"], row["r"]], "accel_body": [row["ax"], row["ay"], row["az"]]},

@@ -49,9 +49,7 @@ class TcpServerLink:
         try:
             self._listener = socket.create_server((host, port))
         except OSError as error:
-            hint = ": another program listens there; close that or use another port"
-            hint = hint if error.errno == errno.EADDRINUSE else ""
-            raise DeviceError(f"loop: cannot listen on {host}:{port}: {os.strerror(error.errno or 0)}{hint}") from error
+            raise _cannot_listen(f"{host}:{port}", error) from error
         self._listener.setblocking(False)
         self._client: socket.socket | None = None
         self._rest = b""
@@ -206,15 +204,18 @@ def address(text: str) -> tuple[str, int]:
 
 def listening_socket(text: str) -> socket.socket:
     """A UDP socket bound to HOST:PORT that does not block. Raises DeviceError."""
+    place = address(text)
     here = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        here.bind(address(text))
-    except (OSError, DeviceError) as error:
+        here.bind(place)
+    except OSError as error:
         here.close()
-        if isinstance(error, DeviceError):
-            raise
-        hint = ": another program listens there; close that or use another port"
-        hint = hint if error.errno == errno.EADDRINUSE else ""
-        raise DeviceError(f"loop: cannot listen on {text}: {os.strerror(error.errno or 0)}{hint}") from error
+        raise _cannot_listen(text, error) from error
     here.setblocking(False)
     return here
+
+
+def _cannot_listen(place: str, error: OSError) -> DeviceError:
+    hint = ": another program listens there; close that or use another port"
+    hint = hint if error.errno == errno.EADDRINUSE else ""
+    return DeviceError(f"loop: cannot listen on {place}: {os.strerror(error.errno or 0)}{hint}")

@@ -16,7 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from drivers.mavlink import STATION_COMPONENT, STATION_SYSTEM
 from drivers.mavlink_frame import SILENT_NS, Framer, Packer
-from station.conventions import G0
+from station.conventions import G0, SEA_LEVEL_DENSITY
+from station.numerics.angles import quaternion
 from station.profile import LOOP_HZ, MavlinkLoop
 from station.rows import Code
 
@@ -177,18 +178,6 @@ def body_field(row: Mapping[str, float]) -> tuple[float, float, float]:
     return forward, right * cos_b + below * sin_b, below * cos_b - right * sin_b
 
 
-def quaternion(row: Mapping[str, float]) -> list[float]:
-    """Attitude from NED to body, w first (MAVLink's order)."""
-    b, t, h = 0.5 * row["phi"], 0.5 * row["theta"], 0.5 * row["psi"]
-    sb, cb, st, ct, sh, ch = math.sin(b), math.cos(b), math.sin(t), math.cos(t), math.sin(h), math.cos(h)
-    return [
-        cb * ct * ch + sb * st * sh,
-        sb * ct * ch - cb * st * sh,
-        cb * st * ch + sb * ct * sh,
-        cb * ct * sh - sb * st * ch,
-    ]
-
-
 def _position(row: Mapping[str, float]) -> tuple[int, int, int]:
     """Degrees in 1e-7, and mm."""
     latitude, longitude = (round(math.degrees(row[n]) * 1e7) for n in ("latitude", "longitude"))
@@ -225,11 +214,10 @@ def hil_gps(time_us: int, row: Mapping[str, float]) -> Any:
 
 def hil_state(time_us: int, row: Mapping[str, float]) -> Any:
     """The truth, for the autopilot's log."""
-    # Indicated: that of the dynamic pressure at sea level, 1.225 kg/m3.
-    indicated = math.sqrt(2 * row["dynamic_pressure"] / 1.225)
+    indicated = math.sqrt(2 * row["dynamic_pressure"] / SEA_LEVEL_DENSITY)
     return dialect.MAVLink_hil_state_quaternion_message(
         time_us,
-        quaternion(row),
+        quaternion(row["phi"], row["theta"], row["psi"]),
         *(row[n] for n in ("p", "q", "r")),
         *_position(row),
         *_velocity(row),

@@ -15,6 +15,8 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from station.numerics.angles import quaternion
+
 
 @dataclass(frozen=True, slots=True)
 class Field:
@@ -237,7 +239,8 @@ def _without_derived(name: str, fields: Mapping[str, float]) -> dict[str, float]
     """The same with derived fields turned into those they come from."""
     out = dict(fields)
     if name == "ATTITUDE_QUATERNION" and not out.keys().isdisjoint(DERIVED[name]):
-        out |= _quaternion(*(out.pop(angle, 0.0) for angle in DERIVED[name]))
+        q = quaternion(*(out.pop(angle, 0.0) for angle in DERIVED[name]))
+        out |= dict(zip(("q1", "q2", "q3", "q4"), q, strict=True))
     elif name == "GPS_RAW_INT" and not out.keys().isdisjoint(DERIVED[name]):
         north, east = (out.pop(v, 0.0) for v in DERIVED[name])
         out |= {"vel": math.hypot(north, east), "cog": math.degrees(math.atan2(east, north)) % 360.0}
@@ -260,17 +263,4 @@ def _euler(w: float, x: float, y: float, z: float) -> dict[str, float]:
         "roll": math.atan2(2 * (w * x + y * z), w * w - x * x - y * y + z * z),
         "pitch": math.asin(max(-1.0, min(1.0, 2 * (w * y - x * z) / norm2))),
         "yaw": math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z),
-    }
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> dict[str, float]:
-    """The inverse of `_euler`."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return {
-        "q1": cr * cp * cy + sr * sp * sy,
-        "q2": sr * cp * cy - cr * sp * sy,
-        "q3": cr * sp * cy + sr * cp * sy,
-        "q4": cr * cp * sy - sr * sp * cy,
     }

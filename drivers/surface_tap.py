@@ -9,11 +9,11 @@ import socket
 import struct
 from collections.abc import Callable, Iterator
 
+from station.conventions import SURFACES
 from station.profile import Rig
 from station.rows import Rows, Sample
 
 _VALUE = struct.Struct("<qBd")
-_NAMES = ("elevator", "aileron", "rudder")
 
 
 class SurfaceTap:
@@ -25,7 +25,7 @@ class SurfaceTap:
         self._out.setblocking(False)
         columns = {s.name: s.signals for s in rig.streams()}
         self._streams = {
-            stream: tuple((columns[stream].index(name), _NAMES.index(name)) for name in names)
+            stream: tuple((columns[stream].index(name), SURFACES.index(name)) for name in names)
             for stream, names in rig.measured_surfaces.items()
         }
 
@@ -53,7 +53,7 @@ class SurfaceTap:
                 t_ns, number, value = _VALUE.unpack(self._out.recv(_VALUE.size))
             except BlockingIOError:
                 return
-            yield t_ns, _NAMES[number], value
+            yield t_ns, SURFACES[number], value
 
     def close(self) -> None:
         self._in.close()

@@ -20,6 +20,8 @@ G0: Final = 9.80665
 """Standard gravity, m/s2 (ISO 80000-3)."""
 GAS_CONSTANT: Final = 287.05287
 """Of dry air, J/(kg K)."""
+SURFACES: Final = ("elevator", "aileron", "rudder")
+"""Control surfaces, each a signal."""
 SEA_LEVEL_DENSITY: Final = 1.225
 """Of the standard atmosphere, kg/m3."""
 

@@ -17,18 +17,17 @@ from mcap.writer import CompressionType, Writer
 
 from station.conventions import SIGNAL_INDEX
 from station.convert.groups import ROWS, Told
-from station.convert.ulog_writer import quaternion
 from station.log import LogInfo, metadata, read_rows
 from station.log.messages import RowWriter
 from station.log.part import Topic
+from station.numerics.angles import quaternion
+from station.numerics.earth import radii
 from station.rows import AlphaEstimate, Event, Extra, Frame, Health, MethodEstimate, Sample, Truth
 
 LOCATION, POSE, LOCAL = "/location", "/pose", "local"
 KINDS: Final = (Frame, Sample, AlphaEstimate, MethodEstimate, Event, Health, Truth, Extra)
 EVERY: Final = 5
 """Frames from one position to the next: 10 Hz."""
-EARTH_M: Final = 6_371_008.8
-"""Mean radius, m (IUGG): the pose is for the eye."""
 _TIME: Final = {
     "type": "object",
     "title": "time",
@@ -164,8 +163,8 @@ class _Drawn:
         if self._origin is None:
             self._origin = lat, lon, alt
         lat0, lon0, alt0 = self._origin
-        east = (lon - lon0) * math.cos(lat0) * EARTH_M
-        return {"x": east, "y": (lat - lat0) * EARTH_M, "z": alt - alt0}
+        along, across = radii(lat0)
+        return {"x": (lon - lon0) * math.cos(lat0) * across, "y": (lat - lat0) * along, "z": alt - alt0}
 
 
 def _orientation(phi: float, theta: float, psi: float) -> dict[str, float]:

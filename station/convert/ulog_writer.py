@@ -18,6 +18,7 @@ from station.conventions import SIGNALS
 from station.convert.aligned import NAMES, aligned_rows
 from station.convert.groups import ROWS, Told
 from station.log import LogInfo, metadata
+from station.numerics.angles import quaternion
 from station.rows import Event, Level, LogError
 
 MAGIC: Final = bytes((0x55, 0x4C, 0x6F, 0x67, 0x01, 0x12, 0x35, 1))
@@ -39,17 +40,6 @@ class _Topic:
     needs: tuple[str, ...]
     fields: str
     values: Callable[[Values, int], Sequence[Any]]
-
-
-def quaternion(phi: float, theta: float, psi: float) -> tuple[float, float, float, float]:
-    """Body to NED, w x y z, of Euler angles in rad, order 3-2-1 (Diebel 2006, eq. 290)."""
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (phi, theta, psi))
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
 
 
 def _degrees(v: Values) -> tuple[float, float, float]:

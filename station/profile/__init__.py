@@ -59,7 +59,7 @@ from station.profile.quantity import (
     quantity,
 )
 from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
-from station.profile.rig_loop import LOOP_HZ, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
+from station.profile.rig_loop import LOOP_HZ, MOVED, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
 from station.profile.shapes import Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
@@ -70,6 +70,7 @@ __all__ = [
     "DERIVATIVE_NAMES",
     "EMULATED",
     "LOOP_HZ",
+    "MOVED",
     "NO_BOOM",
     "Actuator",
     "Aircraft",

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import SIGNALS, TICK_HZ, Stream, unit_named
+from station.conventions import SIGNALS, SURFACES, TICK_HZ, Stream, unit_named
 from station.profile.channel import Channel
 from station.profile.quantity import Frozen, Hertz, Metres, Positive, Seconds, nearest
 from station.profile.rig_loop import Loop, MeasuredLoop
@@ -55,7 +55,6 @@ class StreamProfile(Frozen):
 
 EMULATED: Final = "emulated"
 """In place of a port, channel or url."""
-SURFACES: Final = frozenset(("elevator", "aileron", "rudder"))
 
 
 class _Device(Frozen):

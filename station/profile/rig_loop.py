@@ -7,14 +7,14 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import SIGNALS, unit_named
+from station.conventions import SIGNALS, SURFACES, unit_named
 from station.profile.channel import Channel
 from station.profile.quantity import Frozen, Hertz, Metres, Positive, Radians, Seconds
 
 LOOP_HZ = 400
 """Steps a second with something from outside in the loop: an autopilot's inner loop runs at 250 to 400 Hz."""
-MOVED = ("elevator", "aileron", "rudder", "thrust")
-"""What can come from outside."""
+MOVED = (*SURFACES, "thrust")
+"""What can be moved from outside, rad and N."""
 
 
 class _Loop(Frozen):

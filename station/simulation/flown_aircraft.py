@@ -10,6 +10,7 @@ import math
 from dataclasses import replace
 from typing import Final
 
+from station.numerics.earth import radii
 from station.profile import NO_BOOM, Aircraft, AlteredAircraft, Flight, Pilot
 from station.rows import ProfileError
 from station.simulation.airframe import Trim, constants, find_trim, indicial_tables
@@ -20,8 +21,6 @@ from station.simulation.pilot import RATE_HZ, hands
 
 ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
 """Latitude and longitude where every simulated flight begins, rad."""
-_EQUATOR: Final = 6378137.0
-_ECCENTRICITY2: Final = 6.69437999014e-3
 
 RENEWED_S: Final = 0.1
 """Between two states of the aircraft: ice that builds up within a minute grows by 0.2 %."""
@@ -141,9 +140,8 @@ def reach(aircraft: Aircraft) -> tuple[float, float]:
 
 def site(flight: Flight, imu_position: tuple[float, float, float], wind: WalkingWind | None = None) -> Site:
     """The earth is taken round with WGS-84's radii of curvature at the origin."""
-    w2 = 1 - _ECCENTRICITY2 * math.sin(ORIGIN[0]) ** 2
     wind = wind or WalkingWind(flight, flight.seed, 0.0)
-    north, east = _EQUATOR * (1 - _ECCENTRICITY2) / w2**1.5, _EQUATOR / math.sqrt(w2)
+    north, east = radii(ORIGIN[0])
     return Site(
         imu_x=imu_position[0],
         imu_y=imu_position[1],

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from station.conventions import SURFACES
 from station.profile import Manoeuvre, Multisine
 from station.simulation.manoeuvres import duration, surface_input, wave_of
 from station.simulation.multisine import Wave
 
 Array = NDArray[np.float64]
-
-SURFACES = ("elevator", "aileron", "rudder")
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,6 @@ class _Heard:
     """Where it has jumped to, when, and whether that has been told."""
     jumped_s: float = 0.0
     silent: bool = False
-    out_of_range: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +44,8 @@ class Outside:
     travel: Mapping[str, float] = field(default_factory=dict)
     """How far each surface moves from 0 at most, rad."""
     _heard: dict[str, _Heard] = field(default_factory=dict)
+    _impossible: set[str] = field(default_factory=set)
+    """Whose last value was no position, which has been told."""
     _told: list[tuple[Code, str]] = field(default_factory=list)
 
     def take(self, t_s: float, name: str, value: float) -> None:
@@ -64,12 +65,11 @@ class Outside:
         self._heard[name] = _Heard(value, t_s)
 
     def _is_possible(self, name: str, value: float) -> bool:
-        known = self._heard.get(name)
         if math.isfinite(value) and abs(value) <= FARTHEST * self.travel.get(name, math.inf):
+            self._impossible.discard(name)
             return True
-        if known is None or not known.out_of_range:
-            if known is not None:
-                known.out_of_range = True
+        if name not in self._impossible:
+            self._impossible.add(name)
             limit = f", and the surface moves {_degrees(self.travel[name])}" if name in self.travel else ""
             self._told.append((Code.RANGE, f"{name}: {_degrees(value)} from outside{limit}: not flown"))
         return False

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import G0
+from station.conventions import G0, SURFACES
 from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Order, Pilot
 from station.rows import ProfileError
 from station.simulation import longitudinal as eq
@@ -58,7 +58,6 @@ ARGUMENTS: Final = ("beta", "p", "r", "da", "dr")
 LATERAL_TRUTH: Final = ("beta", *COEFFICIENTS)
 """What no sensor shows: sideslip at the CG, rad, and the lateral coefficients."""
 LATERAL_COLUMNS: Final = (*COLUMNS, *LATERAL_TRUTH)
-SURFACES: Final = ("elevator", "aileron", "rudder")
 
 # A bank of 10 deg is met with 2 deg of aileron, 2 s late: slower than any lateral mode that a test excites.
 HOLD_BANK: Final = 0.2

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import TICK_HZ
-from station.profile import LOOP_HZ, Aircraft, Card, Manoeuvre, Order
+from station.conventions import SURFACES, TICK_HZ
+from station.profile import LOOP_HZ, MOVED, Aircraft, Card, Manoeuvre, Order
 from station.rows import ProfileError
 from station.simulation.flown_aircraft import FlownAircraft, Position
 from station.simulation.legs import without_legs
@@ -26,7 +26,6 @@ from station.simulation.six_degrees import (
     LATERAL_COLUMNS,
     RUDDER,
     SIZE,
-    SURFACES,
     TURN,
     advance_lateral,
     has_lateral,
@@ -34,8 +33,6 @@ from station.simulation.six_degrees import (
 )
 from station.simulation.three_degrees import SPEED_MARGIN, gusts_of, tremor
 
-MOVED: Final = (*SURFACES, "thrust")
-"""What can be moved from outside, rad and N."""
 _BLOCK_S: Final = 1.0
 """Of test inputs, made together."""
 

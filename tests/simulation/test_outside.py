@@ -56,6 +56,17 @@ def test_a_pot_that_jumps_is_held_until_it_stays_there() -> None:
     assert o.at(0.25) == {"elevator": 0.3}
 
 
+def test_impossible_values_are_told_once_a_run_before_the_first_good_one_too() -> None:
+    o = outside()
+    for k in range(3):
+        o.take(0.1 * k, "elevator", 1.0)
+    assert o.at(0.2) == {"elevator": TRIM}
+    assert codes(o) == [Code.RANGE]
+    o.take(0.3, "elevator", 0.01)
+    o.take(0.4, "elevator", 1.0)
+    assert codes(o) == [Code.HEARD, Code.RANGE]
+
+
 def test_a_quick_hand_is_no_jump() -> None:
     o = outside()
     for k in range(20):
