@@ -21,8 +21,7 @@ from drivers.emulated_device import wire_of
 from drivers.emulated_messages import TRUTH_HZ, DeviceScript
 from drivers.emulated_ports import PtyPort, TcpPort, UdpPort
 from drivers.mavlink import MavlinkCodec
-from drivers.serial_boombox import BoomboxAsciiCodec, BoomboxCodec
-from drivers.serial_gnss import NmeaCodec, UbxCodec
+from drivers.protocols import protocol_named
 from station.conventions import to_si
 from station.profile import CanDevice, Card, Device, MavlinkDevice, Rig, SerialDevice, load_rig, profiles_dir
 from station.rows import DeviceError
@@ -44,6 +43,8 @@ QUANTUM = {
     "ubx": {"latitude": to_si(1e-7, "deg"), "altitude": 1e-3, "v_north": 1e-3},
     # speed to 0.001 kt and track to 0.01 deg at 56 m/s; position to 1e-6 min or so
     "nmea": {"v_north": 0.01, "v_east": 0.02, "latitude": to_si(1e-6, "deg"), "altitude": 0.002},
+    # single precision of degrees as of radians and of pressures, but for positions, which are double
+    "vectornav": {},
     "mavlink": {"latitude": to_si(1e-7, "deg"), "altitude": 1e-3, "air_temperature": 0.01},
 }  # fmt: skip
 ALIKE = {"q": "p", "r": "p", "ay": "ax", "az": "ax", "longitude": "latitude", "v_east": "v_north", "v_down": "v_north"}
@@ -62,8 +63,7 @@ def codec_of(device: Device) -> Codec:
         return CanCodec(device, RIG_DIR)
     if isinstance(device, MavlinkDevice):
         return MavlinkCodec(device)
-    kinds = {"boombox": BoomboxCodec, "boombox_ascii": BoomboxAsciiCodec, "ubx": UbxCodec, "nmea": NmeaCodec}
-    return kinds[device.protocol]()
+    return protocol_named(device.protocol).codec()
 
 
 def card(rig: str, **more: Any) -> Card:
@@ -77,7 +77,7 @@ def truth(signal: str, t: float | np.ndarray) -> Any:
     return LEVEL.get(signal, 0.0) + SWING.get(signal, 0.2) * np.sin(2 * math.pi * frequency * t)
 
 
-RIGS = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed")
+RIGS = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed", "vectornav")
 DEVICES = [
     pytest.param(rig, index, id=f"{rig}-{device.name}")
     for rig in RIGS

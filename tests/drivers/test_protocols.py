@@ -50,6 +50,10 @@ READINGS = {
         Reading, st.just("GGA"), st.integers(0, 86_399).map(lambda s: s * 10**9), st.none(),
         st.fixed_dictionaries({"lat": st.integers(-89, 89), "lon": st.integers(-179, 179), "alt": finite}),
     ),
+    "vectornav": st.builds(
+        Reading, st.just("INS"), st.integers(0, 2**63), st.none(),
+        st.fixed_dictionaries({"PosLla.latitude": finite, "VelNed.north": finite, "VelNed.down": finite}),
+    ),
 }  # fmt: skip
 READINGS["boombox_ascii"] = READINGS["boombox"]
 

@@ -28,6 +28,7 @@ from drivers.codec import Codec, Reading
 from drivers.framing import open_line
 from drivers.serial_boombox import FIELDS, BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
 from drivers.serial_gnss import DAY_NS, WEEK_NS, NmeaCodec, UbxCodec, encode_nav_pvt, encode_sentence
+from drivers.serial_vectornav import VectorNavCodec
 from station.profile import CanDevice, load_rig, profiles_dir
 
 RIGS = profiles_dir() / "rigs"
@@ -148,6 +149,18 @@ CASES = (
             },
         ),
     ),
+    # VN-100 user manual (UM001 v2.22), 4.3.7, example case 1: yaw, pitch and roll of the Common group.
+    Case(
+        "vectornav",
+        VectorNavCodec,
+        bytes.fromhex("fa 01 0800 93502e42 833ef13f 48b504bb 9288"),
+        Reading(
+            "Common",
+            None,
+            None,
+            {"YawPitchRoll.yaw": 43.578686, "YawPitchRoll.pitch": 1.8847202, "YawPitchRoll.roll": -2.0249654e-3},
+        ),
+    ),
     Case("can", can_codec, GYRO, Reading("GYRO", 246_800_000, 5, GYRO_FIELDS, 1_638_400_000, 16)),
 )
 every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
@@ -155,7 +168,7 @@ every_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 
 def same(found: object, expected: Reading) -> bool:
     assert isinstance(found, Reading)
-    assert found.fields == pytest.approx(expected.fields, abs=1e-9)
+    assert found.fields == pytest.approx(expected.fields, rel=1e-7, abs=1e-9)  # the manual prints eight figures
     rest = ("message", "t_device_ns", "seq", "wrap_ns", "seq_wrap")
     return [getattr(found, name) for name in rest] == [getattr(expected, name) for name in rest]
 
@@ -179,7 +192,7 @@ def test_a_message_may_come_byte_by_byte(case: Case) -> None:
 
 @every_case
 @pytest.mark.parametrize(
-    "garbage", [b"\xff" * 3, b"\x00\x01\r\n$\xb5bq*", bytes(range(256)) * 8], ids=["short", "trap", "long"]
+    "garbage", [b"\xff" * 3, b"\x00\x01\r\n$\xb5bq*\xfa", bytes(range(256)) * 8], ids=["short", "trap", "long"]
 )
 def test_garbage_costs_no_more_than_the_message_it_touches_and_is_counted(case: Case, garbage: bytes) -> None:
     codec = case.codec()
@@ -219,7 +232,10 @@ def test_half_a_message_is_forgotten_on_reset(case: Case) -> None:
 @every_case
 @given(
     st.lists(
-        st.one_of(st.binary(max_size=80), st.sampled_from((b"\xb5\x62", b"$GPRMC,", b"t100", b"\r", b"\n", b"\0")))
+        st.one_of(
+            st.binary(max_size=80),
+            st.sampled_from((b"\xb5\x62", b"$GPRMC,", b"t100", b"\xfa\x01\x08\0", b"\r\n", b"\0")),
+        )
     )
 )
 def test_any_bytes_are_counted_never_raised_and_may_be_cut_anywhere(case: Case, pieces: list[bytes]) -> None:
