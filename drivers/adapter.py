@@ -156,20 +156,23 @@ class Adapter:
 
     def _serve(self, port: Port) -> None:
         while not self._stopping.is_set():
-            block = port.read(READ_TIMEOUT_S)
-            t_ns = self._clock.now_ns()
-            if block:
-                self._put(RawBlock(t_ns, self.device.name, block))
-                for reading in self.codec.feed(block):
-                    self._heard = True
-                    if isinstance(reading, Reading):
-                        self._sample(t_ns, reading)
-                    else:
-                        self._sync(t_ns, reading)
-            self._report(t_ns)
+            self.take(port.read(READ_TIMEOUT_S))
             request = self.codec.outgoing(self._clock.now_ns())
             if request:
                 port.write(request)
+
+    def take(self, block: bytes) -> None:
+        """What has come in now, and what is in it."""
+        t_ns = self._clock.now_ns()
+        if block:
+            self._put(RawBlock(t_ns, self.device.name, block))
+            for reading in self.codec.feed(block):
+                self._heard = True
+                if isinstance(reading, Reading):
+                    self._sample(t_ns, reading)
+                else:
+                    self._sync(t_ns, reading)
+        self._report(t_ns)
 
     def _sample(self, t_ns: int, reading: Reading) -> None:
         streams = self._streams.get(reading.message)
