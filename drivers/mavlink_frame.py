@@ -22,9 +22,14 @@ SILENT_NS: Final = 5_000_000_000
 """A sender is gone: five heartbeats, as MAVLink's "Heartbeat Protocol" has it."""
 _STX1: Final = 0xFE
 _STX2: Final = 0xFD
-_START: Final = re.compile(b"[\xfd\xfe]")
+_KNOWN: Final = b"".join(re.escape(bytes((n,))) for n in range(256) if n in dialect.mavlink_map)
+_START: Final = re.compile(
+    rb"\xfe(?:[\s\S]{4}[" + _KNOWN + rb"]|[\s\S]{0,4}\Z)|\xfd(?:[\s\S][\x00\x01]|[\s\S]?\Z)",
+)
+"""Where a packet may begin that this reader knows."""
 _SIGNED: Final = 0x01
 _SIGNATURE_BYTES: Final = 13
+_SHORTEST: Final = 8
 _OVERTAKEN: Final = 16
 """A packet numbered up to so far behind the newest was sent twice or overtaken on the way."""
 _MINUTE: Final = 6_000_000
@@ -59,6 +64,8 @@ class Framer:
         self._decoder = dialect.MAVLink(None)
         self._pending = bytearray()
         self._in_sync = True
+        self._quiet = 0
+        """So many bytes must wait before anything more can be said of them."""
         self._blamed = 0
         """Where in `_pending` a packet counted as bad would end."""
 
@@ -67,7 +74,7 @@ class Framer:
         self._pending.clear()
         self._next_seq.clear()
         self._in_sync = True
-        self._blamed = 0
+        self._blamed = self._quiet = 0
 
     def look_at(self, datagram: bytes) -> tuple[list[Any], int]:
         """The messages of a datagram that `feed` would pass, and how many it would refuse; nothing is taken note of."""
@@ -83,10 +90,17 @@ class Framer:
         while start := _START.search(self._pending, at):
             if start.start() > at:
                 self._lose_sync()
-                at = start.start()
+                at, self._quiet = start.start(), 0
             size, sound = self._packet(at)
-            if sound is None and (self._in_sync or not self._hides_a_packet(at)):
-                break
+            if sound is None:
+                hidden = None if self._in_sync else self._hidden_packet(at)
+                if hidden is None:
+                    break
+                self.bad += bool(size and at >= self._blamed)
+                self._blamed = max(self._blamed, hidden)
+                at = hidden
+                continue
+            self._quiet = 0
             if sound:
                 self._in_sync = True
                 message = self._accept(self._pending[at : at + size])
@@ -112,12 +126,23 @@ class Framer:
         self.resyncs += self._in_sync
         self._in_sync = False
 
-    def _hides_a_packet(self, at: int) -> bool:
-        """Whether a sound packet lies behind a start that was found among noise and whose packet is not all here yet.
+    def _hidden_packet(self, at: int) -> int | None:
+        """Where a sound packet lies behind a start that was found among noise and whose packet is not all here yet.
 
         That start is then taken for noise too, rather than let it hold up good packets until it can be proved wrong.
+        Nothing is looked at again before the first packet that may begin there can have ended.
         """
-        return any(self._packet(start.start())[1] for start in _START.finditer(self._pending, at + 1))
+        if len(self._pending) - at < self._quiet:
+            return None
+        self._quiet = len(self._pending) - at + _SHORTEST
+        for start in _START.finditer(self._pending, at + 1):
+            size, sound = self._packet(start.start())
+            if sound:
+                self._quiet = 0
+                return start.start()
+            if sound is None:
+                self._quiet = min(self._quiet, start.start() - at + max(size, _SHORTEST))
+        return None
 
     def _packet(self, at: int) -> tuple[int, bool | None]:
         """Size of the packet starting at `at` (0: there is none, or not known yet) and whether it is sound.

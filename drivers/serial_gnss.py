@@ -8,7 +8,9 @@ time is the time of week (UBX) or of day (NMEA), both UTC or GPS time as the rec
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -38,6 +40,9 @@ NMEA_FIELDS: Final[dict[str | int, Sequence[str]]] = {
 _DERIVED: Final = ("v_north", "v_east")
 _POSITION: Final = ("lat", "lon", "height", "hMSL")
 _SYNC: Final = b"\xb5\x62"
+_DOLLAR: Final = ord("$")
+_BEGIN: Final = re.compile(rb"\xb5(?:\x62|\Z)|\$")
+"""Where something may begin."""
 _NAV_PVT: Final = b"\x01\x07"
 _NAV_PVT_LENGTHS: Final = (84, 92)
 _LONGEST_UBX: Final = 4096
@@ -46,79 +51,112 @@ _NOISE_RUN: Final = 256
 
 
 class UbxCodec(Codec):
-    """UBX frames to readings. Sound frames of other messages, and NMEA sentences between frames, are passed over."""
+    """UBX frames to readings. Sound frames of other messages, and NMEA sentences between frames, are passed over.
+
+    Whatever the bytes are, each is looked at a fixed number of times: checksums come from running sums.
+    """
 
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = 0
         self._rest = bytearray()
         self._noise = 0
+        self._enough = 0
+        """So many bytes must wait before anything more can be said of them."""
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         self._rest += data
+        if len(self._rest) < self._enough:
+            return []
         readings: list[Reading | TimeReply] = []
-        while (taken := self._take(readings)) > 0:
-            del self._rest[:taken]
+        waiting = _Waiting(bytes(self._rest))
+        at, self._enough = 0, 0
+        while at < len(waiting.bytes) and (taken := self._take(waiting, at, readings)) > 0:
+            at += taken
+        del self._rest[:at]
+        self._enough = max(0, self._enough - at)
         return readings
 
     def reset(self) -> None:
         self._rest.clear()
-        self._noise = 0
+        self._noise = self._enough = 0
 
-    def _take(self, readings: list[Reading | TimeReply]) -> int:
-        """Bytes used up from the front of the rest; 0 to wait for more."""
-        rest = self._rest
-        if not rest:
+    def _take(self, waiting: _Waiting, at: int, readings: list[Reading | TimeReply]) -> int:
+        """Bytes used up from `at` on; 0 to wait for more."""
+        data = waiting.bytes
+        if data.startswith(_SYNC, at):
+            return self._take_frame(waiting, at, readings)
+        if data[at:] == _SYNC[:1]:
             return 0
-        if rest[:2] == _SYNC:
-            return self._take_frame(readings)
-        if rest == _SYNC[:1]:
-            return 0
-        if rest[:1] == b"$":
-            end = rest.find(b"\n", 0, _LONGEST_TEXT)
-            if end >= 0 and open_line(bytes(rest[:end])) is not None:
+        if data[at] == _DOLLAR:
+            end = waiting.line_end(at)
+            if (
+                0 <= end < at + _LONGEST_TEXT
+                and data.rfind(b"$", at, end) == at
+                and open_line(data[at:end]) is not None
+            ):
                 self._noise = 0
-                return end + 1
-            if end < 0 and len(rest) < _LONGEST_TEXT and _SYNC not in rest:
+                return end + 1 - at
+            if end < 0 and len(data) - at < _LONGEST_TEXT and data.find(_SYNC, at) < 0:
                 return 0
+        begins = _BEGIN.search(data, at + 1)
+        skipped = (begins.start() if begins else len(data)) - at
         # One resync for each run of noise, and another each so many bytes of a run without end.
-        self.resyncs += self._noise % _NOISE_RUN == 0
-        self._noise += 1
-        return 1
+        self.resyncs += (self._noise + skipped - 1) // _NOISE_RUN - (self._noise - 1) // _NOISE_RUN
+        self._noise += skipped
+        return skipped
 
-    def _take_frame(self, readings: list[Reading | TimeReply]) -> int:
-        rest = self._rest
-        if len(rest) < 6:
+    def _take_frame(self, waiting: _Waiting, at: int, readings: list[Reading | TimeReply]) -> int:
+        data = waiting.bytes
+        if len(data) < at + 6:
             return 0
-        length = int.from_bytes(rest[4:6], "little")
-        is_pvt = rest[2:4] == _NAV_PVT
+        length = int.from_bytes(data[at + 4 : at + 6], "little")
+        is_pvt = data.startswith(_NAV_PVT, at + 2)
         if length not in _NAV_PVT_LENGTHS if is_pvt else length > _LONGEST_UBX:
             self.bad += 1
             return 2
-        if len(rest) < length + 8:
+        end = at + length + 8
+        if len(data) < end:
+            self._enough = end
             return 0
-        frame = bytes(rest[: length + 8])
-        if not _ubx_checksum_holds(frame):
+        if not waiting.checksum_holds(at, end):
             # Perhaps the length itself was hit: look for the next frame inside, not behind it.
             self.bad += 1
             return 2
         self._noise = 0
         if is_pvt:
-            reading = _read_nav_pvt(frame)
+            reading = _read_nav_pvt(data[at:end])
             if reading is None:
                 self.bad += 1
             else:
                 readings.append(reading)
-        return len(frame)
+        return end - at
 
 
-def _ubx_checksum_holds(frame: bytes) -> bool:
-    """Fletcher's 8-bit checksum over class, id, length and payload (u-blox interface description)."""
-    a = b = 0
-    for byte in frame[2:-2]:
-        a = (a + byte) & 0xFF
-        b = (b + a) & 0xFF
-    return frame[-2:] == bytes((a, b))
+class _Waiting:
+    """Bytes not yet read, with what makes looking at them again and again cheap."""
+
+    def __init__(self, data: bytes) -> None:
+        self.bytes = data
+        self._line_end = -2
+        self._sums: tuple[list[int], list[int]] | None = None
+
+    def line_end(self, at: int) -> int:
+        """Where the next line feed stands; -1 for none."""
+        if self._line_end != -1 and self._line_end < at:
+            self._line_end = self.bytes.find(b"\n", at)
+        return self._line_end
+
+    def checksum_holds(self, at: int, end: int) -> bool:
+        """Fletcher's 8-bit checksum over class, id, length and payload (u-blox interface description)."""
+        if self._sums is None:
+            once = list(itertools.accumulate(self.bytes, initial=0))
+            self._sums = once, list(itertools.accumulate(once))
+        once, twice = self._sums
+        first, last = at + 2, end - 2
+        a = once[last] - once[first]
+        b = twice[last] - twice[first] - (last - first) * once[first]
+        return self.bytes[last:end] == bytes((a & 0xFF, b & 0xFF))
 
 
 def _read_nav_pvt(frame: bytes) -> Reading | None:

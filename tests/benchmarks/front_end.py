@@ -128,7 +128,9 @@ def main() -> None:
         pstats.Stats(profiler).sort_stats("tottime").print_stats(22)
     samples = sum(s.samples for s in summary.streams)
     expected = round(chosen.streams * chosen.rate * chosen.seconds)
-    print(f"{samples} of {expected} samples recorded, {summary.ticks_missed} of {chosen.seconds * TICK_HZ:g} ticks missed")
+    print(
+        f"{samples} of {expected} samples recorded, {summary.ticks_missed} of {chosen.seconds * TICK_HZ:g} ticks missed"
+    )
     print(f"{took / chosen.seconds:.2f} of one core, {1e6 * took / max(samples, 1):.1f} us a sample")
     print(f"{size / 2**20 / chosen.seconds:.2f} MiB a second, {threading.active_count()} threads left")
     assert set(NAMES) <= set(SIGNALS)

@@ -1,0 +1,93 @@
+"""Bytes made to keep a reader busy are read in linear time, and what is sound behind them is read too.
+
+Not time but lines of Python are counted: those that a reader runs for each byte.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from drivers.mavlink import MavlinkEncoder
+from drivers.mavlink_frame import Framer
+from drivers.serial_gnss import UbxCodec, encode_nav_pvt
+from station.flight.bus import Bus
+from station.rows import Code, Event, RawBlock
+
+PIECE = 200
+UBX = {
+    "long frames within one another": b"\xb5\x62\x05\x05\xff\x0f",
+    "NAV-PVT within one another": b"\xb5\x62\x01\x07\x5c\x00",
+    "starts": b"\xb5\x62",
+    "sentences that never end": b"$",
+    "sentences within one another": b"$" * 127 + b"\n",
+}
+MAVLINK = {
+    "starts": b"\xfe",
+    "starts of version 2": b"\xfd\x01",
+    "heartbeats within one another": b"\xfe\x09\x00\x00\x01\x00",
+    "long packets within one another": b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00",
+}
+LINES_A_BYTE = 25
+"""Ten statements for each start, of two bytes at least, and again for one that was not all there."""
+
+
+def lines_run(work: Callable[[], None]) -> int:
+    count = 0
+
+    def tracer(_frame: FrameType, event: str, _: Any) -> Any:
+        nonlocal count
+        count += event == "line"
+        return tracer
+
+    before = sys.gettrace()
+    sys.settrace(tracer)
+    try:
+        work()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+def cut(data: bytes) -> list[bytes]:
+    return [data[n : n + PIECE] for n in range(0, len(data), PIECE)]
+
+
+@pytest.mark.parametrize("kind", UBX)
+def test_ubx_starts_that_are_none_cost_each_byte_the_same(kind: str) -> None:
+    data = UBX[kind] * (20_000 // len(UBX[kind]))
+    codec = UbxCodec()
+    assert lines_run(lambda: [codec.feed(piece) for piece in cut(data)] and None) < LINES_A_BYTE * len(data)
+    found = [
+        r for piece in cut(encode_nav_pvt(10**9, 50.0, 10.0, 1e5, (1e3, 0.0, 0.0)) * 60) for r in codec.feed(piece)
+    ]
+    assert len(found) >= 10  # a false start may hide 4 kB
+    assert codec.bad + codec.resyncs > 0
+
+
+@pytest.mark.parametrize("kind", MAVLINK)
+def test_mavlink_starts_that_are_none_cost_each_byte_the_same(kind: str) -> None:
+    data = MAVLINK[kind] * (20_000 // len(MAVLINK[kind]))
+    framer = Framer()
+    assert lines_run(lambda: [framer.feed(piece) for piece in cut(data)] and None) < LINES_A_BYTE * len(data)
+    vehicle = MavlinkEncoder()
+    assert sum(len(framer.feed(vehicle.heartbeat())) for _ in range(30)) >= 15  # a false start may hide 280 bytes
+
+
+def test_the_bus_is_bounded_while_nobody_drains_it() -> None:
+    bus = Bus(capacity=100, raw_bytes=1000)
+    for n in range(250):
+        bus.put(Event(n, "test", Code.MARK))
+    for n in range(250, 300):
+        bus.put(RawBlock(n, "box", bytes(100)))
+        assert len(bus._rows) <= 100
+    rows = bus.drain()
+    assert [r.t_ns for r in rows if isinstance(r, RawBlock)] == list(range(290, 300))
+    lost = next(r for r in rows if isinstance(r, Event) and r.code is Code.DROPPED)
+    assert lost.count == bus.dropped == 290
+    bus.put(Event(400, "test", Code.MARK))
+    assert len(bus.drain()) == 1
