@@ -24,9 +24,9 @@ _STX1: Final = 0xFE
 _STX2: Final = 0xFD
 _KNOWN: Final = b"".join(re.escape(bytes((n,))) for n in range(256) if n in dialect.mavlink_map)
 _START: Final = re.compile(
-    rb"\xfe(?:[\s\S]{4}[" + _KNOWN + rb"]|[\s\S]{0,4}\Z)|\xfd(?:[\s\S][\x00\x01]|[\s\S]?\Z)",
+    rb"\xfe(?=[\s\S]{4}[" + _KNOWN + rb"]|[\s\S]{0,4}\Z)|\xfd(?=[\s\S][\x00\x01]|[\s\S]?\Z)",
 )
-"""Where a packet may begin that this reader knows."""
+"""Where a packet may begin that this reader knows; what follows is looked at, not used up: another may begin in it."""
 _SIGNED: Final = 0x01
 _SIGNATURE_BYTES: Final = 13
 _SHORTEST: Final = 8
@@ -86,20 +86,17 @@ class Framer:
         """The pymavlink messages that `data` completes."""
         self._pending += data
         messages = []
-        at = 0
+        at, hidden = 0, -1
         while start := _START.search(self._pending, at):
             if start.start() > at:
                 self._lose_sync()
                 at, self._quiet = start.start(), 0
             size, sound = self._packet(at)
             if sound is None:
-                hidden = None if self._in_sync else self._hidden_packet(at)
-                if hidden is None:
+                if not self._in_sync and hidden <= at:
+                    hidden = self._hidden_packet(at)
+                if self._in_sync or hidden <= at:
                     break
-                self.bad += bool(size and at >= self._blamed)
-                self._blamed = max(self._blamed, hidden)
-                at = hidden
-                continue
             self._quiet = 0
             if sound:
                 self._in_sync = True
@@ -108,9 +105,7 @@ class Framer:
                     messages.append(message)
                 at += size
                 continue
-            if size and at >= self._blamed:  # a false start inside a damaged packet is not another damaged packet
-                self.bad += 1
-                self._blamed = at + size
+            if self._blame(at, size):
                 self._in_sync = False
             self._lose_sync()
             at += 1
@@ -122,18 +117,27 @@ class Framer:
         self._blamed -= at
         return messages
 
+    def _blame(self, at: int, size: int) -> bool:
+        """Whether a damaged packet, and not a false start inside one, is at `at`; it is counted."""
+        if not size or at < self._blamed:
+            return False
+        self.bad += 1
+        self._blamed = at + size
+        return True
+
     def _lose_sync(self) -> None:
         self.resyncs += self._in_sync
         self._in_sync = False
 
-    def _hidden_packet(self, at: int) -> int | None:
-        """Where a sound packet lies behind a start that was found among noise and whose packet is not all here yet.
+    def _hidden_packet(self, at: int) -> int:
+        """Where a sound packet lies behind a start that was found among noise and whose packet is not all here yet; -1
+        for nowhere.
 
         That start is then taken for noise too, rather than let it hold up good packets until it can be proved wrong.
         Nothing is looked at again before the first packet that may begin there can have ended.
         """
         if len(self._pending) - at < self._quiet:
-            return None
+            return -1
         self._quiet = len(self._pending) - at + _SHORTEST
         for start in _START.finditer(self._pending, at + 1):
             size, sound = self._packet(start.start())
@@ -142,7 +146,7 @@ class Framer:
                 return start.start()
             if sound is None:
                 self._quiet = min(self._quiet, start.start() - at + max(size, _SHORTEST))
-        return None
+        return -1
 
     def _packet(self, at: int) -> tuple[int, bool | None]:
         """Size of the packet starting at `at` (0: there is none, or not known yet) and whether it is sound.

@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20.ardupilotmega import MAVLink, MAVLink_heartbeat_message
 
 from drivers.mavlink import MavlinkEncoder
 from drivers.mavlink_frame import Framer
@@ -76,6 +77,18 @@ def test_mavlink_starts_that_are_none_cost_each_byte_the_same(kind: str) -> None
     assert lines_run(lambda: [framer.feed(piece) for piece in cut(data)] and None) < LINES_A_BYTE * len(data)
     vehicle = MavlinkEncoder()
     assert sum(len(framer.feed(vehicle.heartbeat())) for _ in range(30)) >= 15  # a false start may hide 280 bytes
+
+
+def test_a_packet_that_begins_in_a_false_starts_head_is_given_at_once() -> None:
+    """Behind noise: the head of an ATTITUDE of version 1 (id 30, 28 bytes), whose id is the heartbeat's number."""
+    sender = MAVLink(None, srcSystem=1, srcComponent=1)
+    sender.seq = 30
+    heartbeat = bytes(MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3).pack(sender, force_mavlink1=True))
+    assert heartbeat[:3] == b"\xfe\x09\x1e"
+    framer = Framer()
+    (found,) = framer.feed(b"\xff" + b"\xfe\x1c\x00" + heartbeat)
+    assert found.get_msgbuf() == heartbeat
+    assert (framer.bad, framer.resyncs) == (1, 1)
 
 
 def test_the_bus_is_bounded_while_nobody_drains_it() -> None:

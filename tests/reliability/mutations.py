@@ -1,0 +1,292 @@
+"""Bad inputs by the million: what each codec and each reader of files makes of sound messages and files, mutated.
+
+    uv run python -m tests.reliability.mutations [--inputs 1000000] [--seconds 600] [--only ubx,mat] [--seed 1]
+
+Each goes on until it has had so many inputs or taken so much processor time. A codec must never raise, give only numbers,
+and read a sound message after a reset. A reader must end in a LogError or in what can be read; files from elsewhere are
+read in a child (station/convert/confined.py), a hundred inputs each, and one that ends its child is tried again as a
+user's import would. No input may take longer than LONGEST_S, or memory beyond GROWTH_MIB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from drivers.can_dbc import CanCodec, encode_slcan
+from drivers.codec import Codec, Reading
+from drivers.mavlink import MavlinkCodec, MavlinkEncoder
+from drivers.mavlink_messages import TABLE
+from drivers.serial_boombox import BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
+from drivers.serial_gnss import NmeaCodec, UbxCodec, encode_nav_pvt, encode_sentence
+from station.convert import IMPORTERS, import_file
+from station.convert.confined import confined
+from station.log import read_rows, summarise, write_log
+from station.profile import CanDevice, MavlinkDevice, load_rig, profiles_dir
+from station.rows import LogError, Rows
+from tests.reliability.endings import about, tick_rows
+from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
+
+LONGEST_S: Final = 2.0
+"""Of processor time for one input of some kilobytes: a hang, and not a machine that is slow."""
+GROWTH_MIB: Final = 200.0
+KEY: Final = bytes(range(32))
+BATCH: Final = 100
+"""Files that one child reads: a child of its own for each would take longer than reading it."""
+
+
+@dataclass(slots=True)
+class Flown:
+    """What has been tried, and what came of it."""
+
+    name: str
+    inputs: int = 0
+    read: int = 0
+    """Of them, those in which something sound was found."""
+    raised: int = 0
+    longest_s: float = 0.0
+    took_s: float = 0.0
+    growth_mib: float = 0.0
+    first: str = ""
+    """The first fault."""
+
+    @property
+    def holds(self) -> bool:
+        return not self.raised and self.longest_s <= LONGEST_S and self.growth_mib <= GROWTH_MIB
+
+    def fault(self, seed: str, what: str) -> None:
+        self.raised += 1
+        self.first = self.first or f"{seed}: {what}"
+
+    def words(self) -> str:
+        slowest = f"{self.longest_s * 1e3:.0f} ms"
+        told = f"{self.inputs} inputs, {self.raised} faults, {self.read} read; {slowest} and {self.growth_mib:.0f} MiB"
+        return f"{self.name}: {told}{'; ' + self.first if self.first else ''}"
+
+
+class Link(NamedTuple):
+    """A codec and sound messages of its link."""
+
+    codec: Callable[[], Codec]
+    sound: Sequence[bytes]
+
+
+def can_codec() -> CanCodec:
+    device = load_rig("can_only").devices[0]
+    assert isinstance(device, CanDevice)
+    return CanCodec(device, profiles_dir() / "rigs")
+
+
+def mavlink_codec(key: bytes | None = None) -> MavlinkCodec:
+    device = load_rig("mavlink_only").devices[0]
+    assert isinstance(device, MavlinkDevice)
+    return MavlinkCodec(device, key)
+
+
+def links() -> dict[str, Link]:
+    turns = range(20)
+    vehicle, signing = MavlinkEncoder(), MavlinkEncoder(key=KEY)
+
+    def said(by: MavlinkEncoder) -> list[bytes]:
+        return [by.heartbeat(), *(by.encode(name, {}, k * 10**9) for k, name in enumerate(TABLE))]
+
+    return {
+        "boombox": Link(BoomboxCodec, [encode_packet(k % 3, k, 5000 * k, (k, -k, 77)) for k in turns]),
+        "boombox_ascii": Link(BoomboxAsciiCodec, [encode_line(k % 3, k, 5000 * k, (k, -k, 77)) for k in turns]),
+        "ubx": Link(UbxCodec, [encode_nav_pvt(k * 10**8, 50.0, 10.0, 1e5, (1e3, k, -k)) for k in turns]),
+        "nmea": Link(NmeaCodec, [
+            *(encode_sentence("VTG", 0, v_north=k, v_east=2.0) for k in turns),
+            *(encode_sentence("GGA", k * 10**9, lat=47.1, lon=8.2, alt=545.4) for k in turns),
+            *(encode_sentence("RMC", k * 10**9, lat=47.1, lon=8.2, spd=22.4, cog=84.4) for k in turns),
+        ]),
+        "can": Link(can_codec, [
+            b"t10082800F6070069525F\r",
+            *(encode_slcan(m.definition.frame_id, m.frame[1], bytes([k] * m.definition.length))
+              for k, m in enumerate(can_codec().messages.values())),
+        ]),
+        "mavlink": Link(mavlink_codec, said(vehicle)),
+        "mavlink signed": Link(lambda: mavlink_codec(KEY), said(signing)),
+    }  # fmt: skip
+
+
+def fly_link(name: str, link: Link, flown: Flown, seed: int) -> Iterator[None]:
+    """One input after another: sound messages, some of their bytes hurt, cut anywhere, and then a sound one."""
+    noise, codec = random.Random(f"{seed} {name}"), link.codec()
+    proof = link.codec()
+    whole = [m for m in link.sound if _numbers(proof, m, flown, "sound")]
+    assert whole, f"{name}: no sound message"
+    while True:
+        data = b"".join(noise.choices(link.sound, k=noise.randrange(1, 8)))
+        data = mutated(data, noise)
+        if noise.random() < 0.1:
+            data += noise.randbytes(noise.randrange(400))
+        found, began = 0, time.process_time()
+        at = 0
+        while at < len(data):
+            size = noise.choice((1, 7, 64, 1000))
+            found += _numbers(codec, data[at : at + size], flown, f"{flown.inputs}")
+            at += size
+        codec.reset()
+        flown.longest_s = max(flown.longest_s, time.process_time() - began)
+        flown.read += bool(found)
+        # A signed message counts once, and a link that has lost sync may first have to hear the vehicle's heartbeat.
+        if "signed" not in name and not _numbers(codec, link.sound[0] + noise.choice(whole), flown, f"{flown.inputs}"):
+            flown.fault(f"{flown.inputs}", "a sound message after a reset is not read")
+        codec.reset()
+        yield
+
+
+def _numbers(codec: Codec, data: bytes, flown: Flown, seed: str) -> int:
+    """How many readings are in it, all of whose fields are numbers."""
+    try:
+        found = codec.feed(data)
+    except Exception as error:
+        flown.fault(seed, f"{type(error).__name__}: {error}")
+        return 0
+    for reading in found:
+        if isinstance(reading, Reading) and not all(type(v) is float for v in reading.fields.values()):
+            flown.fault(seed, f"no number: {reading}")
+    return len(found)
+
+
+def files(work: Path) -> dict[str, bytes]:
+    """A sound file of each kind, some kilobytes."""
+    rows, noise = list[Rows](), random.Random(1)
+    for k in range(20):
+        rows += tick_rows(k, 10**9 + k * 20_000_000, noise)
+    write_log(work / "made.mcap", about(), rows)
+    table = [f"{0.02 * k:.2f},{0.1 + 0.001 * k},{0.01 * k},100" for k in range(100)]
+    return {
+        "mcap": (work / "made.mcap").read_bytes(),
+        "csv": "\n".join(["time [s],alpha_vane [rad],q [deg/s],airspeed [kt]", *table]).encode(),
+        "asc": "\n".join(" ".join(f"{x:.4f}" for x in [0.1 * k, *[1.5] * 14]) for k in range(100)).encode(),
+        "mat": mat(work / "made.mat", False),
+        "mat compressed": mat(work / "made.mat", True),
+        "bin": dataflash([1_000_000 + k * 20_000 for k in range(100)]),
+        "ulg": ulog(),
+    }
+
+
+def fly_recording(data: bytes, flown: Flown, seed: int, work: Path) -> Iterator[None]:
+    """Recordings of our own, hurt, as `info` reads them."""
+    noise, path = random.Random(f"{seed} mcap"), work / "a.mcap"
+    while True:
+        path.write_bytes(mutated(data, noise))
+        began = time.process_time()
+        try:
+            flown.read += bool(list(read_rows(path)))
+            summarise(path)
+        except LogError:
+            pass
+        except Exception as error:
+            flown.fault(f"{flown.inputs}", f"{type(error).__name__}: {error}")
+        flown.longest_s = max(flown.longest_s, time.process_time() - began)
+        yield
+
+
+def fly_files(kind: str, data: bytes, flown: Flown, seed: int, work: Path) -> Iterator[None]:
+    """Files from elsewhere, hurt."""
+    suffix, noise = kind.split(maxsplit=1)[0], random.Random(f"{seed} {kind}")
+    path, out = work / f"a.{suffix}", work / "out.mcap"
+    fitting = [row for row in (DATAFLASH, *IMPORTERS) if row.suffix == f".{suffix}"]
+
+    def one(content: bytes) -> tuple[bool, float]:
+        path.write_bytes(content)
+        row = next((row for row in fitting if row.is_it(path)), fitting[-1])
+        began = time.process_time()
+        try:
+            row.read(path, AIRCRAFT)
+        except MemoryError:
+            raise
+        except Exception:  # what `confined` makes a LogError of
+            return False, time.process_time() - began
+        return True, time.process_time() - began
+
+    path.write_bytes(data)
+    while True:
+        batch = [mutated(data, noise) for _ in range(BATCH)]
+        try:
+            found = confined(path, lambda batch=batch: [one(content) for content in batch])  # type: ignore[misc]
+        except LogError:
+            found = []
+        for content in () if found else batch:  # one of them ended the child: as a user's import, each in its own
+            path.write_bytes(content)
+            out.unlink(missing_ok=True)
+            try:
+                import_file(path, out, AIRCRAFT, (DATAFLASH,))
+                summarise(out)
+                flown.read += 1
+            except LogError as error:
+                if out.exists():
+                    flown.fault(f"{flown.inputs}", f"left a recording that cannot be read: {error}")
+        flown.read += sum(is_read for is_read, _ in found)
+        flown.longest_s = max(flown.longest_s, *(took for _, took in found), 0.0)
+        for _ in batch:
+            yield
+
+
+def _memory_mib() -> float:
+    own, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return max(own, children) / 1024
+
+
+def fly(name: str, inputs: int, seconds: float, seed: int = 1) -> Flown:
+    """`name`: of `links()`, or a kind of file."""
+    flown, all_links = Flown(name), links()
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        if name in all_links:
+            flight = fly_link(name, all_links[name], flown, seed)
+        elif name == "mcap":
+            flight = fly_recording(files(work)[name], flown, seed, work)
+        else:
+            flight = fly_files(name, files(work)[name], flown, seed, work)
+        next(flight)
+        flown.inputs, before, began = 1, _memory_mib(), _spent_s()
+        for _ in range(inputs - 1):
+            next(flight)
+            flown.inputs += 1
+            if flown.inputs % BATCH == 0 and _spent_s() - began > seconds:
+                break
+        flown.took_s, flown.growth_mib = _spent_s() - began, _memory_mib() - before
+    return flown
+
+
+def _spent_s() -> float:
+    return sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+
+
+NAMES: Final = (
+    "boombox", "boombox_ascii", "ubx", "nmea", "can", "mavlink", "mavlink signed",
+    "mcap", "csv", "asc", "mat", "mat compressed", "bin", "ulg",
+)  # fmt: skip
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--inputs", type=int, default=1_000_000, help="of each")
+    options.add_argument("--seconds", type=float, default=600.0, help="of processor time for each, at most")
+    options.add_argument("--only", default=",".join(NAMES), help="some of them, with commas between")
+    options.add_argument("--seed", type=int, default=1)
+    chosen = options.parse_args()
+    names = chosen.only.split(",")
+    if unknown := set(names) - set(NAMES):
+        raise SystemExit(f"--only: no {', '.join(sorted(unknown))}; known: {', '.join(NAMES)}")
+    holds = True
+    for name in names:
+        flown = fly(name, chosen.inputs, chosen.seconds, chosen.seed)
+        holds &= flown.holds
+        print(f"{flown.words()}; {flown.took_s:.0f} s", flush=True)
+    sys.exit(not holds)
+
+
+if __name__ == "__main__":
+    main()
