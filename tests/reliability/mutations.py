@@ -3,9 +3,9 @@
     uv run python -m tests.reliability.mutations [--inputs 1000000] [--seconds 600] [--only ubx,mat] [--seed 1]
 
 Each goes on until it has had so many inputs or taken so much processor time. A codec must never raise, must give only
-numbers, and must read a sound message after a reset. A reader must end in a LogError or in what can be read; files from elsewhere are
-read in a child (station/convert/confined.py), a hundred inputs each, and one that ends its child is tried again as a
-user's import would. No input may take longer than LONGEST_S, or memory beyond GROWTH_MIB.
+numbers, and must read a sound message after a reset. A reader must end in a LogError or in what can be read; files from
+elsewhere are read in a child (station/convert/confined.py), a hundred inputs each, and one that ends its child is tried
+again as a user's import would. No input may take longer than LONGEST_S, or memory beyond GROWTH_MIB.
 """
 
 from __future__ import annotations
