@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from drivers.codec import Codec, Reading, TimeReply
+from drivers.protocols import PROTOCOLS
 from drivers.serial_boombox import BoomboxCodec
-from tests.reliability.mutations import NAMES, Flown, Link, fly, fly_link, links
+from tests.reliability.mutations import LINKS, NAMES, Flown, Link, fly, fly_link, links
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -34,6 +35,11 @@ class Raising(Codec):
 
     def reset(self) -> None:
         self._codec.reset()
+
+
+def test_each_link_is_there() -> None:
+    assert tuple(links()) == LINKS
+    assert set(PROTOCOLS) < set(LINKS)
 
 
 def test_a_codec_that_raises_is_seen() -> None:
