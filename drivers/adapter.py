@@ -18,9 +18,11 @@ from drivers.protocols import protocol_named
 from station.clock import Clock, SystemClock, utc_now_ns
 from station.profile import (
     EMULATED,
+    CanBus,
     CanDevice,
     Channel,
     Device,
+    DronecanDevice,
     MavlinkDevice,
     Rig,
     SerialDevice,
@@ -209,6 +211,8 @@ class Adapter:
         if self.codec.speaker != self._speaker:
             self._speaker = self.codec.speaker
             self._say(Code.HEARD, detail=f"taking the messages of {self._speaker}")
+        for code, words in self.codec.news():
+            self._say(code, detail=words)
         for who, count in self.codec.foreign.items():
             last = self._foreign.setdefault(who, _Reported())
             self._report_one(t_ns, Code.FOREIGN, count, f"passed over: {who}", last, FOREIGN_EVERY_NS)
@@ -256,7 +260,7 @@ def what_is_sent(device: Device) -> str:
     match device:
         case SerialDevice():
             return "nothing"
-        case CanDevice():
+        case CanBus():
             from drivers.can_port import part_in_bus
 
             return part_in_bus(device)
@@ -292,6 +296,13 @@ def _codec_of(device: Device, rig_dir: Path, clock: Clock) -> Codec:
             from drivers.can_dbc import CanCodec
 
             return CanCodec(device, rig_dir)
+        case DronecanDevice():
+            from drivers.can_dronecan import USUAL, DronecanCodec, fields_of
+
+            wanted = (*USUAL, *(str(stream.message) for stream in device.streams))
+            found: dict[str | int, Sequence[str]] = {n: known for n in wanted if (known := fields_of(n))}
+            _check_streams(device, found, f"one of {', '.join(USUAL)}, or another of DroneCAN's messages")
+            return DronecanCodec(device)
         case MavlinkDevice():
             from drivers.mavlink import MavlinkCodec, read_signing_key
             from drivers.mavlink_messages import TABLE, fields_known
@@ -335,7 +346,7 @@ def _opener(device: Device, address: str, codec: Codec, clock: Clock, is_emulate
 
             baud = device.baud or protocol_named(device.protocol).baud
             return lambda: serial_port.open_port(address, baud)
-        case CanDevice():
+        case CanBus():
             from drivers import can_port
 
             return lambda: can_port.open_port(device, address, is_emulated)

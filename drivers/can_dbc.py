@@ -1,8 +1,5 @@
 """CAN: frames named and scaled by a DBC file (cantools), and back for emulated devices.
 
-A frame travels through the adapter and into the log as its slcan text line (`tIIILDD..` or `TIIIIIIIILDD..` and a
-carriage return, after the Lawicel adapter protocol), whatever interface it came from, so one codec reads them all.
-
 Three signal names of a DBC mean the same in every message that has them: `stamp` is the device's time in seconds,
 wrapping with its width; `counter` counts the frames of that message; `checksum` is CRC-8 SAE J1850 over the other
 bytes in order and then the low byte of the frame identifier, and must be one whole byte.
@@ -15,17 +12,16 @@ that the DBC has a word for (VAL_, such as "SNA").
 from __future__ import annotations
 
 import math
-import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from fastcrc import crc8
 
-from drivers.codec import Codec, Reading, TimeReply
-from drivers.framing import Cutter
+from drivers.can_frames import FrameCodec
+from drivers.codec import Reading
 from station.conventions import unit_named
 from station.profile import CanDevice, nearest_or_all
 from station.rows import ProfileError
@@ -42,11 +38,6 @@ COUNTER: Final = "counter"
 CHECKSUM: Final = "checksum"
 _HAS_ENDS: Final = 8
 """Bits from which on a signal's end counts are none of its measurements."""
-_LONGEST_LINE: Final = 64
-REFUSED_LINE: Final = b"\x07\r"
-"""Stands for a frame or line that could not be read; the codec counts it."""
-_CARRIES_NOTHING: Final = re.compile(rb"[zZ]?|(?:r[0-9A-Fa-f]{3}|R[0-9A-Fa-f]{8})[0-8](?:[0-9A-Fa-f]{4})?")
-"""An adapter's acknowledgement, or a remote request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,34 +141,22 @@ def checksum_of(frame_id: int, data: bytes, checksum_byte: int) -> int:
     return int(crc8.sae_j1850(rest))
 
 
-class CanCodec(Codec):
-    """slcan text lines to readings; frames that are not in the DBC belong to other nodes and are passed over.
+class CanCodec(FrameCodec):
+    """Frames to readings; those that are not in the DBC belong to other nodes and are passed over.
 
     Raises ProfileError, with the key, when made for a device whose rig entry does not fit its DBC file, which lies in
     `rig_dir`.
     """
 
     def __init__(self, device: CanDevice, rig_dir: Path) -> None:
-        self.bad = 0
-        self.resyncs = 0
+        super().__init__()
         self.messages = load_dbc(rig_dir / device.dbc)
         _check(device, rig_dir / device.dbc, self.messages)
         self._by_frame = {m.frame: m for m in self.messages.values()}
-        self._cutter = Cutter(b"\r", _LONGEST_LINE)
 
-    def feed(self, data: bytes) -> list[Reading | TimeReply]:
-        readings: list[Reading | TimeReply] = []
-        for line in self._cutter.feed(data):
-            if _CARRIES_NOTHING.fullmatch(line):
-                continue
-            frame = read_slcan(line)
-            if frame is None:
-                self.bad += 1
-                continue
-            reading = self.feed_frame(*frame)
-            if reading is not None:
-                readings.append(reading)
-        return readings
+    def read_frame(self, frame_id: int, is_extended: bool, data: bytes) -> Sequence[Reading]:
+        reading = self.feed_frame(frame_id, is_extended, data)
+        return () if reading is None else (reading,)
 
     def feed_frame(self, frame_id: int, is_extended: bool, data: bytes) -> Reading | None:
         """One frame; None if it is not in the DBC or is counted bad."""
@@ -204,9 +183,6 @@ class CanCodec(Codec):
             message.seq_wrap,
         )
 
-    def reset(self) -> None:
-        self._cutter.reset()
-
 
 def _check(device: CanDevice, path: Path, messages: Mapping[str, CanMessage]) -> None:
     for stream in device.streams:
@@ -228,30 +204,6 @@ def _check(device: CanDevice, path: Path, messages: Mapping[str, CanMessage]) ->
                     f"{key}, {signal}: {name}.{channel.field} of {path} is in {unit}, not {channel.unit}\n"
                     "correct the rig's unit, or give a slope"
                 )
-
-
-def read_slcan(line: bytes) -> tuple[int, bool, bytes] | None:
-    """Identifier, whether extended, and data of a classic data frame's line without its end; None if it is none.
-
-    A four-digit time stamp of the adapter after the data is allowed and ignored.
-    """
-    digits = {b"t": 3, b"T": 8}.get(line[:1])
-    if digits is None or not line[1:].isalnum():
-        return None
-    try:
-        frame_id, length = int(line[1 : 1 + digits], 16), int(line[1 + digits : 2 + digits], 16)
-        data = bytes.fromhex(line[2 + digits :].decode("ascii"))
-    except ValueError:
-        return None
-    if length > 8 or len(data) not in (length, length + 2) or frame_id >= 1 << (29 if digits == 8 else 11):
-        return None
-    return frame_id, digits == 8, data[:length]
-
-
-def encode_slcan(frame_id: int, is_extended: bool, data: bytes) -> bytes:
-    """A frame's slcan text line."""
-    head = f"T{frame_id:08X}" if is_extended else f"t{frame_id:03X}"
-    return f"{head}{len(data)}{data.hex().upper()}\r".encode("ascii")
 
 
 def encode_frame(message: CanMessage, values: Mapping[str, float], t_ns: int, seq: int) -> tuple[int, bool, bytes]:

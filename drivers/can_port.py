@@ -9,8 +9,8 @@ from typing import Any, Final
 import can
 
 from drivers import serial_port
-from drivers.can_dbc import REFUSED_LINE, encode_slcan
-from station.profile import CanDevice
+from drivers.can_frames import REFUSED_LINE, encode_slcan
+from station.profile import CanBus
 from station.rows import DeviceError
 
 LISTENING: Final[Mapping[str, Mapping[str, Any]]] = {
@@ -125,7 +125,7 @@ class MulticastPort:
     def send(self, messages: Sequence[bytes]) -> None:
         if self._bus is None:
             return
-        for line in messages:
+        for line in (line for message in messages for line in message.split(b"\r") if line):
             is_extended = line[:1] == b"T"
             digits = 8 if is_extended else 3
             number, data = int(line[1 : 1 + digits], 16), bytes.fromhex(line[2 + digits :].strip().decode("ascii"))
@@ -143,7 +143,7 @@ class MulticastPort:
         self.unplug()
 
 
-def part_in_bus(device: CanDevice) -> str:
+def part_in_bus(device: CanBus) -> str:
     """What the station does on a bus besides listening, in words."""
     if device.interface in _WITHOUT_A_BUS:
         return "nothing"
@@ -155,7 +155,7 @@ def part_in_bus(device: CanDevice) -> str:
     return f"nothing, but acknowledges frames{why}"
 
 
-def open_port(device: CanDevice, channel: str, is_emulated: bool = False) -> CanPort:
+def open_port(device: CanBus, channel: str, is_emulated: bool = False) -> CanPort:
     """The bus, opened. Raises DeviceError saying why not."""
     options: dict[str, Any] = {"bitrate": device.bitrate}
     if device.listen_only:

@@ -6,10 +6,12 @@ counted. The port it is fed from belongs to the adapter.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
+
+from station.rows import Code
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,10 @@ class Codec(Protocol):
     def outgoing(self, now_ns: int) -> bytes:  # noqa: ARG002 - most devices are only listened to
         """What to send now (time and stream requests), empty for nothing. Asked about 25 times a second or more."""
         return b""
+
+    def news(self) -> Sequence[tuple[Code, str]]:
+        """What the device has said of itself since it was asked last: its health, a restart."""
+        return ()
 
 
 class Port(Protocol):

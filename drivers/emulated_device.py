@@ -21,7 +21,7 @@ from drivers.emulated_ports import DevicePort, PtyPort, TcpPort, UdpPort
 from drivers.loop_timing import REPORT_EVERY_NS, Latency, claim_real_time
 from drivers.protocols import protocol_named
 from station.clock import SystemClock, utc_now_ns
-from station.profile import CanDevice, Device, MavlinkDevice, Profiles, SerialDevice
+from station.profile import CanBus, CanDevice, Device, DronecanDevice, MavlinkDevice, Profiles, SerialDevice
 from station.rows import DeviceError, StationError
 
 MULTICAST: Final = "udp_multicast"
@@ -62,29 +62,44 @@ def wire_of(device: Device, rig_dir: Path, folder: Path) -> Wire:
             return Wire(PtyPort(folder / device.name), protocol_named(device.protocol).encode)
         case CanDevice():
             return _can_wire(device, rig_dir, folder)
+        case DronecanDevice():
+            return _dronecan_wire(device, folder)
         case MavlinkDevice():
             return _mavlink_wire(device, rig_dir, folder)
 
 
 def _can_wire(device: CanDevice, rig_dir: Path, folder: Path) -> Wire:
     # Each process loads only the libraries of its own link.
-    from drivers.can_dbc import encode_frame, encode_slcan, load_dbc
+    from drivers.can_dbc import encode_frame, load_dbc
+    from drivers.can_frames import encode_slcan
+
+    port = _can_port(device, folder)
+    messages = load_dbc(rig_dir / device.dbc)
+
+    def line(m: Reading) -> bytes:
+        return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns or 0, m.seq or 0))
+
+    return Wire(port, line)
+
+
+def _dronecan_wire(device: DronecanDevice, folder: Path) -> Wire:
+    from drivers.can_dronecan import NODE_STATUS, DronecanEncoder
+
+    return Wire(_can_port(device, folder), DronecanEncoder(device.node_id or 42).encode, {NODE_STATUS: 1.0})
+
+
+def _can_port(device: CanBus, folder: Path) -> DevicePort:
     from drivers.slcan_adapter import SlcanAdapter
 
     if device.interface not in ("slcan", MULTICAST):
         raise DeviceError(
             f"{device.name}: CAN interface {device.interface} is not emulated: only slcan and {MULTICAST} are"
         )
-    messages = load_dbc(rig_dir / device.dbc)
-
-    def line(m: Reading) -> bytes:
-        return encode_slcan(*encode_frame(messages[str(m.message)], m.fields, m.t_device_ns or 0, m.seq or 0))
-
     if device.interface == MULTICAST:
         from drivers.can_port import MulticastPort
 
-        return Wire(MulticastPort(device.channel), line)
-    return Wire(SlcanAdapter(folder / device.name), line)
+        return MulticastPort(device.channel)
+    return SlcanAdapter(folder / device.name)
 
 
 def _mavlink_wire(device: MavlinkDevice, rig_dir: Path, folder: Path) -> Wire:

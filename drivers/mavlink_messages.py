@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from station.numerics.angles import quaternion
+from station.numerics.angles import euler_angles, quaternion
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +169,8 @@ def plain_fields(message: Any) -> dict[str, float]:
             raw = getattr(message, field)
         out[field] = math.nan if raw == f.missing else _measured(raw, _WIRES[name].get(field, "float")) / f.counts
     if name == "ATTITUDE_QUATERNION":
-        out |= _euler(out["q1"], out["q2"], out["q3"], out["q4"])
+        angles = euler_angles(out["q1"], out["q2"], out["q3"], out["q4"])
+        out |= dict(zip(DERIVED[name], angles, strict=True))
     elif name == "GPS_RAW_INT":
         if out["fix_type"] <= _NO_FIX:
             out |= dict.fromkeys(out.keys() - {"fix_type", "satellites_visible"}, math.nan)
@@ -245,22 +246,3 @@ def _without_derived(name: str, fields: Mapping[str, float]) -> dict[str, float]
         north, east = (out.pop(v, 0.0) for v in DERIVED[name])
         out |= {"vel": math.hypot(north, east), "cog": math.degrees(math.atan2(east, north)) % 360.0}
     return out
-
-
-UNIT_LENGTH2: Final = (0.8, 1.25)
-"""Square of a quaternion's length that is still taken for one."""
-
-
-def _euler(w: float, x: float, y: float, z: float) -> dict[str, float]:
-    """Euler angles (3-2-1), rad, of the quaternion that turns the earth's axes into the body's.
-
-    NaN if it is far from unit length, which no attitude is. Source: Stevens and Lewis 2003, eq. 1.3-33 and 1.3-34.
-    """
-    norm2 = w * w + x * x + y * y + z * z
-    if not UNIT_LENGTH2[0] < norm2 < UNIT_LENGTH2[1]:
-        return dict.fromkeys(("roll", "pitch", "yaw"), math.nan)
-    return {
-        "roll": math.atan2(2 * (w * x + y * z), w * w - x * x - y * y + z * z),
-        "pitch": math.asin(max(-1.0, min(1.0, 2 * (w * y - x * z) / norm2))),
-        "yaw": math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z),
-    }

@@ -78,6 +78,7 @@ class Code(StrEnum):
     DROPPED = "DROPPED"
     HEARD = "HEARD"
     FOREIGN = "FOREIGN"
+    HEALTH = "HEALTH"
     DISK = "DISK"
     ESTIMATOR = "ESTIMATOR"
     DISAGREE = "DISAGREE"

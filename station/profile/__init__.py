@@ -58,7 +58,17 @@ from station.profile.quantity import (
     nearest_or_all,
     quantity,
 )
-from station.profile.rig import EMULATED, CanDevice, Device, MavlinkDevice, Rig, SerialDevice, StreamProfile
+from station.profile.rig import (
+    EMULATED,
+    CanBus,
+    CanDevice,
+    Device,
+    DronecanDevice,
+    MavlinkDevice,
+    Rig,
+    SerialDevice,
+    StreamProfile,
+)
 from station.profile.rig_loop import LOOP_HZ, MOVED, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
 from station.profile.shapes import Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
@@ -78,6 +88,7 @@ __all__ = [
     "Boom",
     "Bytes",
     "Calibrated",
+    "CanBus",
     "CanDevice",
     "Card",
     "Change",
@@ -88,6 +99,7 @@ __all__ = [
     "Device",
     "Doublet",
     "Drag",
+    "DronecanDevice",
     "Fault",
     "Flight",
     "Frozen",

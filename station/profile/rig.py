@@ -88,11 +88,9 @@ class SerialDevice(_Device):
         return self.port
 
 
-class CanDevice(_Device):
-    """A CAN bus through any of python-can's interfaces, its messages from a DBC file beside the rig."""
+class CanBus(_Device):
+    """A CAN bus through any of python-can's interfaces."""
 
-    link: Literal["can"]
-    """The kind of link."""
     interface: str = "slcan"
     """One of python-can's interfaces: slcan, socketcan, pcan, ..."""
     channel: str
@@ -102,12 +100,28 @@ class CanDevice(_Device):
     listen_only: bool = True
     """Whether frames are not acknowledged nor errors flagged, so that a wrong bit rate disturbs nobody; false where the
     station is the only other node of the bus, or the adapter cannot listen only."""
-    dbc: str
-    """The DBC file that describes its messages."""
 
     @property
     def address(self) -> str:
         return self.channel
+
+
+class CanDevice(CanBus):
+    """A CAN bus whose messages a DBC file beside the rig describes."""
+
+    link: Literal["can"]
+    """The kind of link."""
+    dbc: str
+    """The DBC file that describes its messages."""
+
+
+class DronecanDevice(CanBus):
+    """The nodes of a DroneCAN bus, which the station only listens to: it has no node id."""
+
+    link: Literal["dronecan"]
+    """The kind of link."""
+    node_id: int | None = Field(default=None, ge=1, le=127)
+    """Only messages of this node; of the first that sends each message if left out."""
 
 
 class MavlinkDevice(_Device):
@@ -135,7 +149,7 @@ class MavlinkDevice(_Device):
         return self.url
 
 
-Device = Annotated[SerialDevice | CanDevice | MavlinkDevice, Field(discriminator="link")]
+Device = Annotated[SerialDevice | CanDevice | DronecanDevice | MavlinkDevice, Field(discriminator="link")]
 
 
 class Rig(Frozen):

@@ -16,6 +16,7 @@ import serial
 from pyubx2 import UBX_PROTOCOL, UBXReader
 
 from drivers.can_dbc import CanCodec
+from drivers.can_dronecan import DronecanCodec
 from drivers.codec import Codec, Reading, TimeReply
 from drivers.emulated_device import wire_of
 from drivers.emulated_messages import TRUTH_HZ, DeviceScript
@@ -23,7 +24,17 @@ from drivers.emulated_ports import PtyPort, TcpPort, UdpPort
 from drivers.mavlink import MavlinkCodec
 from drivers.protocols import protocol_named
 from station.conventions import to_si
-from station.profile import CanDevice, Card, Device, MavlinkDevice, Rig, SerialDevice, load_rig, profiles_dir
+from station.profile import (
+    CanDevice,
+    Card,
+    Device,
+    DronecanDevice,
+    MavlinkDevice,
+    Rig,
+    SerialDevice,
+    load_rig,
+    profiles_dir,
+)
 from station.rows import DeviceError
 
 START_NS = 7_000_000_000_000
@@ -45,6 +56,10 @@ QUANTUM = {
     "nmea": {"v_north": 0.01, "v_east": 0.02, "latitude": to_si(1e-6, "deg"), "altitude": 0.002},
     # single precision of degrees as of radians and of pressures, but for positions, which are double
     "vectornav": {},
+    # half precision: 2**-11 of the number, 2**-5 of an attitude's quaternion in the worst case
+    "dronecan": {"alpha_vane": 1e-4, "beta_vane": 1e-4, "elevator": 1e-4, "p": 1e-4, "ax": 1e-4, "az": 0.008,
+                 "airspeed": 0.032, "air_temperature": 0.25, "phi": 5e-4, "theta": 5e-4, "psi": 5e-4,
+                 "latitude": to_si(1e-8, "deg"), "altitude": 1e-3},
     "mavlink": {"latitude": to_si(1e-7, "deg"), "altitude": 1e-3, "air_temperature": 0.01},
 }  # fmt: skip
 ALIKE = {"q": "p", "r": "p", "ay": "ax", "az": "ax", "longitude": "latitude", "v_east": "v_north", "v_down": "v_north"}
@@ -61,6 +76,8 @@ def quantum(device: Device, signal: str, slope: float, unit: str) -> float:
 def codec_of(device: Device) -> Codec:
     if isinstance(device, CanDevice):
         return CanCodec(device, RIG_DIR)
+    if isinstance(device, DronecanDevice):
+        return DronecanCodec(device)
     if isinstance(device, MavlinkDevice):
         return MavlinkCodec(device)
     return protocol_named(device.protocol).codec()
@@ -77,7 +94,7 @@ def truth(signal: str, t: float | np.ndarray) -> Any:
     return LEVEL.get(signal, 0.0) + SWING.get(signal, 0.2) * np.sin(2 * math.pi * frequency * t)
 
 
-RIGS = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed", "vectornav")
+RIGS = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed", "vectornav", "dronecan")
 DEVICES = [
     pytest.param(rig, index, id=f"{rig}-{device.name}")
     for rig in RIGS

@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.can_dbc import encode_slcan
+from drivers.can_frames import encode_slcan
 from drivers.can_port import open_port, part_in_bus
 from drivers.slcan_adapter import SlcanAdapter
 from station.profile import CanDevice

@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 from pynmeagps import NMEAReader
 from pyubx2 import UBXReader
 
-from drivers.can_dbc import CanCodec, encode_frame, encode_slcan, load_dbc, read_slcan
+from drivers.can_dbc import CanCodec, encode_frame, load_dbc
+from drivers.can_frames import encode_slcan, read_slcan
 from drivers.codec import Codec, Reading
 from drivers.framing import open_line
 from drivers.serial_boombox import FIELDS, BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet

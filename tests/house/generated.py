@@ -19,6 +19,7 @@ import msgspec
 from markdown_table import markdown
 from profile_keys import aircraft_keys, campaign_keys, card_keys, rig_keys
 
+from drivers.can_dronecan import USUAL, fields_of
 from drivers.faults import FAULTS
 from drivers.mavlink_messages import DERIVED, TABLE
 from drivers.protocols import PROTOCOLS, protocol_named
@@ -186,6 +187,10 @@ def protocols() -> str:
     return markdown(("protocol", "on the wire", "`message`", "fields", "baud"), body)
 
 
+def dronecan_messages() -> str:
+    return markdown(("message", "fields"), ((f"`{name}`", listed(fields_of(name), 14)) for name in USUAL))
+
+
 def mavlink_messages() -> str:
     body = []
     for name, layout in TABLE.items():
@@ -230,6 +235,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "effects": effects,
     "verbs": verbs,
     "protocols": protocols,
+    "dronecan": dronecan_messages,
     "mavlink": mavlink_messages,
     "faults": faults,
     "importers": importers,

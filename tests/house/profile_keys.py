@@ -147,6 +147,7 @@ def rig_keys() -> str:
         ("`[[devices]]`, any", device),
         ('`[[devices]]` with `link = "serial"`', rig.SerialDevice, device),
         ('`[[devices]]` with `link = "can"`', rig.CanDevice, device),
+        ('`[[devices]]` with `link = "dronecan"`, as `can` but for `dbc`', rig.DronecanDevice, rig.CanBus),
         ('`[[devices]]` with `link = "mavlink"`', rig.MavlinkDevice, device),
         ("`[[devices.streams]]`", rig.StreamProfile),
         ("`[devices.streams.signals]`, one line a signal", channel.Channel),
