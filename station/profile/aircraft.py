@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS
+from station.profile.fin import Fin
 from station.profile.propulsion import Engine
 from station.profile.quantity import (
     Frozen,
@@ -100,6 +101,8 @@ class Boom(Frozen):
     """Upwash angle at the vane per angle of attack that fuselage and boom cause, without memory."""
     upwash_wing: float = Field(default=0.0, ge=-0.5, le=1.0)
     """The same of the wing, whose circulation follows the angle of attack late. k_u0 is the sum of both."""
+    sidewash: float = Field(default=0.0, ge=-0.5, le=1.0)
+    """Sidewash angle at the beta vane per flow angle there; simulations fly it, estimators take it for a gain."""
     zero: Radians = 0.0
     """Vane reading at zero flow angle."""
     vane_frequency: Annotated[Hertz, Positive] = 9.0
@@ -143,6 +146,8 @@ class Unsteady(Frozen):
     """Tail's share of CL_alpha, per rad, referred to the wing area (a_h)."""
     tail_arm: Metres = 0.0
     """Tail's aerodynamic centre behind the CG."""
+    tail_span: Metres = Field(default=0.0, ge=0)
+    """Of the tail, along which it averages gusts in a card's `field = "plane"`."""
     tail_penetration: float = Field(default=1.0, ge=0, le=4)
     """How far behind the CG a gust meets the tail, in tail arms: 0 as if the tail were at the CG."""
     downwash: float = Field(default=0.0, ge=0, lt=1)
@@ -322,6 +327,7 @@ class Aircraft(Frozen):
     drag: Drag | None = None
     engine: Engine | None = None
     unsteady: Unsteady = Unsteady(memory=False)
+    fin: Fin | None = None
     separation: Separation = Separation()
     uncertainty: Uncertainty = Uncertainty()
     elevator: Actuator = Actuator()

@@ -64,6 +64,13 @@ class Flight(Frozen):
     """In place of gust_sigma: that of MIL-F-8785C at the altitude."""
     gust_start: Seconds = 0.0
     """Calm until then."""
+    field: Literal["line", "plane"] = "line"
+    """What gusts vary over. line: the way flown, wings and fin meet what the CG does. plane: also across it, isotropic:
+    wing, tail, fin and boom meet their own, wings roll and yaw in it; the profile needs [unsteady] and [fin]."""
+    spectrum: Literal["dryden", "von_karman"] = "dryden"
+    """Of the gusts in a plane; a line is Dryden's."""
+    gust_length: Annotated[Metres, Field(ge=20, le=3000)] | None = None
+    """Scale length of all three components, isotropic; MIL-F-8785C's at the altitude if left out."""
     wind_north: MetresPerSecond = 0.0
     """Steady wind, towards the north."""
     wind_east: MetresPerSecond = 0.0
@@ -83,6 +90,11 @@ class Flight(Frozen):
     truth: dict[str, Change] = Field(default_factory=dict)
     """What the flown aircraft has otherwise than its profile, and when."""
 
+    @property
+    def is_plane(self) -> bool:
+        """Whether gusts vary across the way flown."""
+        return self.field == "plane"
+
     @model_validator(mode="before")
     @classmethod
     def _truth(cls, raw: Any) -> Any:
@@ -96,6 +108,10 @@ class Flight(Frozen):
     def _can_change(self) -> Self:
         if self.truth and self.source != "simulation":
             raise PydanticCustomError("truth", "truth: only the simulation flies an aircraft that changes")
+        if self.is_plane and self.source != "simulation":
+            raise PydanticCustomError("field", 'field: only the simulation flies in a plane; use "line"')
+        if self.spectrum != "dryden" and not self.is_plane:
+            raise PydanticCustomError("spectrum", 'spectrum: a line has Dryden\'s; write field = "plane"')
         if (self.legs or self.wind_walk) and self.source != "simulation":
             raise PydanticCustomError("legs", "legs, wind_walk: only the simulation flies them")
         return self

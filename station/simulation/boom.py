@@ -50,6 +50,8 @@ class VaneConstants(NamedTuple):
     """Where the vane meets gusts."""
     body: float
     wing: float
+    sidewash: float
+    """What the beta vane shows beyond the flow angle where it is, as a share of it."""
     zero: float
     flexure: float
     """Bending of the boom that turns the vane, rad per m/s2 of specific force down (negative when it is pulled up)."""
@@ -85,6 +87,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         boom.gust_x,
         boom.upwash_body,
         boom.upwash_wing,
+        boom.sidewash,
         boom.zero,
         boom.flexure,
         boom.tip_load / 1000.0,

@@ -64,10 +64,10 @@ class FlownAircraft:
         self._trim = self._goal = find_trim(self.now, flight.speed, flight.altitude)
         self._begun = self._trim
         self.flown = self._made(None)
-        self.behind, self.ahead = reach(self.now)
+        self.behind, self.ahead = reach(self.now, flight.is_plane)
         """How far behind and ahead of the CG it meets the air at most, m."""
         for time in self._altered.times:
-            behind, ahead = reach(self._altered.at(time))
+            behind, ahead = reach(self._altered.at(time), flight.is_plane)
             self.behind, self.ahead = max(self.behind, behind), max(self.ahead, ahead)
 
     @property
@@ -109,7 +109,7 @@ class FlownAircraft:
         trimmed = constants(aircraft, flight.speed, flight.altitude, self._hold, backlash, stated, self._speed)
         moved = (b - a for a, b in zip(self._altered.profile.imu_offset, aircraft.imu_offset, strict=True))
         x, y, z = (a + b for a, b in zip(self._place, moved, strict=True))
-        tables = indicial_tables(aircraft)
+        tables = indicial_tables(aircraft, flight.is_plane)
         if about and any(a.shape != b.shape for a, b in zip(tables, self.flown.tables, strict=True)):
             raise ProfileError("flight.truth: unsteady.gust_span: let it be above 0 from the start on")
         return Flown(
@@ -131,10 +131,12 @@ def elevator_backlash(aircraft: Aircraft) -> float:
     return errors.backlash if errors else 0.0
 
 
-def reach(aircraft: Aircraft) -> tuple[float, float]:
-    """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare."""
+def reach(aircraft: Aircraft, apart: bool = False) -> tuple[float, float]:
+    """How far behind and ahead of the CG the aircraft meets the air, m, with a metre to spare; `apart`: its fin too."""
     boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
     behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
+    if apart and aircraft.fin:
+        behind = max(behind, aircraft.fin.arm)
     return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
 
 

@@ -86,7 +86,8 @@ def sigma_at(height: float, level: str) -> float:
 def dryden_of(flight: Flight) -> Dryden:
     """The field that a card's flight asks for."""
     sigma = flight.gust_sigma if flight.turbulence is None else sigma_at(flight.altitude, flight.turbulence)
-    return dryden(flight.altitude, sigma)
+    model, length = dryden(flight.altitude, sigma), flight.gust_length
+    return Dryden(length, length, length, sigma, sigma, sigma) if length else model
 
 
 def _second_order(length: float, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -124,8 +125,29 @@ class FieldConstants(NamedTuple):
     """Distance over which it grows to full strength, m."""
 
 
+class Ramp(NamedTuple):
+    """How turbulence begins."""
+
+    start: float
+    """Distance at which it does, m; -inf: it was always there."""
+    length: float
+    """Over which it grows to full strength, m."""
+
+    def strength(self, points: NDArray[np.int64]) -> NDArray[np.float64]:
+        """0 to 1, at points of the field by index."""
+        grown = np.clip((points * STEP - self.start) / self.length, 0.0, 1.0)
+        strength: NDArray[np.float64] = grown * grown * (3.0 - 2.0 * grown)
+        return strength
+
+
+def ramp(speed: float, start_s: float) -> Ramp:
+    """Turbulence of stationary strength, or air at rest up to the distance flown by `start_s` at `speed`."""
+    return Ramp(speed * start_s if start_s > 0 else -math.inf, speed * _RAMP)
+
+
 def field_constants(model: Dryden, speed: float, start_s: float) -> FieldConstants:
-    """A field of stationary strength, or air at rest up to the distance flown by `start_s` at `speed`."""
+    """A field that begins as `ramp` has it."""
+    begins = ramp(speed, start_s)
     pairs = [_second_order(length, STEP) for length in (model.length_v, model.length_w)]
     return FieldConstants(
         decay=math.exp(-STEP / model.length_u),
@@ -133,8 +155,8 @@ def field_constants(model: Dryden, speed: float, start_s: float) -> FieldConstan
         sigmas=(model.sigma_u, model.sigma_v, model.sigma_w),
         transition=np.array([a for a, _ in pairs]),
         factor=np.array([b for _, b in pairs]),
-        start=speed * start_s if start_s > 0 else -math.inf,
-        ramp=speed * _RAMP,
+        start=begins.start,
+        ramp=begins.length,
     )
 
 
@@ -161,17 +183,38 @@ def fill(
         state[0] = c.decay * state[0] + c.kick * noise[k, 0]
 
 
+ALONG, SIDEWAYS, UP = range(3)
+"""Components of a gust on the way of the CG: u_g, v_g, w_g."""
+
+
+class Meets(NamedTuple):
+    """In which column of a field's values each part of the aircraft meets its gust."""
+
+    u_wing: int = ALONG
+    w_wing: int = UP
+    u_tail: int = ALONG
+    w_tail: int = UP
+    u_boom: int = ALONG
+    v_boom: int = SIDEWAYS
+    w_boom: int = UP
+    roll: int = -1
+    """p_g, rad/s: as if the wing rolled right in air at rest; -1: no part of the wing meets another gust,"""
+    yaw: int = -1
+    """and r_g, as if it yawed right."""
+
+
+LINE: Final = Meets()
+"""Everything meets what is on the way of the CG."""
+
+
 class Field(NamedTuple):
     """The gusts over a stretch of the way."""
 
     values: NDArray[np.float64]
-    """(n, 3): u_g, v_g, w_g at consecutive points, m/s."""
+    """(n, 3 or more): u_g, v_g, w_g at consecutive points, m/s; then what `meets` says."""
     first: int
     """Index of the first point; a point's distance is its index times STEP."""
-
-
-ALONG, SIDEWAYS, UP = range(3)
-"""Components of a gust: u_g, v_g, w_g."""
+    meets: Meets = LINE
 
 
 @njit(cache=True, error_model="numpy")
@@ -207,7 +250,7 @@ class GustField:
 
     def cover(self, low: float, high: float) -> None:
         """Hold the field from distance `low` to `high` at least; `low` never goes back."""
-        values, first = self.now
+        values, first = self.now.values, self.now.first
         drop = math.floor(low / STEP) - 2 - first
         end = first + len(values)
         missing = math.ceil(high / STEP) + 3 - end

@@ -27,7 +27,7 @@ from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import DONE, DT, EVERY, FLOWN, TRUTH, memory_of, vanes_now
 from station.simulation.pilot import asked, hands
 from station.simulation.sensors import lagged
-from station.simulation.three_degrees import HANDS_OFF, gusts_of, tremor
+from station.simulation.three_degrees import HANDS_OFF, line_of, tremor
 
 MODEL: Final = "DHC6"
 FINER: Final = 4
@@ -160,7 +160,7 @@ class JsbsimFlight:
         self._nose = aircraft.gust_edge
         self._ahead = max(boom.gust_x, self._nose) + 1.0
         self._site = site(flight, imu_position)
-        self._field = gusts_of(flight, _BEHIND, self._ahead, seed)
+        self._field = line_of(flight, _BEHIND, self._ahead, seed)
         self._is_windy = dryden_of(flight).sigma_w > 0
         self._tremor = tremor(flight, pilot, seed)
         actuators = {"elevator": aircraft.elevator, "aileron": aircraft.aileron, "rudder": aircraft.rudder}

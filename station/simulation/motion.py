@@ -75,10 +75,11 @@ class Flown(NamedTuple):
     hands: Hands
 
 
-DONE, NEWEST, AT_TAIL = range(3)
-"""Memory.marks: steps done, last entry of the wake, entry of the wake whose downwash is at the tail."""
-DISTANCE, INCIDENCE = range(2)
-"""Memory.wake: where the wing was, m, and its incidence from trim there, rad."""
+DONE, NEWEST, AT_TAIL, AT_FIN = range(4)
+"""Memory.marks: steps done, last entry of the wake, entries of the wake whose downwash is at the tail and whose
+sidewash is at the fin."""
+DISTANCE, INCIDENCE, SIDESLIP = range(3)
+"""Memory.wake: where the wing was, m, its incidence from trim there and the sideslip, rad."""
 INERTIAL, GUST, SURFACE, ALPHA, TURNING, ATTACHED = range(6)
 """Memory.last: inertial and leading-edge gust incidence and the elevator's surface at the last step, rad; angle of
 attack (rad) and its rate (rad/s) there; the share of the wing's chord along which the flow is attached."""
@@ -90,9 +91,9 @@ class Memory(NamedTuple):
     x: NDArray[np.float64]
     """State of the equations of motion."""
     wake: NDArray[np.float64]
-    """(2, n): a ring of the places that the wing has passed."""
+    """(3, n): a ring of the places that the wing has passed."""
     marks: NDArray[np.int64]
-    """(3,)."""
+    """(4,)."""
     upwash_motion: NDArray[np.float64]
     upwash_gust: NDArray[np.float64]
     alpha_vane: NDArray[np.float64]
@@ -109,8 +110,8 @@ def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: flo
     """Nothing remembered yet; `entries` of the wake."""
     return Memory(
         x,
-        np.zeros((2, entries)),
-        np.zeros(3, dtype=np.int64),
+        np.zeros((3, entries)),
+        np.zeros(4, dtype=np.int64),
         np.zeros(tables.upwash_motion.shape[1]),
         np.zeros(tables.upwash_gust.shape[1]),
         np.zeros(3),
@@ -128,30 +129,33 @@ def at_rest(c: Constants, tables: Tables, behind: float, field: Field, hands: Ha
     """
     motions, gusts = tables.lift_motion.shape[1], tables.lift_gust.shape[1]
     x = eq.trimmed_state(c, motions + gusts)
-    ug, wg = gust_at(field, c.gust_edge, ALONG), gust_at(field, c.gust_edge, UP)
+    meets = field.meets
+    ug, wg = gust_at(field, c.gust_edge, meets.u_wing), gust_at(field, c.gust_edge, meets.w_wing)
     met = math.atan2(x[eq.W] + wg, x[eq.U] + ug) - math.atan2(x[eq.W], x[eq.U])
     x[eq.LAGS + motions :] = met
-    memory = memory_of(x, 64 + math.ceil(4 * c.tail_arm / (c.trim_speed * dt)), tables, c.trim_elevator, hands)
+    memory = memory_of(x, 64 + math.ceil(4 * behind / (c.trim_speed * dt)), tables, c.trim_elevator, hands)
     memory.wake[DISTANCE, 0] = -behind
     memory.wake[INCIDENCE, 0] = met
+    memory.wake[SIDESLIP, 0] = math.atan2(gust_at(field, 0.0, SIDEWAYS), c.trim_speed)
     memory.last[ALPHA] += met
     memory.last[ATTACHED] = steadily_attached(c, memory.last[ALPHA])
     return memory
 
 
 @njit(cache=True, error_model="numpy")
-def _downwash_source(wake: NDArray[np.float64], newest: int, start: int, place: float) -> tuple[float, int]:
-    """Wing incidence when the wing was at `place`, and the ring entry before it; the search begins at `start`."""
+def passed(wake: NDArray[np.float64], row: int, newest: int, start: int, place: float) -> tuple[float, int]:
+    """INCIDENCE or SIDESLIP, `row`, when the wing was at `place`, and the ring entry before it; the search begins at
+    `start`."""
     n = wake.shape[1]
     j = start
     while j < newest and wake[DISTANCE, (j + 1) % n] <= place:
         j += 1
     a = j % n
     if j >= newest:
-        return wake[INCIDENCE, a], j
+        return wake[row, a], j
     b = (j + 1) % n
     part = min(max((place - wake[DISTANCE, a]) / (wake[DISTANCE, b] - wake[DISTANCE, a]), 0.0), 1.0)
-    return wake[INCIDENCE, a] + part * (wake[INCIDENCE, b] - wake[INCIDENCE, a]), j
+    return wake[row, a] + part * (wake[row, b] - wake[row, a]), j
 
 
 # This and what follows is inlined: a call would copy all the constants, which takes as long as using them.
@@ -168,16 +172,18 @@ def stage_rates(
     c = flown.constants
     s = x[eq.DISTANCE]
     nose, tail, late = s + c.gust_edge, s - c.tail_arm, s - c.gust_arm
+    meets = field.meets
     gust = eq.Gust(
         gust_at(field, s, ALONG),
         gust_at(field, s, UP),
-        gust_at(field, nose, ALONG),
-        gust_at(field, nose, UP),
-        gust_at(field, late, ALONG),
-        gust_at(field, late, UP),
+        gust_at(field, nose, meets.u_wing),
+        gust_at(field, nose, meets.w_wing),
+        gust_at(field, late, meets.u_tail),
+        gust_at(field, late, meets.w_tail),
     )
     marks = memory.marks
-    past, entry = _downwash_source(memory.wake, marks[NEWEST], marks[AT_TAIL], tail - c.downwash_delay * x[eq.U])
+    place = tail - c.downwash_delay * x[eq.U]
+    past, entry = passed(memory.wake, INCIDENCE, marks[NEWEST], marks[AT_TAIL], place)
     met = eq.Met(air, gust, side, past, memory.last[SURFACE], command, memory.last[ATTACHED])
     return eq.rates(c, flown.tables, x, met, dx), gust, entry
 
@@ -314,11 +320,11 @@ def vanes_now(
     wing = upwash_step(tables.upwash_motion, memory.upwash_motion, last[INERTIAL], flow.alpha_inertial, chords)
     wing += upwash_step(tables.upwash_gust, memory.upwash_gust, last[GUST], flow.gust_edge, chords)
     last[INERTIAL], last[GUST] = flow.alpha_inertial, flow.gust_edge
-    met = x[eq.DISTANCE] + vane.gust_x
-    ug, wg = gust_at(field, met, ALONG), gust_at(field, met, UP)
+    met, meets = x[eq.DISTANCE] + vane.gust_x, field.meets
+    ug, wg = gust_at(field, met, meets.u_boom), gust_at(field, met, meets.w_boom)
     angle = flow_angle(vane, x[eq.U], x[eq.W] + moving[2], x[eq.Q], ug, wg, wing)
     angle += bending(vane, memory.boom, begins, flow.force_z, moving[0], flow.pressure, flow.airspeed, angle)
-    side = math.asin((gust_at(field, met, SIDEWAYS) + moving[1]) / flow.airspeed)
+    side = math.asin((gust_at(field, met, meets.v_boom) + moving[1]) / flow.airspeed) * (1.0 + vane.sidewash)
     if begins:
         settle(memory.alpha_vane, angle)
         settle(memory.beta_vane, side)

@@ -1,9 +1,9 @@
 """Six degrees of freedom: the longitudinal equations with sideslip, roll and yaw added to them.
 
 The longitudinal part is `longitudinal.rates` itself, so that without lateral motion the flight is the three-degree-of-
-freedom one. Side force, rolling and yawing moment are linear in sideslip, rates and surfaces, per rad, rates normalised
-with b/2V, in body axes (Klein and Morelli 2006; rigid body: Stevens and Lewis 2003). Side gusts act at the CG; the air
-does not roll. A pilot levels the wings and holds the heading with slow ailerons.
+freedom one. Forces: side_flow; rigid body: Stevens and Lewis 2003. Of air that is a line, side gusts act at the CG and
+the air does not roll; of air that is a plane, wing, fin and boom meet their own. A pilot levels the wings and holds the
+heading with slow ailerons.
 """
 
 from __future__ import annotations
@@ -17,21 +17,23 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0, SURFACES
-from station.profile import Actuator, Aircraft, Flight, Manoeuvre, Order, Pilot
-from station.rows import ProfileError
+from station.profile import Aircraft, Flight, Manoeuvre, Order, Pilot
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants
 from station.simulation.flown_aircraft import FlownAircraft
-from station.simulation.gusts import SIDEWAYS, Field, gust_at
+from station.simulation.gusts import Field
 from station.simulation.legs import BANK as MOST_BANK
-from station.simulation.legs import Wanted, without_legs
+from station.simulation.legs import without_legs
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import (
+    AT_FIN,
     AT_TAIL,
     COLUMNS,
     DONE,
     DT,
     EVERY,
+    NEWEST,
+    SIDESLIP,
     STAGES,
     SURFACE,
     Flown,
@@ -46,51 +48,39 @@ from station.simulation.motion import (
     vanes_now,
 )
 from station.simulation.pilot import asked
+from station.simulation.side_flow import (
+    AILERON,
+    BANK,
+    COEFFICIENTS,
+    EAST,
+    HELD,
+    HOLD_LAG,
+    NORTH,
+    ROLL,
+    RUDDER,
+    SIDE,
+    SIZE,
+    TURN,
+    YAW,
+    Lateral,
+    SideAir,
+    SideFlow,
+    lateral_constants,
+    side_air,
+    side_flow,
+)
 from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, gusts_of, tremor
 from station.simulation.trigonometry import sine_cosine
 
-SIDE, ROLL, YAW, BANK, TURN, NORTH, EAST, AILERON, RUDDER, HELD, SIZE = range(11)
-"""State beside the longitudinal one: v (m/s), p, r (rad/s), bank, heading turned since the start (rad), way through the
-air mass north and east (m), aileron, rudder, what the pilot adds to the aileron (rad)."""
-
-COEFFICIENTS: Final = ("CY", "Cl", "Cn")
-ARGUMENTS: Final = ("beta", "p", "r", "da", "dr")
-LATERAL_TRUTH: Final = ("beta", *COEFFICIENTS)
-"""What no sensor shows: sideslip at the CG, rad, and the lateral coefficients."""
+LATERAL_TRUTH: Final = ("beta", *COEFFICIENTS, "v_gust", "p_gust", "r_gust", "beta_fin")
+"""What no sensor shows: sideslip at the CG, rad, the lateral coefficients, the gust at the CG from the right, m/s, gusts
+as rates of roll and yaw, rad/s, and the fin's sideslip where it is flown apart, rad."""
 LATERAL_COLUMNS: Final = (*COLUMNS, *LATERAL_TRUTH)
-
-# A bank of 10 deg is met with 2 deg of aileron, 2 s late: slower than any lateral mode that a test excites.
-HOLD_BANK: Final = 0.2
-HOLD_HEADING: Final = 0.15
-"""Bank by which a heading error is met, rad per rad."""
-TURN_HEADING: Final = 0.6
-"""The same of an aircraft that flies legs: a turn rolls out within ten seconds."""
-HOLD_LAG: Final = 2.0
 
 _P, _R, _AX, _AY, _AZ, _PHI, _PSI = places("p", "r", "ax", "ay", "az", "phi", "psi")
 _V_NORTH, _V_EAST, _LATITUDE, _LONGITUDE = places("v_north", "v_east", "latitude", "longitude")
 _AILERON, _RUDDER, _PDOT, _RDOT = places("aileron", "rudder", "pdot", "rdot")
-_BETA, _CY, _CROLL, _CN = (LATERAL_COLUMNS.index(name) for name in LATERAL_TRUTH)
-
-
-class Lateral(NamedTuple):
-    """What the lateral equations need, SI."""
-
-    ixx: float
-    izz: float
-    ixz: float
-    span: float
-    slopes: NDArray[np.float64]
-    """(3, 5): of CY, Cl, Cn by beta, p, r, aileron, rudder."""
-    vane_y: float
-    actuators: NDArray[np.float64]
-    """(2, 3): lag (s), rate limit (rad/s) and travel (rad) of aileron and rudder."""
-    hold_bank: float
-    hold_heading: float
-    turn: float
-    """Heading turned since the start that the pilot holds, rad,"""
-    bank: float
-    """and of a turn its bank, rad; NaN where he holds the heading."""
+_BETA, _CY, _CROLL, _CN, _V_GUST, _P_GUST, _R_GUST, _BETA_FIN = (LATERAL_COLUMNS.index(n) for n in LATERAL_TRUTH)
 
 
 class Both(NamedTuple):
@@ -100,84 +90,20 @@ class Both(NamedTuple):
     across: NDArray[np.float64]
 
 
-class SideFlow(NamedTuple):
-    """Quantities on the way from the lateral state to its derivative."""
-
-    beta: float
-    """Sideslip at the CG, rad."""
-    cy: float
-    cl: float
-    cn: float
-    force_y: float
-    """Specific force at the CG, m/s2."""
-
-
-def has_lateral(aircraft: Aircraft) -> bool:
-    """Whether the profile has any lateral derivative."""
-    return any(aircraft.value(f"{c}_{a}") for c in COEFFICIENTS for a in ARGUMENTS)
-
-
-def lateral_constants(aircraft: Aircraft, hold: bool = True, wanted: Wanted | None = None) -> Lateral:
-    """Raises ProfileError for an aircraft that cannot be flown in six degrees of freedom."""
-    inertia = aircraft.inertia
-    if not has_lateral(aircraft):
-        raise ProfileError(
-            f"aircraft {aircraft.name}: derivatives: no lateral ones (CY_beta, Cl_p, ...), and the card moves ailerons "
-            "or rudder"
-        )
-    if inertia.ixx is None or inertia.izz is None:
-        missing = "ixx" if inertia.ixx is None else "izz"
-        raise ProfileError(f"aircraft {aircraft.name}: inertia.{missing}: missing; lateral motion needs it")
-    known = {f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS}
-    for name, derivative in aircraft.derivatives.items():
-        if name[:2] in COEFFICIENTS and name not in known and derivative.value != 0:
-            raise ProfileError(f"aircraft {aircraft.name}: derivatives.{name}: the simulation has no such term")
-
-    def row(a: Actuator) -> tuple[float, float, float]:
-        return a.time_constant, a.rate_limit, a.position_limit
-
-    return Lateral(
-        ixx=inertia.ixx,
-        izz=inertia.izz,
-        ixz=inertia.ixz,
-        span=aircraft.geometry.span,
-        slopes=np.array([[aircraft.value(f"{c}_{a}") for a in ARGUMENTS] for c in COEFFICIENTS]),
-        vane_y=aircraft.boom.vane_y if aircraft.boom else 0.0,
-        actuators=np.array([row(aircraft.aileron), row(aircraft.rudder)]),
-        hold_bank=HOLD_BANK if hold else 0.0,
-        hold_heading=(TURN_HEADING if wanted else HOLD_HEADING) if hold else 0.0,
-        turn=wanted.turn if wanted else 0.0,
-        bank=math.nan if wanted is None or wanted.bank is None else wanted.bank,
-    )
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _side_flow(c: Constants, side: Lateral, y: NDArray[np.float64], side_air: float, flow: eq.Flow) -> SideFlow:
-    """Sideslip, coefficients and side force. `side_air`: sideways velocity relative to the air, m/s."""
-    beta = math.asin(side_air / flow.airspeed)
-    per_rate = 0.5 * side.span / (c.reference_speed if c.fixed_rate_reference > 0.0 else flow.airspeed)
-    p, r, da, dr = y[ROLL], y[YAW], y[AILERON], y[RUDDER]
-    of_y, of_l, of_n = side.slopes[0], side.slopes[1], side.slopes[2]
-    cy = of_y[0] * beta + (of_y[1] * p + of_y[2] * r) * per_rate + of_y[3] * da + of_y[4] * dr
-    cl = of_l[0] * beta + (of_l[1] * p + of_l[2] * r) * per_rate + of_l[3] * da + of_l[4] * dr
-    cn = of_n[0] * beta + (of_n[1] * p + of_n[2] * r) * per_rate + of_n[3] * da + of_n[4] * dr
-    return SideFlow(beta, cy, cl, cn, flow.pressure * c.area * cy / c.mass)
-
-
 @njit(cache=True, error_model="numpy", inline="always")
 def add_lateral(
-    c: Constants, side: Lateral, heading: float, state: Both, commands: tuple[float, float], side_air: float,
+    c: Constants, side: Lateral, heading: float, state: Both, commands: tuple[float, float], air: SideAir,
     slope: Both, flow: eq.Flow,
 ) -> SideFlow:  # fmt: skip
     """The lateral state's derivative into `slope`, and what it changes of the longitudinal one's there.
 
     The latter and `flow` as `longitudinal.rates` leaves them; `heading`: where the flight began, rad; `commands`:
-    aileron and rudder, rad; `side_air`: sideways velocity relative to the air, m/s.
+    aileron and rudder, rad; `air`: what is met sideways.
     """
     x, y, dx, dy = state.along, state.across, slope.along, slope.across
     u, w, q, theta = x[eq.U], x[eq.W], x[eq.Q], x[eq.THETA]
     v, p, r = y[SIDE], y[ROLL], y[YAW]
-    seen = _side_flow(c, side, y, side_air, flow)
+    seen = side_flow(c, side, y, air, flow)
     force = flow.pressure * c.area
     rolling, yawing = force * side.span * seen.cl, force * side.span * seen.cn
 
@@ -220,9 +146,11 @@ def add_lateral(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _record_lateral(
-    site: Site, time: float, state: Both, slope: Both, flow: eq.Flow, seen: SideFlow, row: NDArray[np.float64]
-) -> None:
+    site: Site, time: float, state: Both, slope: Both, flow: eq.Flow, sideways: tuple[SideFlow, SideAir],
+    row: NDArray[np.float64],
+) -> None:  # fmt: skip
     """What lateral motion changes of a row that `motion.record` wrote, and its own truth."""
+    seen, met = sideways
     y, dy = state.across, slope.across
     p, q, r = y[ROLL], state.along[eq.Q], y[YAW]
     pdot, qdot, rdot = dy[ROLL], slope.along[eq.Q], dy[YAW]
@@ -242,6 +170,7 @@ def _record_lateral(
     row[_AILERON], row[_RUDDER] = y[AILERON], y[RUDDER]
     row[_PDOT], row[_RDOT] = pdot, rdot
     row[_BETA], row[_CY], row[_CROLL], row[_CN] = seen.beta, seen.cy, seen.cl, seen.cn
+    row[_V_GUST], row[_P_GUST], row[_R_GUST], row[_BETA_FIN] = met.speed - y[SIDE], met.roll, met.yaw, seen.fin
 
 
 @njit(cache=True, error_model="numpy")
@@ -269,22 +198,23 @@ def advance_lateral(
             trial.across[i], total.across[i] = y[i], 0.0
         for stage in range(STAGES):
             at = 2 * k + (stage + 1) // 2
-            side_air = trial.across[SIDE] + gust_at(field, trial.along[eq.DISTANCE], SIDEWAYS)
+            met, at_fin = side_air(c, side, memory, field, trial.along, trial.across)
             flow, gust, entry = stage_rates(
-                flown, memory, field, air, trial.along, commands[0, at] + held, side_air, slope.along
+                flown, memory, field, air, trial.along, commands[0, at] + held, met.speed, slope.along
             )
             surfaces = (commands[1, at], commands[2, at])
-            seen = add_lateral(c, side, flown.site.heading, trial, surfaces, side_air, slope, flow)
+            seen = add_lateral(c, side, flown.site.heading, trial, surfaces, met, slope, flow)
             if stage == 0:
-                marks[AT_TAIL] = entry
+                marks[AT_TAIL], marks[AT_FIN] = entry, at_fin
                 memory.last[SURFACE] = flow.surface
                 vane = flown.vane
                 sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
                 moving = (slope.along[eq.Q], sideways, y[ROLL] * side.vane_y)
                 vanes = vanes_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
                 record(flown, marks[DONE] * dt, x, slope.along, flow, gust, vanes, out[k])
-                _record_lateral(flown.site, marks[DONE] * dt, now, slope, flow, seen, out[k])
+                _record_lateral(flown.site, marks[DONE] * dt, now, slope, flow, (seen, met), out[k])
                 remember(c, dt, memory, x[eq.DISTANCE], flow)
+                memory.wake[SIDESLIP, marks[NEWEST] % memory.wake.shape[1]] = seen.beta
             for i in range(n):
                 total.along[i] += weights[stage] * slope.along[i]
                 trial.along[i] = x[i] + ahead[stage] * slope.along[i]
@@ -317,12 +247,13 @@ class LateralSimulation:
         self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot, seed=seed)
         self._tremor = tremor(flight, pilot, seed)
         self._hold = hold
-        self.lateral = lateral_constants(self.aircraft.now, hold)
+        self._apart = flight.is_plane
+        self.lateral = lateral_constants(self.aircraft.now, hold, apart=self._apart)
         self._manoeuvres = tuple(manoeuvres)
         self._asked: Sequence[Manoeuvre] = ()
         self._trimmed: NDArray[np.float64] = np.empty(0)
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
-        self._field = gusts_of(flight, self._behind, self._ahead, seed)
+        self._field = gusts_of(flight, self.aircraft, seed)
         self._begun = self.flown.constants
         self._memory = at_rest(self._begun, self.flown.tables, self._behind, self._field.now, self.flown.hands)
         self._state = np.zeros(SIZE)
@@ -356,7 +287,7 @@ class LateralSimulation:
                 if offset % self.aircraft.renewed == 0:
                     self.aircraft.go_on(begin + done, float(self._state[TURN]))
                     wanted = self.aircraft.legs.wanted if self.aircraft.legs.any else None
-                    self.lateral = lateral_constants(self.aircraft.now, self._hold, wanted)
+                    self.lateral = lateral_constants(self.aircraft.now, self._hold, wanted, self._apart)
                 commands = commands + np.array([[self.aircraft.retrimmed], [0.0], [0.0]])
             advance_lateral(
                 self.flown,

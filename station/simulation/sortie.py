@@ -15,6 +15,7 @@ from station.simulation.installed import Installed, Source
 from station.simulation.jsbsim_flight import JsbsimFlight
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import Channel, Sensor, sensors_of
+from station.simulation.side_flow import has_lateral
 from station.simulation.six_degrees import LateralSimulation
 from station.simulation.stepped_flight import SteppedFlight
 from station.simulation.three_degrees import Simulation
@@ -25,14 +26,15 @@ Position = tuple[float, float, float]
 def source_of(
     aircraft: Aircraft, card: Card, imu_position: Position = (0.0, 0.0, 0.0), seed: int | None = None
 ) -> Source:
-    """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder or goes
-    elsewhere, or JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises
+    """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder, goes
+    elsewhere or meets air that rolls it, or JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises
     ProfileError.
     """
     place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":
         return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed, card.pilot)
-    if card.goes_places or any(m.surface != "elevator" for m in card.inputs):
+    rolls = card.flight.is_plane and has_lateral(aircraft)
+    if rolls or card.goes_places or any(m.surface != "elevator" for m in card.inputs):
         return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
     return Simulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
 

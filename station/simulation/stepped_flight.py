@@ -21,16 +21,8 @@ from station.simulation.legs import without_legs
 from station.simulation.longitudinal import DISTANCE, ELEVATOR
 from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import COLUMNS, DONE, advance, at_rest
-from station.simulation.six_degrees import (
-    AILERON,
-    LATERAL_COLUMNS,
-    RUDDER,
-    SIZE,
-    TURN,
-    advance_lateral,
-    has_lateral,
-    lateral_constants,
-)
+from station.simulation.side_flow import AILERON, RUDDER, SIZE, TURN, has_lateral, lateral_constants
+from station.simulation.six_degrees import LATERAL_COLUMNS, advance_lateral
 from station.simulation.three_degrees import SPEED_MARGIN, gusts_of, tremor
 
 _BLOCK_S: Final = 1.0
@@ -60,9 +52,11 @@ class SteppedFlight:
         self._levels = "aileron" not in outside
         self.is_lateral = has_lateral(self.aircraft.now)
         self.columns = LATERAL_COLUMNS if self.is_lateral else COLUMNS
-        self._side = lateral_constants(self.aircraft.now, self._levels) if self.is_lateral else None
+        self._apart = flight.is_plane
+        now = self.aircraft.now
+        self._side = lateral_constants(now, self._levels, apart=self._apart) if self.is_lateral else None
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
-        self._field = gusts_of(flight, self._behind, self._ahead, None)
+        self._field = gusts_of(flight, self.aircraft, None)
         self._memory = at_rest(flown.constants, flown.tables, self._behind, self._field.now, flown.hands, self._dt)
         self._state = np.zeros(SIZE)
         self._begun = flown.constants
@@ -99,7 +93,7 @@ class SteppedFlight:
             self.aircraft.go_on(step, float(self._state[TURN]))
             wanted = self.aircraft.legs.wanted if self.aircraft.legs.any else None
             if self._side is not None:
-                self._side = lateral_constants(self.aircraft.now, self._levels, wanted)
+                self._side = lateral_constants(self.aircraft.now, self._levels, wanted, self._apart)
         commands = self._commanded(step, given)
         s = float(self._memory.x[DISTANCE])
         # A block's way ahead at once: making the field takes longer than a step.

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from station.profile import Aircraft, Flight, Manoeuvre, Order, Pilot
 from station.simulation.flown_aircraft import FlownAircraft
-from station.simulation.gusts import GustField, dryden_of, field_constants
+from station.simulation.gust_plane import PlaneField, across
+from station.simulation.gusts import GustField, dryden_of, field_constants, ramp
 from station.simulation.legs import without_legs
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
@@ -56,7 +57,7 @@ class Simulation:
         self._trimmed: NDArray[np.float64] = np.empty(0)
         self._deflection = deflection
         self._behind, self._ahead = self.aircraft.behind, self.aircraft.ahead
-        self._field = gusts_of(flight, self._behind, self._ahead, seed)
+        self._field = gusts_of(flight, self.aircraft, seed)
         self._begun = self.flown.constants
         self._memory = at_rest(self._begun, self.flown.tables, self._behind, self._field.now, self.flown.hands)
         self._commands: NDArray[np.float64] = np.empty(0)
@@ -126,8 +127,25 @@ def tremor(flight: Flight, pilot: Pilot, seed: int | None, rate_hz: int = RATE_H
     return Tremor(deviation(pilot), flight.seed if seed is None else seed, rate_hz)
 
 
-def gusts_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> GustField:
-    """The flight's field, from `behind` to `ahead` of the origin at first, m; `seed` in place of the flight's."""
+def gusts_of(flight: Flight, flown: FlownAircraft, seed: int | None) -> GustField | PlaneField:
+    """The flight's field, as far as the aircraft reaches at first; `seed` in place of the flight's. Raises ProfileError
+    for an aircraft that cannot fly in a plane."""
+    if not flight.is_plane:
+        return line_of(flight, flown.behind, flown.ahead, seed)
+    field = PlaneField(
+        across(flown.now),
+        dryden_of(flight),
+        flight.spectrum,
+        ramp(flight.speed, flight.gust_start),
+        flown.behind,
+        np.random.SeedSequence(flight.seed if seed is None else seed),
+    )
+    field.cover(-flown.behind, flown.ahead)
+    return field
+
+
+def line_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> GustField:
+    """The field on the way of the CG, from `behind` to `ahead` of the origin at first, m."""
     field = GustField(
         field_constants(dryden_of(flight), flight.speed, flight.gust_start),
         behind,
