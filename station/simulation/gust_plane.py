@@ -43,7 +43,7 @@ _BLOCK: Final = 4096
 _MEMORY: Final = 12.0
 """Length of the filters in scale lengths: their ends are below a five-hundredth of their middle's slope."""
 _KNOTS: Final = 160
-"""Wavenumbers at which the cross-spectra are computed; between them the factor is a smooth function of its logarithm."""
+"""Wavenumbers at which the cross-spectra are computed; between them the factor is smooth over their logarithm."""
 _SLACK: Final = 1e-11
 """Of the variance, added to each series by itself: the mean along the tail is almost that along the wing."""
 
@@ -127,7 +127,7 @@ def _series(parts: Across) -> tuple[tuple[_Series, ...], Meets]:
     return tuple(made), meets
 
 
-def _response(parts: Across, kappa: Array) -> Complex:
+def response(parts: Across, kappa: Array) -> Complex:
     """Of the wing's lift to gusts, over wavenumber."""
     steps = 1j * kappa * parts.chord
     out = np.ones_like(steps)
@@ -146,14 +146,17 @@ def _entry(first: _Series, other: _Series, model: Dryden, spectra: CrossSpectra,
     """The cross-spectrum E first*(kappa) other(kappa) over kappa, m3/s2, from those at the distances `apart`."""
     where = np.searchsorted(apart, _apart(first, other))
     weights = (first.weights[:, None] * other.weights[None, :]).ravel()
+    out = np.zeros(len(spectra.up), dtype=np.complex128)
     kinds = {first.component, other.component}
-    if UP in kinds:
-        return (spectra.up[:, where] @ weights).astype(complex) * (model.sigma_w**2 if kinds == {UP} else 0.0)
-    if len(kinds) == 1:
+    if kinds == {UP}:
+        out.real = (spectra.up[:, where] @ weights) * model.sigma_w**2
+    elif UP not in kinds and len(kinds) == 1:
         of = spectra.along if ALONG in kinds else spectra.sideways
-        return (of[:, where] @ weights).astype(complex) * model.sigma_u**2
-    side = np.sign(other.places[None, :] - first.places[:, None]).ravel()
-    return 1j * (spectra.along_sideways[:, where] @ (weights * side)) * model.sigma_u**2
+        out.real = (of[:, where] @ weights) * model.sigma_u**2
+    elif UP not in kinds:
+        to_the_right = np.sign(other.places[None, :] - first.places[:, None]).ravel()
+        out.imag = (spectra.along_sideways[:, where] @ (weights * to_the_right)) * model.sigma_u**2
+    return out
 
 
 def matrix(parts: Across, model: Dryden, kind: str, kappa: Array) -> Complex:
@@ -162,7 +165,7 @@ def matrix(parts: Across, model: Dryden, kind: str, kappa: Array) -> Complex:
     series, _ = _series(parts)
     apart = np.unique(np.concatenate([_apart(a, b) for a in series for b in series]))
     by_length = {n: cross_spectra(KINDS[kind], n, kappa, apart) for n in {model.length_u, model.length_w}}
-    out = np.zeros((len(kappa), len(series), len(series)), dtype=complex)
+    out = np.zeros((len(kappa), len(series), len(series)), dtype=np.complex128)
     for i, b in enumerate(series):
         for j, a in enumerate(series):
             spectra = by_length[model.length_w if b.component == UP else model.length_u]
@@ -188,7 +191,7 @@ def filters(parts: Across, length_u: float, length_w: float, ratio: float, kind:
     model = Dryden(length_u, length_u, length_w, ratio, ratio, 1.0)
     longest = max(model.length_u, model.length_w)
     points = max(2 * _BLOCK, 2 ** math.ceil(math.log2(_MEMORY * longest / STEP)))
-    kappa = 2.0 * np.pi * np.fft.rfftfreq(points, STEP)
+    kappa = np.asarray(2.0 * np.pi * np.fft.rfftfreq(points, STEP), dtype=np.float64)
     series, meets = _series(parts)
     knots = np.concatenate(([1e-3 * kappa[1]], np.geomspace(0.3 * kappa[1], kappa[-1], _KNOTS)))
     spectra = matrix(parts, model, kind, knots)
@@ -199,10 +202,10 @@ def filters(parts: Across, length_u: float, length_w: float, ratio: float, kind:
     smooth = CubicSpline(np.log(knots), factor * level[:, None, None])
     at = np.maximum(kappa, knots[0])
     transfer = smooth(np.log(at)) / np.sqrt(1.0 + (at * longest) ** 2)[:, None, None]
-    response = _response(parts, kappa)
+    delay = response(parts, kappa)
     for i, one in enumerate(series):
         if one.delayed:
-            transfer[:, i] *= response[:, None]
+            transfer[:, i] *= delay[:, None]
     share = np.abs(transfer).max(axis=0) / np.einsum("kii->ki", np.abs(transfer)).max(axis=0)[:, None]
     pairs = tuple((i, j) for i in range(len(series)) for j in range(i + 1) if share[i, j] > _NOTHING)
     taps = np.stack([np.fft.irfft(transfer[:, i, j], points) for i, j in pairs]) / math.sqrt(STEP)

@@ -1,9 +1,10 @@
 """Cross-spectra, along the way flown, of isotropic turbulence at points abreast of each other.
 
-Batchelor 1953: velocities a vector r apart correlate as sigma^2 (g delta_ij + (f - g) r_i r_j / r^2), g = f + r f'/2. With
+Velocities a vector r apart correlate as sigma^2 (g delta_ij + (f - g) r_i r_j / r^2), g = f + r f'/2 (Batchelor 1953).
+With
     f(r) = 2^(1-n) / Gamma(n) (a r)^n K_n(a r)
-n = 1/2 and a = 1/L it is Dryden's field, f = exp(-r/L), n = 1/3 and a = 1/(1.339 L) von Karman's. The transform over the
-separation along the way, the one abreast (eta) held, of (a r)^m K_m(a r) is (Gradshteyn and Ryzhik 6.726.4)
+it is Dryden's field for n = 1/2 and a = 1/L, f = exp(-r/L), and von Karman's for n = 1/3 and a = 1/(1.339 L). The
+transform over the separation along the way, that abreast (eta) held, of (a r)^m K_m(a r) is (Gradshteyn, Ryzhik 6.726)
     F_m = sqrt(2 pi) a^2m (eta/q)^(m+1/2) K_(m+1/2)(eta q),   q^2 = a^2 + kappa^2
 and the cross-spectra are sums of F_(n-1), F_n and F_(n+1). At eta = 0 they are the spectra of MIL-F-8785C.
 """
@@ -47,7 +48,7 @@ class CrossSpectra(NamedTuple):
     up: Array
     """w with w; w goes with neither of the others in one plane."""
     along_sideways: Array
-    """The imaginary part, all there is, of u at one point with v `abreast` to its right: E u(0) v(eta) exp(-i kappa xi);
+    """The imaginary part, all there is, of u at a point with v `abreast` to its right, E u(0) v(eta) exp(-i kappa xi);
     v at the one with u at the other is the same."""
 
 

@@ -73,8 +73,8 @@ from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, gus
 from station.simulation.trigonometry import sine_cosine
 
 LATERAL_TRUTH: Final = ("beta", *COEFFICIENTS, "v_gust", "p_gust", "r_gust", "beta_fin")
-"""What no sensor shows: sideslip at the CG, rad, the lateral coefficients, the gust at the CG from the right, m/s, gusts
-as rates of roll and yaw, rad/s, and the fin's sideslip where it is flown apart, rad."""
+"""What no sensor shows: sideslip at the CG, rad, the lateral coefficients, the gust at the CG from the right, m/s,
+gusts as rates of roll and yaw, rad/s, and the fin's sideslip where it is flown apart, rad."""
 LATERAL_COLUMNS: Final = (*COLUMNS, *LATERAL_TRUTH)
 
 _P, _R, _AX, _AY, _AZ, _PHI, _PSI = places("p", "r", "ax", "ay", "az", "phi", "psi")

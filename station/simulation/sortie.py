@@ -27,8 +27,8 @@ def source_of(
     aircraft: Aircraft, card: Card, imu_position: Position = (0.0, 0.0, 0.0), seed: int | None = None
 ) -> Source:
     """The flight that a card asks for, true: three degrees of freedom, six where it moves ailerons or rudder, goes
-    elsewhere or meets air that rolls it, or JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the flight's. Raises
-    ProfileError.
+    elsewhere or meets air that rolls it, or JSBSim's. `imu_position` from the CG in body axes, m; `seed` replaces the
+    flight's. Raises ProfileError.
     """
     place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":

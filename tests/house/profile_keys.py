@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 
 from station.campaign import spec, study
 from station.conventions import from_si
-from station.profile import aircraft, altered, card, channel, propulsion, rig, rig_loop, shapes, step, uncertainty
+from station.profile import aircraft, altered, card, channel, fin, propulsion, rig, rig_loop, shapes, step, uncertainty
 
 SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
 """Units in which a default is written, where SI is not what one says."""
@@ -132,6 +132,7 @@ def aircraft_keys() -> str:
         ('`[engine]` with `kind = "table"`', propulsion.ThrustTable),
         ("`[unsteady]`", aircraft.Unsteady),
         ("`[unsteady.lift_motion]` and the other indicial responses", aircraft.Indicial),
+        ("`[fin]`", fin.Fin),
         ("`[separation]`", aircraft.Separation),
         ("`[uncertainty]`", uncertainty.Uncertainty),
         ("`[elevator]`, `[aileron]`, `[rudder]`", aircraft.Actuator),

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Card, Flight, load_aircraft
 from station.rows import ProfileError
-from station.simulation import Simulation, fly
+from station.simulation import Simulation, fly, side_flow
 from station.simulation import airframe as ac
 from station.simulation import longitudinal as eq
 from station.simulation import six_degrees as six
@@ -132,12 +132,13 @@ def test_angular_momentum_is_kept_where_there_is_no_torque() -> None:
     i = AIRCRAFT.inertia
     tensor = np.array([[i.ixx, 0.0, -i.ixz], [0.0, i.iyy, 0.0], [-i.ixz, 0.0, i.izz]])
     x, y = eq.trimmed_state(c, 0), np.zeros(six.SIZE)
+    still = side_flow.SideAir(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def rates(_: float, s: np.ndarray) -> np.ndarray:
         y[six.ROLL], x[eq.Q], y[six.YAW], y[six.BANK], x[eq.THETA], y[six.TURN] = s
         dx, dy = np.zeros_like(x), np.zeros(six.SIZE)
         no_air = eq.Flow(*np.zeros(len(eq.Flow._fields)))._replace(airspeed=50.0)
-        six.add_lateral(c, constants, 0.0, six.Both(x, y), (0.0, 0.0), 0.0, six.Both(dx, dy), no_air)
+        six.add_lateral(c, constants, 0.0, six.Both(x, y), (0.0, 0.0), still, six.Both(dx, dy), no_air)
         return np.array([dy[six.ROLL], dx[eq.Q], dy[six.YAW], dy[six.BANK], dx[eq.THETA], dy[six.TURN]])
 
     def momentum(s: np.ndarray) -> np.ndarray:
@@ -236,7 +237,7 @@ def test_least_squares_on_a_flight_gives_the_lateral_table_back() -> None:
     moments = force * AIRCRAFT.geometry.span
     for name, values in (("CY", f["ay"] * i.mass / force), ("Cl", roll / moments), ("Cn", yaw / moments)):
         found = np.linalg.lstsq(columns, values, rcond=None)[0]
-        wanted = [AIRCRAFT.value(f"{name}_{a}") for a in six.ARGUMENTS]
+        wanted = [AIRCRAFT.value(f"{name}_{a}") for a in side_flow.ARGUMENTS]
         np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-9)
 
 

@@ -13,7 +13,7 @@ from station.rows import ProfileError
 from station.simulation.six_degrees import LateralSimulation
 from station.simulation.stepped_flight import SteppedFlight
 
-BENCH, FEEDBACK, LATERAL = (load_card(name) for name in ("bench", "feedback", "lateral"))
+BENCH, FEEDBACK, LATERAL, PLANE = (load_card(name) for name in ("bench", "feedback", "lateral", "gusty_plane"))
 
 
 def card(**keys: Any) -> Card:
@@ -25,7 +25,7 @@ def flown(flight: SteppedFlight, seconds: float, rate_hz: int = LOOP_HZ, **given
     return dict(zip(flight.columns, rows.T, strict=True))
 
 
-@pytest.mark.parametrize("profiles", [BENCH, FEEDBACK, LATERAL], ids=lambda p: p.card.name)
+@pytest.mark.parametrize("profiles", [BENCH, FEEDBACK, LATERAL, PLANE], ids=lambda p: p.card.name)
 def test_with_nobody_outside_it_is_the_simulation_to_the_last_bit(profiles: Any) -> None:
     aircraft, planned = profiles.aircraft, profiles.card
     whole = LateralSimulation(aircraft, planned.flight, planned.manoeuvres, pilot=planned.pilot).advance(27 * 200)
