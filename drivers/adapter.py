@@ -15,6 +15,7 @@ from typing import Final
 
 from drivers.codec import Codec, Port, Reading, TimeReply
 from drivers.protocols import protocol_named
+from drivers.shedding import Shedding
 from station.clock import Clock, SystemClock, utc_now_ns
 from station.profile import (
     EMULATED,
@@ -36,6 +37,8 @@ REPORT_EVERY_NS: Final = 250_000_000
 """Bad messages are reported at once, then at most so often; with the read's timeout, never later than 0.3 s."""
 FOREIGN_EVERY_NS: Final = 60_000_000_000
 """Who else speaks on a link is told at once, then how much once a minute: a gimbal or a ground station may well."""
+PAUSE_S: Final = 0.005
+"""What comes too fast to be read is passed over in larger pieces: each call of the system costs some 10 us."""
 FIRST_BACKOFF_S: Final = 0.1
 LAST_BACKOFF_S: Final = 2.0
 
@@ -93,7 +96,8 @@ class Adapter:
             self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", channels))
         self._timelines: dict[int, _Timeline] = {}
         self._seqs: dict[str | int, int] = {}
-        self._reported = {Code.CRC: _Reported(), Code.GAP: _Reported()}
+        self._shedding = Shedding(sum(stream.rate for stream in device.streams))
+        self._reported = {code: _Reported() for code in (Code.CRC, Code.GAP, Code.NOISE, Code.DROPPED)}
         self._speaker = ""
         self._foreign: dict[str, _Reported] = {}
         self._may_excuse = False
@@ -108,6 +112,11 @@ class Adapter:
     def connected(self) -> bool:
         """Whether the port is open. A silent device on an open port is connected; its streams go stale."""
         return self._connected.is_set()
+
+    @property
+    def blocks_lost(self) -> int:
+        """Pieces of what came that were neither read nor recorded, as there was too much of it."""
+        return self._shedding.blocks
 
     def start(self) -> None:
         """Begin; a device that cannot be opened is an event, and is tried again."""
@@ -158,23 +167,28 @@ class Adapter:
 
     def _serve(self, port: Port) -> None:
         while not self._stopping.is_set():
-            self.take(port.read(READ_TIMEOUT_S))
+            if not self.take(port.read(READ_TIMEOUT_S)):
+                self._stopping.wait(PAUSE_S)
             request = self.codec.outgoing(self._clock.now_ns())
             if request:
                 port.write(request)
 
-    def take(self, block: bytes) -> None:
-        """What has come in now, and what is in it."""
+    def take(self, block: bytes) -> bool:
+        """What has come in now, and what is in it; whether it was not too much."""
         t_ns = self._clock.now_ns()
-        if block:
+        is_taken = not block or self._shedding.takes(len(block), t_ns)
+        if block and is_taken:
             self._put(RawBlock(t_ns, self.device.name, block))
-            for reading in self.codec.feed(block):
+            before, readings = self.codec.noise, self.codec.feed(block)
+            self._shedding.heard_noise(self.codec.noise - before)
+            for reading in readings:
                 self._heard = True
                 if isinstance(reading, Reading):
                     self._sample(t_ns, reading)
                 else:
                     self._sync(t_ns, reading)
         self._report(t_ns)
+        return is_taken
 
     def _sample(self, t_ns: int, reading: Reading) -> None:
         streams = self._streams.get(reading.message)
@@ -208,6 +222,9 @@ class Adapter:
         signed = f", {self.codec.refused} so far for their signature" if self.codec.refused else ""
         self._report_one(t_ns, Code.CRC, bad, f"unreadable messages{signed}")
         self._report_one(t_ns, Code.GAP, self.codec.lost, "messages lost by the link's count")
+        shed = self._shedding
+        self._report_one(t_ns, Code.NOISE, shed.noise_bytes, shed.noise_words)
+        self._report_one(t_ns, Code.DROPPED, shed.blocks, shed.words)
         if self.codec.speaker != self._speaker:
             self._speaker = self.codec.speaker
             self._say(Code.HEARD, detail=f"taking the messages of {self._speaker}")

@@ -27,6 +27,7 @@ class FrameCodec(Codec):
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = 0
+        self.noise = 0
         self._cutter = Cutter(b"\r", _LONGEST_LINE)
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
@@ -37,6 +38,7 @@ class FrameCodec(Codec):
             frame = read_slcan(line)
             if frame is None:
                 self.bad += 1
+                self.noise += len(line) + 1
             else:
                 readings += self.read_frame(*frame)
         return readings

@@ -50,6 +50,8 @@ class Codec(Protocol):
     """Messages refused: checksum, length, signature, nonsense inside."""
     resyncs: int
     """Times bytes were skipped to find the start of a message."""
+    noise: int = 0
+    """Bytes that belong to no sound message."""
     lost: int = 0
     """Messages missing by a counter that all messages of the link share; one of a message's own is `Reading.seq`."""
 

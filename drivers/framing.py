@@ -50,6 +50,7 @@ class CutCodec(Codec):
         """`read`: the readings of a piece, none if it is to be passed over; None if it is bad."""
         self.bad = 0
         self.resyncs = 0
+        self.noise = 0
         self._cutter = Cutter(delimiter, limit)
         self._read = read
 
@@ -59,6 +60,7 @@ class CutCodec(Codec):
             found = self._read(piece)
             if found is None:
                 self.bad += 1
+                self.noise += len(piece) + 1
             else:
                 readings += found
         return readings

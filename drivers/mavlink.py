@@ -70,6 +70,7 @@ class MavlinkCodec(Codec):
         `station_ns`."""
         self.bad = 0
         self.resyncs = 0
+        self.noise = 0
         self.refused = 0
         self.lost = 0
         self.foreign: dict[str, int] = {}
@@ -106,6 +107,7 @@ class MavlinkCodec(Codec):
             elif message.get_type() == "TIMESYNC" and self._device.timesync:
                 readings += self._time_message(message.tc1, message.ts1)
         self.bad, self.resyncs = self._framer.bad + self._refused_before, self._framer.resyncs
+        self.noise = self._framer.noise
         self.refused, self.lost = self._framer.refused + self._refused_before, self._framer.lost
         return readings
 

@@ -46,15 +46,16 @@ def signature_time(utc_ns: int) -> int:
 class Framer:
     """Bytes to checked messages of every system on the link. Feed it bytes cut anywhere; it never raises.
 
-    `bad` counts damaged or refused packets, `resyncs` how often bytes were skipped that belong to no packet, `refused`
-    the packets (also in `bad`) whose signature is missing, wrong or too old, `lost` the packets missing by the sequence
-    numbers of each sender. With `key` (32 bytes) only signed packets pass; `utc_ns` is the time now: no signature of a
-    new sender is accepted that is more than a minute older.
+    `bad` counts damaged or refused packets, `resyncs` how often bytes were skipped that belong to no packet, `noise`
+    those bytes, `refused` the packets (also in `bad`) whose signature is missing, wrong or too old, `lost` the packets
+    missing by the sequence numbers of each sender. With `key` (32 bytes) only signed packets pass; `utc_ns` is the time now: no
+    signature of a new sender is accepted that is more than a minute older.
     """
 
     def __init__(self, key: bytes | None = None, utc_ns: int = 0) -> None:
         self.bad = 0
         self.resyncs = 0
+        self.noise = 0
         self.refused = 0
         self.lost = 0
         self._key = key
@@ -86,7 +87,7 @@ class Framer:
         """The pymavlink messages that `data` completes."""
         self._pending += data
         messages = []
-        at, hidden = 0, -1
+        at, hidden, taken = 0, -1, 0
         while start := _START.search(self._pending, at):
             if start.start() > at:
                 self._lose_sync()
@@ -103,7 +104,7 @@ class Framer:
                 message = self._accept(self._pending[at : at + size])
                 if message is not None:
                     messages.append(message)
-                at += size
+                at, taken = at + size, taken + size
                 continue
             if self._blame(at, size):
                 self._in_sync = False
@@ -115,6 +116,7 @@ class Framer:
             at = len(self._pending)
         del self._pending[:at]
         self._blamed -= at
+        self.noise += at - taken
         return messages
 
     def _blame(self, at: int, size: int) -> bool:

@@ -24,7 +24,12 @@ from station.rows import DeviceError
 
 LOOPBACK: Final = "127.0.0.1"
 _CONNECT_TIMEOUT_S: Final = 1.0
+_SECOND_NS: Final = 1_000_000_000
 _BIGGEST_DATAGRAM: Final = 65_535
+FOREIGN_S: Final = 200
+"""Datagrams of others in a second that are looked at; a vehicle and a ground station send fewer to each other."""
+REST: Final = 4
+"""Times as long as a datagram was looked at for a heartbeat the port rests: that takes a fifth of a core at most."""
 REOPEN_NS: Final = 2 * SILENT_NS
 _KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 """A peer that has gone without a word is noticed after 11 s, though the station sends nothing."""
@@ -53,7 +58,8 @@ class UdpPort:
 
     A port that calls has its peer from the rig. One that listens takes the first for whose datagram `gate` vouches, and
     another only when that has been silent for SILENT_NS: an autopilot behind a router may come back from a new port.
-    Until then nothing is read and nothing written.
+    Until then nothing is read and nothing written. A flood of others' is left to the system once there is a peer, which
+    then passes on the peer's alone until the port is opened anew, REOPEN_NS after the peer's last.
     """
 
     def __init__(self, here: socket.socket, peer: tuple[str, int] | None, gate: Gate, clock: Clock) -> None:
@@ -61,22 +67,31 @@ class UdpPort:
         self._peer = peer
         self._is_calling = peer is not None
         self._gate, self._clock = gate, clock
-        self._heard_ns = self._opened_ns = clock.now_ns()
+        self._heard_ns = self._opened_ns = self._second_ns = clock.now_ns()
+        self._others = 0
+        """Datagrams of others in this second."""
+        self._is_fixed = False
+        """Whether the system lets the peer's datagrams alone through."""
 
     def read(self, timeout_s: float) -> bytes:
         ready, _, _ = select.select([self._socket], [], [], timeout_s)
+        now = self._clock.now_ns()
+        if self._is_fixed and now - self._heard_ns > REOPEN_NS:
+            raise ConnectionResetError("others flooded the port and the vehicle has gone; opening it anew")
         if not ready:
             return b""
-        data, sender = self._socket.recvfrom(_BIGGEST_DATAGRAM)
-        now = self._clock.now_ns()
+        try:
+            data, sender = self._socket.recvfrom(_BIGGEST_DATAGRAM)
+        except ConnectionRefusedError:  # of what was written to a peer that has gone
+            return b""
         if sender != self._peer and not self._takes(sender, data, now):
+            self._hold_off(now)
             return b""
         self._heard_ns = now
         return data
 
     def _takes(self, sender: tuple[str, int], data: bytes, now: int) -> bool:
-        is_free = not self._is_calling and (self._peer is None or now - self._heard_ns > SILENT_NS)
-        if is_free and self._gate.vouches_for(data):
+        if self._is_free(now) and self._gate.vouches_for(data):
             self._peer = sender
             return True
         # Before the vehicle's first heartbeat, which comes once a second, its own datagrams are nobody's either.
@@ -85,6 +100,24 @@ class UdpPort:
         elif now - self._opened_ns > SILENT_NS:
             self._gate.pass_over(f"{_words(sender)}, as no heartbeat of the vehicle comes from there")
         return False
+
+    def _is_free(self, now: int) -> bool:
+        """Whether a vehicle may speak up from anywhere."""
+        return not self._is_calling and (self._peer is None or now - self._heard_ns > SILENT_NS)
+
+    def _hold_off(self, now: int) -> None:
+        """Too many datagrams of others are kept out by the system or, before there is a peer, mostly lost."""
+        if self._is_free(now):
+            looked_ns = self._clock.now_ns()
+            self._clock.sleep_until_ns(looked_ns + REST * (looked_ns - now))
+            return
+        if now - self._second_ns > _SECOND_NS:
+            self._second_ns, self._others = now, 0
+        self._others += 1
+        if self._others >= FOREIGN_S and not self._is_fixed and self._peer is not None:
+            self._socket.connect(self._peer)
+            self._is_fixed = True
+            self._gate.pass_over("a flood of datagrams, which the system keeps out from now on")
 
     def write(self, data: bytes) -> None:
         if self._peer is not None:

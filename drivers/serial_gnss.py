@@ -59,6 +59,7 @@ class UbxCodec(Codec):
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = 0
+        self.noise = 0
         self._rest = bytearray()
         self._noise = 0
         self._enough = 0
@@ -104,6 +105,7 @@ class UbxCodec(Codec):
         # One resync for each run of noise, and another each so many bytes of a run without end.
         self.resyncs += (self._noise + skipped - 1) // _NOISE_RUN - (self._noise - 1) // _NOISE_RUN
         self._noise += skipped
+        self.noise += skipped
         return skipped
 
     def _take_frame(self, waiting: _Waiting, at: int, readings: list[Reading | TimeReply]) -> int:
@@ -113,16 +115,14 @@ class UbxCodec(Codec):
         length = int.from_bytes(data[at + 4 : at + 6], "little")
         is_pvt = data.startswith(_NAV_PVT, at + 2)
         if length not in _NAV_PVT_LENGTHS if is_pvt else length > _LONGEST_UBX:
-            self.bad += 1
-            return 2
+            return self._refuse()
         end = at + length + 8
         if len(data) < end:
             self._enough = end
             return 0
         if not waiting.checksum_holds(at, end):
             # Perhaps the length itself was hit: look for the next frame inside, not behind it.
-            self.bad += 1
-            return 2
+            return self._refuse()
         self._noise = 0
         if is_pvt:
             reading = _read_nav_pvt(data[at:end])
@@ -131,6 +131,12 @@ class UbxCodec(Codec):
             else:
                 readings.append(reading)
         return end - at
+
+    def _refuse(self) -> int:
+        """What looked like a frame's start is none."""
+        self.bad += 1
+        self.noise += len(_SYNC)
+        return len(_SYNC)
 
 
 class _Waiting:

@@ -146,6 +146,7 @@ class VectorNavCodec(Codec):
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = 0
+        self.noise = 0
         self._rest = bytearray()
         self._noise = 0
 
@@ -174,6 +175,7 @@ class VectorNavCodec(Codec):
         """One resync for each run of noise, and another each so many bytes of a run without end."""
         self.resyncs += self._noise % _NOISE_RUN == 0
         self._noise += 1
+        self.noise += 1
         return 1
 
     def _take_line(self, at: int) -> int:
@@ -218,6 +220,7 @@ class VectorNavCodec(Codec):
     def _refuse(self) -> int:
         """The next packet is looked for inside this one: perhaps it was none."""
         self.bad += 1
+        self.noise += 1
         return 1
 
 

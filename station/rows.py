@@ -63,6 +63,7 @@ class Code(StrEnum):
     DISCONNECT = "DISCONNECT"
     RECONNECT = "RECONNECT"
     CRC = "CRC"
+    NOISE = "NOISE"
     GAP = "GAP"
     STALE = "STALE"
     FRESH = "FRESH"

@@ -91,7 +91,7 @@ class _Flight:
         self.aligner = Aligner(streams, rig.noise_si())
         self.preparation = Preparation(card, profiles, streams, self.clock, self.bus.put)
         put = tap.putting(self.bus.put) if tap is not None else self.bus.put
-        adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, put)
+        self.adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, put)
         about = About(profiles.aircraft, streams, rig, profiles.card, files=dbc_files(rig, rig_dir))
         self.writer = WriterThread(log, about, self.clock, self.bus.put)
         stack.callback(self.writer.close)
@@ -108,7 +108,7 @@ class _Flight:
         self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
         self.ticks = self.slots = 0
         """Ticks flown, and how many there should have been."""
-        for adapter in adapters:
+        for adapter in self.adapters:
             adapter.start()
             stack.callback(adapter.stop)
         self.bus.put(Event(self.clock.now_ns(), "station", Code.START, 1, profiles.card.name))
@@ -187,6 +187,7 @@ class _Flight:
 
     def _shortcomings(self) -> list[str]:
         missed, lost = self.slots - self.ticks, self.writer.rows_lost + self.bus.dropped
+        lost += sum(adapter.blocks_lost for adapter in self.adapters)
         found = []
         if self.writer.failed:
             found.append(f"the recording is not whole: {self.writer.failed}")
