@@ -48,8 +48,8 @@ class Framer:
 
     `bad` counts damaged or refused packets, `resyncs` how often bytes were skipped that belong to no packet, `noise`
     those bytes, `refused` the packets (also in `bad`) whose signature is missing, wrong or too old, `lost` the packets
-    missing by the sequence numbers of each sender. With `key` (32 bytes) only signed packets pass; `utc_ns` is the time now: no
-    signature of a new sender is accepted that is more than a minute older.
+    missing by the sequence numbers of each sender. With `key` (32 bytes) only signed packets pass; `utc_ns` is the time
+    now: no signature of a new sender is accepted that is more than a minute older.
     """
 
     def __init__(self, key: bytes | None = None, utc_ns: int = 0) -> None:

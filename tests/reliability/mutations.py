@@ -21,7 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from drivers.can_dbc import CanCodec, encode_slcan
+from drivers.can_dbc import CanCodec
+from drivers.can_dronecan import DronecanCodec, DronecanEncoder
+from drivers.can_frames import encode_slcan
 from drivers.codec import Codec, Reading
 from drivers.mavlink import MavlinkCodec, MavlinkEncoder
 from drivers.mavlink_messages import TABLE
@@ -31,7 +33,7 @@ from drivers.serial_vectornav import VECTORNAV, VectorNavCodec
 from station.convert import IMPORTERS, import_file
 from station.convert.confined import confined
 from station.log import read_rows, summarise, write_log
-from station.profile import CanDevice, MavlinkDevice, load_rig, profiles_dir
+from station.profile import CanDevice, DronecanDevice, MavlinkDevice, load_rig, profiles_dir
 from station.rows import LogError, Rows
 from tests.reliability.endings import about, tick_rows
 from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
@@ -41,7 +43,7 @@ LONGEST_S: Final = 2.0
 FOREIGN_S: Final = 65.0
 """Of a file from elsewhere: its parser is ended after 60 s of processor time."""
 GROWTH_MIB: Final = 200.0
-LINKS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "can", "mavlink", "mavlink signed")
+LINKS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "can", "dronecan", "mavlink", "mavlink signed")
 FOREIGN: Final = ("csv", "asc", "mat", "mat compressed", "bin", "ulg")
 NAMES: Final = (*LINKS, "mcap", *FOREIGN)
 KEY: Final = bytes(range(32))
@@ -92,6 +94,22 @@ def can_codec() -> CanCodec:
     return CanCodec(device, profiles_dir() / "rigs")
 
 
+def dronecan_codec() -> DronecanCodec:
+    device = load_rig("dronecan").devices[0]
+    assert isinstance(device, DronecanDevice)
+    return DronecanCodec(device)
+
+
+def dronecan_transfers() -> list[bytes]:
+    """Of all that the rig reads, in turn; most take several frames."""
+    node, streams = DronecanEncoder(42), load_rig("dronecan").devices[0].streams
+    return [
+        node.encode(Reading(s.message, k * 10**7, None, {c.field: 0.1 for c in s.signals.values()}))
+        for k in range(4)
+        for s in streams
+    ]
+
+
 def mavlink_codec(key: bytes | None = None) -> MavlinkCodec:
     device = load_rig("mavlink_only").devices[0]
     assert isinstance(device, MavlinkDevice)
@@ -123,6 +141,7 @@ def links() -> dict[str, Link]:
             *(encode_slcan(m.definition.frame_id, m.frame[1], bytes([k] * m.definition.length))
               for k, m in enumerate(can_codec().messages.values())),
         ]),
+        "dronecan": Link(dronecan_codec, dronecan_transfers()),
         "mavlink": Link(mavlink_codec, said(vehicle)),
         "mavlink signed": Link(lambda: mavlink_codec(KEY), said(signing)),
     }  # fmt: skip
