@@ -59,12 +59,12 @@ def profiles_of(about: About) -> Profiles | None:
     return Profiles(aircraft=about.aircraft, rig=about.rig, card=about.card)
 
 
-def page_words(address: str) -> str:
-    """Where the viewer's page is; for who is logged in over ssh, with the command that brings its ports to them: it is
+def page_words(address: str, name: str = "viewer") -> str:
+    """Where a page is; for who is logged in over ssh, with the command that brings its ports to them: it is
     on this machine's loopback."""
     here = os.environ.get("SSH_CONNECTION", "").split()
     ports = dict.fromkeys(re.findall(r"127\.0\.0\.1:(\d+)", address))
     if len(here) != _OF_SSH or not ports:
-        return f"viewer: {address}"
+        return f"{name}: {address}"
     forwards = " ".join(f"-L {port}:127.0.0.1:{port}" for port in ports)
-    return f"viewer: {address}\nyou are here over ssh: first, on your machine: ssh -N {forwards} {here[2]}"
+    return f"{name}: {address}\nyou are here over ssh: first, on your machine: ssh -N {forwards} {here[2]}"

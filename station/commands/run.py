@@ -34,6 +34,7 @@ from station.log import About, WriterThread
 from station.numerics.atmosphere import atmosphere
 from station.profile import CanDevice, Order, Profiles, Rig
 from station.rows import MISSED_SHARE, Code, Event, Rows, UsageError
+from station.screen.glance_feed import GlanceFeed
 from station.screen.rerun_feed import View
 
 if TYPE_CHECKING:
@@ -54,6 +55,14 @@ def run(
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.web,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON line a second on stdout")] = False,
     auto: Annotated[bool, typer.Option("--auto", help="the card's steps one by one without keys, then end")] = False,
+    glance: Annotated[bool, typer.Option("--glance", help="a page for a second screen, on loopback")] = False,
+    serve: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS[:PORT]", help="the glance page for other machines too, read-only, with a token"),
+    ] = None,
+    token: Annotated[
+        str | None, typer.Option(envvar="STATION_TOKEN", help="of --serve; one is made and printed if left out")
+    ] = None,
 ) -> int:
     """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
     profiles = load(card)
@@ -65,7 +74,10 @@ def run(
             raise UsageError(
                 f"--auto: card {profiles.card.name} has no steps\nadd [[steps]], as in profiles/cards/guided.toml"
             )
-        flight = _Flight(stack, profiles, card, log, view, auto=auto)
+        page = GlanceFeed(serve, token) if glance or serve is not None else None
+        if page is not None:
+            stack.callback(page.close)
+        flight = _Flight(stack, profiles, card, log, view, page, auto=auto)
         for words in about_air(profiles.rig, profiles.aircraft):
             say(words)
         flight.fly(duration, as_json)
@@ -76,7 +88,15 @@ class _Flight:
     """A flight's parts: devices, loop, recording, estimators and screens; what opens them ends them with `stack`."""
 
     def __init__(
-        self, stack: ExitStack, profiles: Profiles, card: str, log: Path, view: ViewMode, *, auto: bool = False
+        self,
+        stack: ExitStack,
+        profiles: Profiles,
+        card: str,
+        log: Path,
+        view: ViewMode,
+        glance: GlanceFeed | None,
+        *,
+        auto: bool = False,
     ) -> None:
         """Raises StationError for what keeps the flight from beginning."""
         from drivers.adapter import check_devices, open_devices
@@ -103,7 +123,7 @@ class _Flight:
         self.points = Points(self.bus.put, self.clock, [p.note for p in profiles.card.points])
         self.guide = guide_of(profiles, self.board, self.points, self.bus.put, emulated.ask, auto=auto)
         self.board.guide = self.guide if profiles.card.steps else None
-        self._auto = auto
+        self._glance, self._auto = glance, auto
         self.failure: list[BaseException] = []
         self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
         self.ticks = self.slots = 0
@@ -127,6 +147,10 @@ class _Flight:
             self.board.address = self.viewer.start()
             if self.board.address:
                 say(page_words(self.board.address))
+            if self._glance is not None:
+                self.board.glance_address = self._glance.address
+                self._glance.start(self.board, self.clock, self.bus.put)
+                say(page_words(self._glance.address, "glance"))
             self._show(as_json, write)
         finally:
             self.stop.set()

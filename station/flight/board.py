@@ -85,7 +85,10 @@ class Board:
         self.lateral_method = "split"
         """The method to believe first for them; looked at once a second."""
         self.address = address
+        self.glance_address = ""
         self.start_ns: int | None = None
+        self.tick_ns = 0
+        """Of the newest tick."""
         self.alpha: AlphaEstimate | None = None
         self.methods: dict[str, MethodEstimate] = {}
         self.health: Health | None = None
@@ -141,6 +144,7 @@ class Board:
         del self._take[RawBlock]
 
     def _take_tick(self, row: Tick) -> None:
+        self.tick_ns = row.t_ns
         if self.start_ns is None:
             self.start_ns = row.t_ns
 
@@ -248,9 +252,14 @@ class Board:
                 return p if row.applicable else ParamEstimate(name, p.value, p.sd, Status.INVALID, row.why)
         return None
 
+    def target(self, name: str) -> float:
+        """2 sd over its value that a derivative is wanted to: by the step under way, else by the card."""
+        wanted = self.guide.step.accept.get(name) if self.guide is not None else None
+        return self.accuracy if wanted is None else wanted
+
     def is_enough(self, p: ParamEstimate) -> bool:
-        """Whether a derivative is known as well as the card asks."""
-        return p.status is Status.ESTIMATED and 2 * p.sd < self.accuracy * abs(p.value)
+        """Whether a derivative is known as well as the step or the card asks."""
+        return p.status is Status.ESTIMATED and 2 * p.sd < self.target(p.name) * abs(p.value)
 
     def snapshot(self, events: Iterable[tuple[int, Event]] = ()) -> dict[str, Any]:
         """Schema "station.run/1": SI and radians, null for unknown; with `events` as `events_after` gives them."""

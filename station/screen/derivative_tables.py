@@ -14,6 +14,7 @@ from rich.text import Text
 
 from station.flight.board import Board
 from station.rows import ParamEstimate, Status
+from station.screen.answers import Derivative, derivatives, significant, value_text
 
 TITLE: Final = "bold cyan"
 _NAME: Final = 12
@@ -44,15 +45,15 @@ def derivative_lines(board: Board, width: int) -> Iterator[Text]:
     )
     yield title.append("".join(f"{m:>{_column(m)}}" for m in others), "bold dim")
     whys: dict[str, list[str]] = {}
-    for name in board.derivatives:
-        p = board.parameter(board.recommended, name)
-        line = Text(f"{'   ' + name:<{_NAME}}").append_text(_estimate(board, p))
+    for d in derivatives(board):
+        p = board.parameter(board.recommended, d.name)
+        line = Text(f"{'   ' + d.name:<{_NAME}}").append_text(_estimate(d))
         for m in others:
-            q = board.parameter(m, name)
+            q = board.parameter(m, d.name)
             text = value_text(q, p.value if p is not None else math.nan)
             line.append(f"{text:>{_column(m)}}", "" if q is not None and q.status is Status.ESTIMATED else "dim")
-        if p is not None and p.status is not Status.ESTIMATED:
-            whys.setdefault(p.why or p.status, []).append(name)
+        if p is not None and not d.bound:
+            whys.setdefault(d.why or p.status, []).append(d.name)
         yield line
     for why, names in whys.items():
         yield styled(f"   {'all' if len(names) == len(board.derivatives) else ', '.join(names)}: {why}", "yellow")
@@ -62,30 +63,12 @@ def _column(method: str) -> int:
     return max(8, len(method) + 2)
 
 
-def _estimate(board: Board, p: ParamEstimate | None) -> Text:
+def _estimate(d: Derivative) -> Text:
     """Value, 2 sd and status of the recommended method, in fixed columns."""
-    if p is None or p.status is Status.UNESTIMATED:
-        return styled(f"{'–':>{_VALUE}}{'':{_BOUND}}{'unestimated':<{_STATUS}}", "dim")
-    if p.status is Status.INVALID:
-        return styled(f"{value_text(p):>{_VALUE}}{'':{_BOUND}}{'INVALID':<{_STATUS}}", "dim")
-    enough = board.is_enough(p)
-    text = styled(f"{value_text(p):>{_VALUE}}", "bold green")
-    text.append(f"{' ± ' + significant(2 * p.sd, p.value):<{_BOUND}}")
-    return text.append(f"{'enough' if enough else 'estimated':<{_STATUS}}", "green" if enough else "")
-
-
-def value_text(p: ParamEstimate | None, scale: float = math.nan) -> str:
-    """A dash where nothing is estimated; brackets round what is not to be believed."""
-    if p is None or p.status is Status.UNESTIMATED or not math.isfinite(p.value):
-        return "–"
-    text = significant(p.value, scale if math.isfinite(scale) else p.value)
-    return text if p.status is Status.ESTIMATED else f"({text})"
-
-
-def significant(value: float, scale: float) -> str:
-    """A derivative to three or four figures of `scale`, so that value and bound have the same decimals."""
-    decimals = 1 if abs(scale) >= 10 else 2 if abs(scale) >= 2 else 3
-    return f"{value:.{decimals}f}" if math.isfinite(value) else "–"
+    if not d.bound:
+        return styled(f"{d.value:>{_VALUE}}{'':{_BOUND}}{d.state:<{_STATUS}}", "dim")
+    text = styled(f"{d.value:>{_VALUE}}", "bold green").append(f"{' ' + d.bound:<{_BOUND}}")
+    return text.append(f"{d.state:<{_STATUS}}", "green" if d.state == "enough" else "")
 
 
 def lateral_lines(board: Board) -> Iterator[Text]:

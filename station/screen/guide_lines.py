@@ -14,6 +14,7 @@ from rich.text import Text
 from station.conventions import from_si
 from station.flight.guide import Guide, Phase
 from station.flight.verdict import Known, Verdict
+from station.screen.answers import phase_words
 from station.screen.derivative_tables import TITLE, styled
 
 Array = NDArray[np.float64]
@@ -22,6 +23,11 @@ MARGIN: Final = 10
 ROWS: Final = {1: 5, 2: 3}
 """Lines of a picture, by how many there are."""
 FEWEST_ROWS: Final = 3
+PHASE_STYLES: Final = {
+    Phase.COUNTDOWN: "bold black on yellow",
+    Phase.FLYING: "bold black on green",
+    Phase.SETTLING: "black on cyan",
+}
 KIND_STYLES: Final = {
     "enough": "bold green",
     "repeat": "bold yellow",
@@ -52,19 +58,14 @@ def guide_keys(guide: Guide) -> tuple[tuple[str, str], ...]:
 def _heading(guide: Guide) -> Iterator[Text]:
     shown = guide.shown
     if shown.phase is Phase.DONE:
-        line = styled(" CARD FLOWN ", "bold black on green")
+        line = styled(f" {phase_words(guide)} ", "bold black on green")
     else:
         line = styled(f" STEP {shown.number}/{len(guide.steps)}", TITLE).append(f"  {guide.step.name}", "bold")
         if shown.run:
             line.append(f"   run {shown.run} of {guide.step.repeats}", "dim")
-        match shown.phase:
-            case Phase.COUNTDOWN:
-                line.append("   ").append(f" INPUT IN {math.ceil(-shown.since_s)} s ", "bold black on yellow")
-            case Phase.FLYING:
-                left = float(guide.table.t_s[-1]) - shown.since_s
-                line.append("   ").append(f" FLY, {max(left, 0):.0f} s to go ", "bold black on green")
-            case Phase.SETTLING:
-                line.append("   ").append(" HANDS OFF, estimating ", "black on cyan")
+        style = PHASE_STYLES.get(shown.phase)
+        if style is not None:
+            line.append("   ").append(f" {phase_words(guide)} ", style)
     yield line
     if shown.phase is Phase.DONE:
         for name, how in shown.results:

@@ -9,7 +9,8 @@ from typing import Final
 from rich.text import Text
 
 from station.flight.board import Board
-from station.rows import LEVELS, Level, StreamHealth
+from station.rows import StreamHealth
+from station.screen.answers import fixed, is_alive
 from station.screen.derivative_tables import TITLE, styled
 
 _STREAM: Final = 22
@@ -27,7 +28,7 @@ def link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterator
     yield styled(title, TITLE)
     for s in health.streams:
         flags = board.flags(s.stream, s.device, now_ns)
-        alive = s.alive and not any(LEVELS[flag] is Level.ALARM for flag in flags)
+        alive = is_alive(board, s, now_ns)
         if flags or not alive or not only_bad:
             yield _link_line(s, alive, " ".join(flags))
 
@@ -42,7 +43,3 @@ def _link_line(s: StreamHealth, alive: bool, flags: str) -> Text:
     line.append(f"{fixed(s.offset_s, '+.2f') if known else '–':>10}{fixed(s.drift_ppm, '+.0f') if known else '–':>5}")
     line.append(f"{f'{s.gaps}/{s.bad}':>9}", "yellow" if s.gaps or s.bad else "")
     return line.append(f"  {flags}", "bold red" if not alive else "bold yellow")
-
-
-def fixed(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else "–".rjust(int(form[1]) if form[1:2].isdigit() else 1)

@@ -25,20 +25,21 @@ from rich.live import Live
 from rich.text import Text
 
 from station.clock import Clock
-from station.conventions import from_si
 from station.flight.board import Board
-from station.rows import AlphaEstimate, Code, Level, Status
-from station.screen.derivative_tables import (
-    TITLE,
-    derivative_lines,
-    lateral_lines,
-    lateral_summary,
-    significant,
-    styled,
-    value_text,
+from station.rows import AlphaEstimate, Code, Level
+from station.screen.answers import (
+    NO_ALPHA,
+    alpha_answer,
+    alpha_text,
+    degrees,
+    derivatives,
+    fixed,
+    hms,
+    losses_words,
 )
+from station.screen.derivative_tables import TITLE, derivative_lines, lateral_lines, lateral_summary, styled
 from station.screen.guide_lines import guide_keys, guide_lines
-from station.screen.link_lines import fixed, link_lines
+from station.screen.link_lines import link_lines
 from station.screen.plots import event_text, is_routine
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
@@ -57,12 +58,6 @@ LONGEST_NOTE: Final = 200
 GUIDE_KEYS: Final = "nrsa"
 MARK_DELAY_S: Final = 0.05
 """A mark typed this long after the key m says so."""
-NO_ALPHA: Final = {
-    "ready": "no estimate yet",
-    "preparing": "the estimators are being prepared; recording meanwhile",
-    "failed": "no estimators: see the events",
-}
-"""Why there is no angle of attack, by the state of the estimators."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,9 +211,7 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
     if point is not None:
         since_s = max(0.0, (now_ns - point.t_ns) * 1e-9)
         line.append("   ").append(f" TEST POINT {point.count}  {since_s:.0f} s ", "bold black on green")
-    health = board.health
-    if health is not None and (health.overruns or health.dropped):
-        line.append(f"   {health.overruns} ticks missed, {health.dropped} rows dropped", "yellow")
+    line.append(f"   {losses}" if (losses := losses_words(board)) else "", "yellow")
     yield line
     yield styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
     if board.address:
@@ -226,6 +219,8 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
         if board.view_dropped:
             line.append(f"  {board.view_dropped} ticks not shown", "yellow")
         yield line
+    if board.glance_address:
+        yield Text(f" {board.glance_address}")
 
 
 def _banner(board: Board, width: int) -> Iterator[Text]:
@@ -252,32 +247,27 @@ def alpha_lines(board: Board) -> Iterator[Text]:
         yield title
         yield styled(f"   {NO_ALPHA[board.estimators]}", "dim")
         return
-    if not a.valid:
-        title.append(f"   INVALID: {a.why}", "bold red")
-    elif a.why:
-        title.append(f"   DEGRADED: {a.why}", "yellow")
+    answer = alpha_answer(board)
+    if answer.state != "good":
+        title.append(f"   {answer.words}: {answer.why}", "bold red" if answer.state == "bad" else "yellow")
     yield title
     main = "bold green" if a.valid else "dim"
     yield (
         Text("   corrected ")
-        .append(_believed(f"{_deg(a.alpha)} ± {_deg(2 * a.alpha_sd, sign=False)}", a.valid), main)
+        .append(alpha_text(a), main)
         .append("  vane ", "dim")
-        .append(_deg(a.vane))
+        .append(degrees(a.vane))
         .append("   inertial ", "dim")
-        .append(_deg(a.alpha_inertial))
+        .append(degrees(a.alpha_inertial))
         .append("   gust part ", "dim")
-        .append(_deg(a.alpha_gust), "" if a.valid else "dim")
+        .append(degrees(a.alpha_gust), "" if a.valid else "dim")
     )
     line = styled("   corrections", "dim")
     own = ("instrument",) if a.instrument else ()
     for name in (*own, "zero", "upwash", "rate", "lag", "gust"):
-        line.append(f"  {name} ", "dim").append(_deg(getattr(a, name)), "" if a.valid else "dim")
+        line.append(f"  {name} ", "dim").append(degrees(getattr(a, name)), "" if a.valid else "dim")
     yield line
     yield _air_line(a)
-
-
-def _believed(text: str, valid: bool) -> str:
-    return f" {text} " if valid else f"({text})"
 
 
 def _air_line(a: AlphaEstimate) -> Text:
@@ -319,16 +309,6 @@ def _footer(note: str | None, more: tuple[tuple[str, str], ...] = ()) -> Text:
     return line
 
 
-def hms(seconds: float) -> str:
-    """Hours, minutes and seconds of flight."""
-    whole = int(max(0.0, seconds))
-    return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
-
-
-def _deg(angle: float, *, sign: bool = True) -> str:
-    return fixed(from_si(angle, "deg"), "+6.2f" if sign else ".2f")
-
-
 def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
     """Without a terminal: each event as it comes and a status line a second, until `stop` is set."""
     told, due_ns = 0, clock.now_ns()
@@ -352,15 +332,9 @@ def _status_line(board: Board) -> str:
     if a is None:
         parts.append(f"alpha – ({NO_ALPHA[board.estimators]})")
     else:
-        alpha = (
-            f"alpha {_deg(a.alpha)} ± {_deg(2 * a.alpha_sd, sign=False)} deg" if a.valid else f"alpha invalid: {a.why}"
-        )
+        alpha = f"alpha{alpha_text(a)}deg" if a.valid else f"alpha invalid: {a.why}"
         parts += [alpha, f"turbulence {a.turbulence}"]
-    shown = []
-    for name in board.derivatives:
-        p = board.parameter(board.recommended, name)
-        if p is not None and p.status is Status.ESTIMATED:
-            shown.append(f"{name} {value_text(p)} ± {significant(2 * p.sd, p.value)}")
+    shown = [f"{d.name} {d.value} {d.bound}" for d in derivatives(board) if d.bound]
     parts.append(", ".join(shown) if shown else "derivatives unestimated")
     if board.lateral:
         parts.append(f"lateral {lateral_summary(board)}")

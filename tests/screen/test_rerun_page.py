@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import base64
 import itertools
-import json
 import math
 import os
-import shutil
 import signal
-import subprocess
 import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import matplotlib.image
 import msgspec
 import numpy as np
 import psutil
 import pytest
-import websocket
+from browser import Browser, chromium
 
 from station.clock import ManualClock
 from station.conventions import LATERAL, LONGITUDINAL, SIGNALS, TICK_NS
@@ -394,11 +388,8 @@ def test_page_is_served_and_nothing_listens_beyond_loopback(flying: Flying) -> N
 
 
 def test_page_draws(flying: Flying, tmp_path: Path) -> None:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no chromium to look at the page with")
     corrected, vane = (np.array([c >> 24, c >> 16 & 255, c >> 8 & 255]) for c in (0x2BD9A5FF, 0xE69F00FF))
-    with Browser(chromium, tmp_path) as browser:
+    with Browser(chromium(), tmp_path) as browser:
         empty = browser.picture()
         browser.open(flying.address)
         until = time.monotonic() + 90
@@ -411,56 +402,6 @@ def test_page_draws(flying: Flying, tmp_path: Path) -> None:
             assert time.monotonic() < until, f"pixels in the lines' colours: {counts}"
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
     assert (picture != empty).any()
-
-
-class Browser:
-    """Headless Chromium over its debugging protocol."""
-
-    def __init__(self, program: str, folder: Path) -> None:
-        options = "--headless=new --no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader"
-        options += " --enable-unsafe-swiftshader --remote-debugging-port=0 --remote-allow-origins=*"
-        options += f" --window-size=1400,900 --user-data-dir={folder} about:blank"
-        self._process = subprocess.Popen(
-            [program, *options.split()],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        self._folder = folder
-        self._number = 0
-
-    def __enter__(self) -> Browser:
-        told = self._folder / "DevToolsActivePort"
-        until = time.monotonic() + 60
-        while not (told.exists() and told.read_text().strip()):
-            assert time.monotonic() < until, "chromium did not start"
-            time.sleep(0.1)
-        port = told.read_text().split()[0]
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json", timeout=30) as answer:
-            page = next(t for t in json.load(answer) if t["type"] == "page")
-        self._socket = websocket.create_connection(page["webSocketDebuggerUrl"], timeout=90)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close()
-        os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-
-    def _call(self, method: str, **params: object) -> dict[str, str]:
-        self._number += 1
-        self._socket.send(json.dumps({"id": self._number, "method": method, "params": params}))
-        while True:
-            answer = json.loads(self._socket.recv())
-            if answer.get("id") == self._number:
-                return answer["result"]
-
-    def open(self, address: str) -> None:
-        self._call("Page.navigate", url=address)
-
-    def picture(self) -> np.ndarray:
-        """(rows, columns, 3), 0..255."""
-        png = base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
-        return np.round(matplotlib.image.imread(BytesIO(png))[..., :3] * 255).astype(int)
 
 
 def test_a_stalled_page_is_reported_and_what_it_misses_is_counted(flying: Flying) -> None:
