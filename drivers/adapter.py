@@ -16,6 +16,7 @@ from typing import Final
 from drivers.codec import Codec, Port, Reading, TimeReply
 from drivers.protocols import protocol_named
 from drivers.shedding import Shedding
+from drivers.signatures import unread
 from station.clock import Clock, SystemClock, utc_now_ns
 from station.profile import (
     EMULATED,
@@ -98,6 +99,8 @@ class Adapter:
         self._seqs: dict[str | int, int] = {}
         self._shedding = Shedding(sum(stream.rate for stream in device.streams))
         self._reported = {code: _Reported() for code in (Code.CRC, Code.GAP, Code.NOISE, Code.DROPPED)}
+        self._unread = unread(device)
+        self._doubted = False
         self._speaker = ""
         self._foreign: dict[str, _Reported] = {}
         self._may_excuse = False
@@ -151,6 +154,7 @@ class Adapter:
 
     def _begin(self) -> None:
         self.codec.reset()
+        self._unread = unread(self.device)
         # A link is nearly always joined in the middle of a message: the first unreadable one is no fault.
         self._may_excuse = True
         self._say(Code.RECONNECT if self._ever_connected else Code.CONNECT, detail=self.address)
@@ -187,8 +191,19 @@ class Adapter:
                     self._sample(t_ns, reading)
                 else:
                     self._sync(t_ns, reading)
+            self._doubt(block)
         self._report(t_ns)
         return is_taken
+
+    def _doubt(self, block: bytes) -> None:
+        """Say what the bytes look like where none of them could be read."""
+        if self._heard:
+            if self._doubted:
+                self._say(Code.FRESH, detail=f"{Code.PROTOCOL} over: messages are read")
+            self._doubted, self._unread = False, None
+        elif self._unread is not None and (words := self._unread.take(block)):
+            self._doubted = True
+            self._say(Code.PROTOCOL, detail=words)
 
     def _sample(self, t_ns: int, reading: Reading) -> None:
         streams = self._streams.get(reading.message)

@@ -192,10 +192,11 @@ class DronecanCodec(FrameCodec):
         last = self._healths.get(node)
         self._healths[node] = now
         if last is not None and now.uptime_s < last.uptime_s:
-            self._news.append((Code.HEALTH, f"node {node} has restarted"))
+            self._news.append((Code.HEARD, f"node {node} has restarted"))
         if (now.health, now.mode) != ((last.health, last.mode) if last else (0, 0)):
             is_well = (now.health, now.mode) == (0, 0)
-            self._news.append((Code.HEARD if is_well else Code.HEALTH, f"node {node} is {now.words()}"))
+            words = f"node {node} is {now.words()}"
+            self._news.append((Code.FRESH, f"{Code.HEALTH} over: {words}") if is_well else (Code.HEALTH, words))
 
 
 def _name(transfer: Any) -> str:

@@ -32,8 +32,13 @@ def serial_ports() -> Iterator[PortThere]:
         words = [port.description or "", f"serial number {port.serial_number}" if port.serial_number else ""]
         what = ", ".join(w for w in words if w and w != "n/a")
         usable = os.access(port.device, os.R_OK | os.W_OK)
-        mend = "" if usable else f"no permission: sudo usermod -aG {_group(port.device)} $USER, then log in again"
+        mend = "" if usable else permission_lacking(port.device)
         yield PortThere(port.device, what, usable, mend)
+
+
+def permission_lacking(device: str) -> str:
+    """Said of a port that this user may not open."""
+    return f"no permission: sudo usermod -aG {_group(device)} $USER, then log in again"
 
 
 def _group(device: str) -> str:

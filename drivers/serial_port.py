@@ -16,6 +16,7 @@ import serial
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from drivers.ports_there import permission_lacking
 from station.rows import DeviceError
 
 USB: Final = "usb:"
@@ -79,10 +80,10 @@ def open_port(port: str, baud: int) -> SerialPort:
     try:
         return SerialPort(serial.Serial(path, baud, timeout=0.0, write_timeout=0.5, exclusive=True))
     except (OSError, ValueError) as error:
-        raise DeviceError(f"cannot open {path}: {_why(error)}") from error
+        raise DeviceError(f"cannot open {path}: {_why(error, path)}") from error
 
 
-def _why(error: Exception) -> str:
+def _why(error: Exception, path: str) -> str:
     number = getattr(error, "errno", None)
     if number == errno.ENOENT:
         return (
@@ -90,7 +91,7 @@ def _why(error: Exception) -> str:
             f'port = "usb:SERIAL" in the rig finds it under another path too{_plugged_in()}'
         )
     if number == errno.EACCES:
-        return "permission denied; is this user in the group that owns the port (dialout)?"
+        return permission_lacking(path)
     if number in (errno.EBUSY, errno.EAGAIN) or "lock" in str(error):
         return "busy: another program has it open; close that"
     return str(error)

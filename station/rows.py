@@ -80,6 +80,7 @@ class Code(StrEnum):
     HEARD = "HEARD"
     FOREIGN = "FOREIGN"
     HEALTH = "HEALTH"
+    PROTOCOL = "PROTOCOL"
     DISK = "DISK"
     ESTIMATOR = "ESTIMATOR"
     DISAGREE = "DISAGREE"
@@ -120,7 +121,7 @@ LEVELS: Final = {
         ),
         Level.INFO,
     ),
-    **dict.fromkeys((Code.DISCONNECT, Code.DISK, Code.STALE, Code.ESTIMATOR, Code.LIMIT), Level.ALARM),
+    **dict.fromkeys((Code.DISCONNECT, Code.DISK, Code.STALE, Code.ESTIMATOR, Code.LIMIT, Code.PROTOCOL), Level.ALARM),
 }
 
 

@@ -38,7 +38,19 @@ if TYPE_CHECKING:
     from station.flight.guide import Guide
 
 CONDITIONS: Final = frozenset(
-    (Code.STALE, Code.STUCK, Code.SLOW, Code.LATE, Code.DISCONNECT, Code.DISK, Code.DISAGREE, Code.CHANGED, Code.LIMIT)
+    (
+        Code.STALE,
+        Code.STUCK,
+        Code.SLOW,
+        Code.LATE,
+        Code.DISCONNECT,
+        Code.DISK,
+        Code.DISAGREE,
+        Code.CHANGED,
+        Code.LIMIT,
+        Code.PROTOCOL,
+        Code.HEALTH,
+    )
 )
 """Events that hold until another ends them; all others are over when told."""
 RECENT_NS: Final = 3_000_000_000

@@ -158,8 +158,8 @@ def test_a_node_that_is_unwell_or_restarts_is_told_once() -> None:
         codec.feed(b"".join(transfer(NODE_STATUS, health=health, uptime_sec=uptime)))
     assert codec.news() == [
         (Code.HEALTH, "node 42 is ERROR, operational"),
-        (Code.HEARD, "node 42 is OK, operational"),
-        (Code.HEALTH, "node 42 has restarted"),
+        (Code.FRESH, "HEALTH over: node 42 is OK, operational"),
+        (Code.HEARD, "node 42 has restarted"),
     ]
     assert codec.news() == []
 
