@@ -151,12 +151,13 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
     if profiles.card.flight.source != "simulation":
         return simulation()
     from station.simulation.airframe import constants
+    from station.simulation.declared_signals import emulated_signals
     from station.simulation.level_flight import LevelFlight
 
     flight = profiles.card.flight
     begins = AlteredAircraft(profiles.aircraft, flight.truth).at(0.0)
     constants(begins, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown
-    return _Awaited(LevelFlight(begins, flight), simulation)
+    return _Awaited(LevelFlight(begins, flight, emulated_signals(profiles.rig)), simulation)
 
 
 class _Begun:

@@ -103,6 +103,7 @@ TABLE: Final[Mapping[str, Layout]] = MappingProxyType(
         "SERVO_OUTPUT_RAW": Layout("time_usec", _each(_SERVOS, "us"), instance="port", short_time=True),
         "ACTUATOR_OUTPUT_STATUS": Layout("time_usec", _each("active", "1") | _each(_ACTUATORS, "1")),
         "NAMED_VALUE_FLOAT": Layout("time_boot_ms", _each("value", "1"), instance="name"),
+        "DEBUG_VECT": Layout("time_usec", _each("x y z", "1"), instance="name"),
     }
 )
 """Message -> layout. `actuator0` to `actuator31` are the elements of the array `actuator`."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from station.api.simulated_rows import Simulated, write_simulated
 from station.api.words_as_html import facts
-from station.conventions import SIGNALS
 from station.log import LogInfo, Table, metadata, points, read_rows, row_times, table, verdict
 from station.log.messages import ESTIMATE_UNITS
 from station.profile import Aircraft, load_aircraft
@@ -78,15 +77,17 @@ class Recording:
         if len(times) <= BLOCK:
             return self._dataset(self._table.columns)
         zero = int(times[0])
-        names = [n for n in SIGNALS if any(n in s.signals for s in self.info.streams)]
+        known, further = self.info.about.signals, self.info.about.further
+        given = {n for s in self.info.streams for n in s.signals} | {d.signal.name for d in further.derived}
+        names = [n for n in known if n in given]
 
         def read(first: int, last: int) -> Mapping[str, np.ndarray[Any, np.dtype[np.float64]]]:
             span = int(times[first]), int(times[last - 1])
             values = np.array([f.values for f in read_rows(self.path, (Frame,), span) if isinstance(f, Frame)])
-            return {n: values[:, i].copy() for i, n in enumerate(SIGNALS) if n in names}
+            return {n: values[:, i].copy() for i, n in enumerate(known) if n in names}
 
         about = {"aircraft": self.aircraft.name, "recording": str(self.path)}
-        return dataset((times - zero) / 1e9, Blocks(len(times), read), {n: _attributes(n) for n in names}, about)
+        return dataset((times - zero) / 1e9, Blocks(len(times), read), {n: self._attributes(n) for n in names}, about)
 
     @cached_property
     def truth(self) -> xr.Dataset:
@@ -136,7 +137,7 @@ class Recording:
         ]
         values = np.array([r.values for r in rows]).reshape(-1, len(signals))
         columns = {n: values[:, i] for i, n in enumerate(signals)}
-        return self._over(np.array([r.t_ns for r in rows], dtype=np.int64), columns, _units(signals))
+        return self._over(np.array([r.t_ns for r in rows], dtype=np.int64), columns, {})
 
     @cached_property
     def _table(self) -> Table:
@@ -158,11 +159,17 @@ class Recording:
         import xarray as xr
 
         t_s = self._table.t_s if t_ns is None else (t_ns - self._zero) * 1e-9
+        known = self.info.about.signals
         variables = {
-            n: ("time", c, _attributes(n) if n in SIGNALS else {"units": units.get(n, "")}) for n, c in columns.items()
+            n: ("time", c, self._attributes(n) if n in known else {"units": units.get(n, "")})
+            for n, c in columns.items()
         }
         time = ("time", t_s, {"units": "s", "long_name": "time since the first frame"})
         return xr.Dataset(variables, {"time": time}, {"aircraft": self.aircraft.name, "recording": str(self.path)})
+
+    def _attributes(self, name: str) -> dict[str, str]:
+        signal = self.info.about.signals[name]
+        return {"units": signal.unit, "positive": signal.positive}
 
     def __repr__(self) -> str:
         return f"<recording {self.path}: {self.info.about.source} of {self.aircraft.name}, {self.verdict}>"
@@ -177,14 +184,6 @@ class Recording:
             "test points": str(len(self.points)),
         }
         return facts(rows)
-
-
-def _units(names: tuple[str, ...]) -> dict[str, str]:
-    return {n: SIGNALS[n].unit for n in names if n in SIGNALS}
-
-
-def _attributes(name: str) -> dict[str, str]:
-    return {"units": SIGNALS[name].unit, "positive": SIGNALS[name].positive}
 
 
 def open(path: Path | str) -> Recording:

@@ -53,7 +53,9 @@ def write_simulated(
     if card.steps and seconds < steps_s:
         remarks.append(f"the card's steps take {steps_s:.0f} s: not all are flown")
     shown, truth = fly(profiles.aircraft, profiles.rig, card, seconds, seed)
-    streams = tuple(s for s in _present(STREAMS.values(), shown))
+    declared = tuple(s.name for s in profiles.rig.further.measured)
+    groups = (*STREAMS.values(), *([Stream("declared", declared, 50.0, 0.2)] if declared else []))
+    streams = tuple(_present(groups, shown))
     notes = {"scenario": scenario, "seed": str(profiles.card.flight.seed if seed is None else seed)}
     about = About(profiles.aircraft, streams, profiles.rig, profiles.card, "simulation", imported=True, notes=notes)
     count = write_log(out, about, _rows(streams, shown, truth, card.points))

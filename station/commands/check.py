@@ -17,7 +17,7 @@ from station.commands.run import emulated_flight, surface_tap
 from station.console import DEGRADED, DONE, say
 from station.flight.bus import Bus
 from station.flight.emulators import streams_flown
-from station.rows import Event
+from station.rows import Event, Sample
 
 
 def check(
@@ -29,7 +29,7 @@ def check(
     from station.flight import loop as live
     from station.flight.alignment import Aligner
     from station.flight.board import Board
-    from station.screen.go_no_go import print_check, print_steps
+    from station.screen.go_no_go import print_check, print_signals, print_steps
 
     profiles = load(card)
     check_devices(profiles.rig, profiles.rig_file)
@@ -38,21 +38,25 @@ def check(
     clock, bus, stop = SystemClock(), Bus(), threading.Event()
     board = Board(profiles, clock)
     told: list[Event] = []
+    newest: dict[str, float] = {}
     with ExitStack() as stack:
         tap = surface_tap(stack, profiles)
         emulated = emulated_flight(stack, profiles, bus, clock, tap)
         put = tap.putting(bus.put) if tap is not None else bus.put
         streams = streams_flown(profiles.rig, emulated)
-        aligner = Aligner(streams, profiles.rig.noise_si())
+        aligner = Aligner(streams, profiles.rig.noise_si(), further=profiles.rig.further)
         aligner.hold()  # what the streams are like needs no frames
         for adapter in open_devices(profiles.rig, emulated.endpoints, profiles.rig_dir, clock, put):
             adapter.start()
             stack.callback(adapter.stop)
         stop_on_signals(stop)
         # The last beat carries a health row: they come once a second.
+        signals_of = {s.name: s.signals for s in streams}
         for tick, rows, _ in live.beats(bus, clock, profiles.card.lag, stop, math.ceil(seconds) + 0.02):
             for row in rows:
                 aligner.accept(row)
+                if isinstance(row, Sample):
+                    newest.update(zip(signals_of.get(row.stream, ()), row.values, strict=False))
             _, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
             told += [e for e in (*rows, *events) if isinstance(e, Event)]
             board.update([*rows, *events, *([health] if health else [])])
@@ -62,4 +66,5 @@ def check(
     if profiles.card.emulate and profiles.rig.loop is not None:
         sent["the loop"] = profiles.rig.loop.sent
     go = print_check(profiles.card.name, board, streams, told, sent)
+    go &= print_signals(profiles.rig, newest)
     return DONE if print_steps(profiles, signals) and go else DEGRADED

@@ -71,7 +71,7 @@ def replay(
                     viewer.flush(10.0)
 
         told = stack.enter_context(shown(f"replaying {log.name}", log))
-        aligner = Aligner(about.streams, about.rig.noise_si(), about.clock_law)
+        aligner = Aligner(about.streams, about.rig.noise_si(), about.clock_law, about.further)
         live.run(_telling(source, told), aligner, lambda: made, None, show, found.take)
     if found.beats == 0:
         raise UsageError(f"{log}: no ticks in it: nothing to replay")

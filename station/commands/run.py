@@ -108,7 +108,7 @@ class _Flight:
         tap = surface_tap(stack, profiles)
         self.emulated = emulated = emulated_flight(stack, profiles, self.bus, self.clock, tap)
         streams = streams_flown(rig, emulated)
-        self.aligner = Aligner(streams, rig.noise_si())
+        self.aligner = Aligner(streams, rig.noise_si(), further=rig.further)
         self.preparation = Preparation(card, profiles, streams, self.clock, self.bus.put)
         put = tap.putting(self.bus.put) if tap is not None else self.bus.put
         self.adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, put)

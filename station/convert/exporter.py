@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from station.conventions import SIGNALS
 from station.convert.delimited import write_csv
 from station.convert.fdata import write_fdata
 from station.convert.foxglove import write_mcap
@@ -108,7 +107,7 @@ def _mat(path: Path, flown: Table, out: Path) -> list[Path]:
 def _mdf4(path: Path, out: Path, told: Told) -> list[Path]:
     from asammdf import MDF, Signal  # slow to import, and wanted here only
 
-    gathered = Gathered(path, told)
+    gathered, known = Gathered(path, told), metadata(path).about.signals
     mdf: Any = MDF(version="4.10")
     try:
         for number, group in enumerate(gathered.in_order()):
@@ -122,7 +121,7 @@ def _mdf4(path: Path, out: Path, told: Told) -> list[Path]:
                         timestamps=t_s,
                         name=name,
                         unit=group.columns[name],
-                        comment=f"positive: {SIGNALS[name].positive}" if name in SIGNALS else "",
+                        comment=f"positive: {known[name].positive}" if name in known else "",
                     )
                     for name, column in columns.items()
                 ]

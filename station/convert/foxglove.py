@@ -93,7 +93,7 @@ def write_mcap(path: Path, out: Path, told: Told = lambda _: None) -> int:
 
 
 def _write(file: BinaryIO, path: Path, info: LogInfo, told: Told) -> int:
-    sink, rows, drawn = _Sink(file), RowWriter(info.streams), _Drawn()
+    sink, rows, drawn = _Sink(file), RowWriter(info.streams, info.about.further.own), _Drawn()
     sink.writer.start(profile="", library=f"flight-test-station {info.software}")
     about = {"aircraft": info.aircraft.name, "source": info.about.source, "recording": path.name}
     sink.writer.add_metadata("station", about)

@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from station.conventions import SIGNALS
 from station.convert.fdata import EXTRA_UNITS
 from station.convert.tracks import Column
 from station.log import Table, metadata, read_rows, table
@@ -108,7 +107,9 @@ class Gathered:
         """Raises LogError where there are neither frames nor samples."""
         self._path = path
         self._told = told
-        self._streams = {s.name: s for s in metadata(path).streams}
+        info = metadata(path)
+        self._streams = {s.name: s for s in info.streams}
+        self._signals = info.about.signals
         self.groups: dict[str, Group] = {}
         first = next(read_rows(path, (Frame,)), None)
         flown = None if first is not None else table(path)
@@ -146,7 +147,7 @@ class Gathered:
             if isinstance(row, Sample):
                 self._sample(row, t_s)
             elif isinstance(row, Frame):
-                group = self._group("table", lambda: {n: s.unit for n, s in SIGNALS.items()})
+                group = self._group("table", lambda: {n: s.unit for n, s in self._signals.items()})
                 group.add(t_s, row.values)
             elif isinstance(row, AlphaEstimate):
                 values = [getattr(row, n) for n in ESTIMATE_UNITS]
@@ -162,7 +163,7 @@ class Gathered:
         stream = self._streams.get(row.stream)
         if self._is_single or stream is None or len(row.values) != len(stream.signals):
             return
-        units = {**{n: SIGNALS[n].unit for n in stream.signals}, "time_device": "s", "quality": "1"}
+        units = {**{n: self._signals[n].unit for n in stream.signals}, "time_device": "s", "quality": "1"}
         device = np.nan if row.t_device_ns is None else row.t_device_ns / 1e9
         self._group(row.stream, lambda: units).add(t_s, [*row.values, device, float(row.quality)])
 
@@ -176,14 +177,14 @@ class Gathered:
 
     def _truth(self) -> None:
         """At the times of the table."""
-        self._fill("truth", (flown := table(self._path)).t_s, flown.truth, {n: _unit(n) for n in flown.truth})
+        self._fill("truth", (flown := table(self._path)).t_s, flown.truth, {n: self._unit(n) for n in flown.truth})
 
     def _of_table(self, flown: Table) -> None:
         """Of a recording without frames."""
         times = flown.t_s if flown.record_ns is None else flown.record_ns / 1e9
-        self._fill("table", times, flown.columns, {n: _unit(n) for n in flown.columns})
+        self._fill("table", times, flown.columns, {n: self._unit(n) for n in flown.columns})
         if flown.truth:
-            self._fill("truth", flown.t_s, flown.truth, {n: _unit(n) for n in flown.truth})
+            self._fill("truth", flown.t_s, flown.truth, {n: self._unit(n) for n in flown.truth})
         if flown.extra:
             self._fill("extra", times, flown.extra, {n: EXTRA_UNITS.get(n, "") for n in flown.extra})
 
@@ -192,6 +193,5 @@ class Gathered:
         for row in zip(t_s.tolist(), *(c.tolist() for c in columns.values()), strict=True):
             group.add(row[0], row[1:])
 
-
-def _unit(name: str) -> str:
-    return SIGNALS[name].unit if name in SIGNALS else ""
+    def _unit(self, name: str) -> str:
+        return self._signals[name].unit if name in self._signals else ""

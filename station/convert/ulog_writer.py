@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from station.conventions import SIGNALS
-from station.convert.aligned import NAMES, aligned_rows
+from station.convert.aligned import aligned_rows
 from station.convert.groups import ROWS, Told
 from station.log import LogInfo, metadata
 from station.numerics.angles import quaternion
@@ -133,9 +132,10 @@ def write_ulog(path: Path, out: Path, told: Told = lambda _: None) -> None:
 
 def _write(file: BinaryIO, path: Path, info: LogInfo, told: Told) -> int:
     """Returns the number of rows."""
-    known = {n for s in info.streams for n in s.signals}
+    names = tuple(info.about.signals)
+    known = {n for s in info.streams for n in s.signals} | {d.signal.name for d in info.about.further.derived}
     topics = [t for t in _TOPICS if known.issuperset(t.needs)]
-    others = [n for n in SIGNALS if n in known and n not in _OF_PX4]
+    others = [n for n in names if n in known and n not in _OF_PX4]
     topics += [_own_topic(others)] if others else []
     layouts = [_layout(t.fields) for t in topics]
     count = 0
@@ -152,7 +152,7 @@ def _write(file: BinaryIO, path: Path, info: LogInfo, told: Told) -> int:
             continue
         t_ns, values = row
         us = (t_ns - zero) // 1000
-        named = dict(zip(NAMES, values, strict=True))
+        named = dict(zip(names, values, strict=True))
         for number, (topic, layout) in enumerate(zip(topics, layouts, strict=True)):
             if not topic.needs or any(math.isfinite(named[n]) for n in topic.needs):
                 _message(file, "D", struct.pack("<H", number) + layout.pack(us, *topic.values(named, us)))

@@ -21,8 +21,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, CLOCK_LAW, SIGNAL_INDEX, SIGNALS, TICK_HZ, TICK_NS, Stream
+from station.conventions import ANGLES_THAT_WRAP, CLOCK_LAW, TICK_HZ, TICK_NS, Signal, Stream
+from station.flight.derived_signals import DerivedSignals
 from station.flight.timebase import ClockMap
+from station.profile import NOTHING, Further
 from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
 
 if TYPE_CHECKING:
@@ -40,18 +42,18 @@ REPEAT_NS: Final = 500_000_000
 """Like events of one source are told at once and then counted, at most one row in this time."""
 SLOW_SHARE: Final = 0.8
 NAN: Final = math.nan
-_NOTHING: Final = (NAN,) * len(SIGNALS)
-_NOWHERE: Final = (int(Quality.MISSING),) * len(SIGNALS)
 
 
 class _Buffer:
     """Recent samples of one stream and what is wrong with it now."""
 
-    def __init__(self, index: int, stream: Stream, noise: Mapping[str, float], phase_ns: int, law: int) -> None:
+    def __init__(
+        self, index: int, stream: Stream, signals: Mapping[str, Signal], noise: Mapping[str, float], law: int
+    ) -> None:
         self.index = index
         self.stream = stream
         self.pack = struct.Struct(f"qq{len(stream.signals)}d").pack_into
-        known = [SIGNALS[name] for name in stream.signals]
+        known = [signals[name] for name in stream.signals]
         self.limits = (
             tuple(signal.low for signal in known),
             tuple(signal.high for signal in known),
@@ -66,7 +68,7 @@ class _Buffer:
         self.stale_ns = round(stream.stale_after_s * 1e9)
         self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
         """Longest gap between samples that may be interpolated over."""
-        self.clock = ClockMap(self.period_ns, phase_ns, law)
+        self.clock = ClockMap(self.period_ns, index * 3 * TICK_NS, law)
         self.arrivals: deque[int] = deque()
         can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
         self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
@@ -90,7 +92,8 @@ class _Buffer:
 class _Interpolation:
     """Samples in rings, sorted by time, and their values at one instant: the compiled part."""
 
-    def __init__(self, buffers: list[_Buffer]) -> None:
+    def __init__(self, buffers: list[_Buffer], column: Mapping[str, int]) -> None:
+        """`column` of each measured signal."""
         from station.flight import rings  # brings numba
 
         self._take, self._interpolate = rings.take, rings.interpolate
@@ -103,10 +106,10 @@ class _Interpolation:
         self._waiting = 0
         self._layout = rings.Layout(
             np.array([(b.bridge_ns, b.stale_ns, len(b.stream.signals)) for b in buffers], np.int64).reshape(-1, 3),
-            _table([[SIGNAL_INDEX[name] for name in b.stream.signals] for b in buffers], width),
+            _table([[column[name] for name in b.stream.signals] for b in buffers], width),
             _table([[name in ANGLES_THAT_WRAP for name in b.stream.signals] for b in buffers], width),
         )
-        self._out = np.empty((3, len(SIGNALS)))
+        self._out = np.empty((3, len(column)))
         # Compiled now: no tick of a flight has to.
         self.at(0, np.zeros(len(buffers), dtype=np.bool_))
 
@@ -122,7 +125,7 @@ class _Interpolation:
         self._rings.first[buffer.index] = self._rings.kept[buffer.index]
 
     def at(self, t_ns: int, is_stuck: NDArray[np.bool_]) -> list[list[float]]:
-        """Values, ages and quality of all SIGNALS."""
+        """Values, ages and quality of all measured signals."""
         self._sort_in()
         self._interpolate(self._rings, self._layout, is_stuck, t_ns, self._out)
         made: list[list[float]] = self._out.tolist()
@@ -136,10 +139,20 @@ class _Interpolation:
 class Aligner:
     """Takes rows in arrival order and gives a frame, events and (once a second) health for each tick."""
 
-    def __init__(self, streams: Iterable[Stream], noise: Mapping[str, float], clock_law: int = CLOCK_LAW) -> None:
+    def __init__(
+        self,
+        streams: Iterable[Stream],
+        noise: Mapping[str, float],
+        clock_law: int = CLOCK_LAW,
+        further: Further = NOTHING,
+    ) -> None:
         """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck.
-        `clock_law`: that of the recording which is replayed."""
-        self._buffers = {s.name: _Buffer(i, s, noise, i * 3 * TICK_NS, clock_law) for i, s in enumerate(streams)}
+        `clock_law`: that of the recording which is replayed. `further`: what the rig declares."""
+        known = further.signals
+        self._buffers = {s.name: _Buffer(i, s, known, noise, clock_law) for i, s in enumerate(streams)}
+        self._derived = DerivedSignals(further) if further.derived else None
+        self._columns = {name: i for name, i in further.index.items() if i < len(known) - len(further.derived)}
+        self._nothing = (NAN,) * len(known), (NAN,) * len(known), (int(Quality.MISSING),) * len(known)
         self._interpolation: _Interpolation | None = None
         self._early: deque[tuple[_Buffer, int, tuple[float, ...]]] | None = None
         """Samples that wait for `begin`, while frames are held."""
@@ -162,7 +175,7 @@ class Aligner:
 
     def begin(self) -> None:
         """Make frames from now on, with what has come in the last seconds. Compiles, unless the cache has it."""
-        self._interpolation = _Interpolation(list(self._buffers.values()))
+        self._interpolation = _Interpolation(list(self._buffers.values()), self._columns)
         early, self._early = self._early or (), None
         for buffer, t_ns, values in early:
             self._interpolation.add(buffer, t_ns, values)
@@ -193,10 +206,13 @@ class Aligner:
         for buffer in self._buffers.values():
             self._watch(buffer, tick_ns)
         if self._early is not None:
-            frame = Frame(t_ns, k, _NOTHING, _NOTHING, _NOWHERE)
+            frame = Frame(t_ns, k, *self._nothing)
         else:
-            values, ages, quality = self._made().at(t_ns, self._is_stuck)
-            frame = Frame(t_ns, k, tuple(values), tuple(ages), tuple(map(int, quality)))
+            values, ages, marks = self._made().at(t_ns, self._is_stuck)
+            quality = [*map(int, marks)]
+            if self._derived is not None:
+                self._events += self._derived.add(t_ns, values, ages, quality)
+            frame = Frame(t_ns, k, tuple(values), tuple(ages), tuple(quality))
         self._tell_counted(tick_ns)
         events, self._events = self._events, []
         health = self._health(tick_ns) if k % TICK_HZ == 0 else None

@@ -17,12 +17,14 @@ import msgspec
 from station.clock import Clock
 from station.conventions import LATERAL, LONGITUDINAL
 from station.estimation.method_table import recommended
+from station.flight.limits import limited_signals, shown_signals
 from station.flight.loop import ESTIMATORS
 from station.profile import Profiles
 from station.rows import (
     AlphaEstimate,
     Code,
     Event,
+    Frame,
     Health,
     Level,
     MethodEstimate,
@@ -98,6 +100,11 @@ class Board:
         """The method to believe first for them; looked at once a second."""
         self.address = address
         self.glance_address = ""
+        self.signals = shown_signals(profiles.rig) if profiles else ()
+        """What the rig declares or derives."""
+        self.limits = limited_signals(profiles.rig) if profiles else ()
+        """What it gives limits to."""
+        self.frame: Frame | None = None
         self.start_ns: int | None = None
         self.tick_ns = 0
         """Of the newest tick."""
@@ -131,6 +138,7 @@ class Board:
             Health: self._take_health,
             Event: self._take_event,
             Tick: self._take_tick,
+            Frame: self._take_frame,
             RawBlock: self._take_first,
         }
         self._heard = threading.Event()
@@ -159,6 +167,9 @@ class Board:
         self.tick_ns = row.t_ns
         if self.start_ns is None:
             self.start_ns = row.t_ns
+
+    def _take_frame(self, row: Frame) -> None:
+        self.frame = row
 
     @property
     def recommended(self) -> str:
@@ -286,6 +297,7 @@ class Board:
             "estimators": self.estimators,
             "recommended": self.recommended,
             "derivatives": {m: self._method(row) for m, row in list(self.methods.items())},
+            "signals": self._signals(),
             "links": {} if health is None else {s.stream: _link(s) for s in health.streams},
             "overruns": 0 if health is None else health.overruns,
             "dropped": 0 if health is None else health.dropped,
@@ -296,6 +308,14 @@ class Board:
             "events": [_event(e, self.elapsed_s(e.t_ns)) for _, e in events],
             "log": {"path": str(self.log_path), "bytes": self.log_bytes},
             "view": {"address": self.address, "dropped": self.view_dropped},
+        }
+
+    def _signals(self) -> dict[str, Any]:
+        """What the rig declares or derives, SI."""
+        now = self.frame
+        return {
+            s.name: {"value": None if now is None else _number(now.values[s.column]), "unit": s.si}
+            for s in self.signals
         }
 
     def _method(self, row: MethodEstimate) -> dict[str, Any]:

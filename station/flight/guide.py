@@ -93,7 +93,7 @@ class Guide:
         self.shown = Shown(Phase.READY if card.steps else Phase.DONE, 1, 0)
         self.flown: dict[str, Array] = {}
         """What each surface has done about its trim, by the ticks of the step's table; NaN to come."""
-        self._watch = LimitWatch(card.limits)
+        self._watch = LimitWatch(card.limits, board.limits)
         self._aircraft, self._board, self._points, self._put, self._ask = aircraft, board, points, put, ask
         self._options, self._auto = tuple(options), auto
         self._alpha: AlphaEstimate | None = None

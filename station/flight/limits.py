@@ -1,13 +1,13 @@
-"""The card's limits, watched at every tick: an alarm while one is exceeded."""
+"""The limits of card and rig, watched at every tick: an alarm while one is exceeded."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final, NamedTuple
 
 from station.conventions import G0, SIGNAL_INDEX, TICK_HZ, from_si
-from station.profile import Limits
+from station.profile import DeclaredSignal, DerivedSignal, Limits, Rig
 from station.rows import AlphaEstimate, Code, Event, Frame
 
 LASTS_S: Final = 0.1
@@ -16,11 +16,41 @@ OVER_S: Final = 1.0
 """Kept for so long before it is over."""
 
 
+class ShownSignal(NamedTuple):
+    """A signal that a rig declares or derives: its column in a frame, units, and limits (SI)."""
+
+    name: str
+    column: int
+    unit: str
+    """To show it in."""
+    si: str
+    low: float | None = None
+    high: float | None = None
+
+
+def shown_signals(rig: Rig) -> tuple[ShownSignal, ...]:
+    """Beyond the station's own."""
+    every: Mapping[str, DeclaredSignal | DerivedSignal] = {**rig.signals, **rig.derived}
+    return tuple(_of(rig, n, every[n]) for n in rig.further.units)
+
+
+def limited_signals(rig: Rig) -> tuple[ShownSignal, ...]:
+    """All that the rig gives limits to, signals of the station, too."""
+    every: Mapping[str, DeclaredSignal | DerivedSignal] = {**rig.signals, **rig.derived}
+    found = (_of(rig, n, s) for n, s in every.items())
+    return tuple(s for s in found if s.low is not None or s.high is not None)
+
+
+def _of(rig: Rig, name: str, s: DeclaredSignal | DerivedSignal) -> ShownSignal:
+    return ShownSignal(name, rig.further.index[name], s.unit, s.si, s.limit_low, s.limit_high)
+
+
 class LimitWatch:
     """Tells when a limit is exceeded, and when no more."""
 
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
+    def __init__(self, limits: Limits, signals: Iterable[ShownSignal] = ()) -> None:
+        """`signals` with the limits of a rig."""
+        self._limits, self._signals = limits, tuple(signals)
         self._beyond: dict[str, int] = {}
         """Ticks in a row that a limit has been exceeded, by name; negative once it was told, of those it has not."""
 
@@ -69,3 +99,9 @@ class LimitWatch:
         ):
             if limit is not None:
                 yield name, value, limit, sign, unit
+        for s in self._signals:
+            # Of two limits the one that is nearer, in their middle either.
+            if s.high is not None and (s.low is None or values[s.column] > 0.5 * (s.low + s.high)):
+                yield s.name, values[s.column], s.high, 1, s.unit
+            elif s.low is not None:
+                yield s.name, values[s.column], s.low, -1, s.unit

@@ -83,7 +83,7 @@ class Preparation:
         try:
             if not self._has_ended(children.get(FRAMES)):
                 return
-            Aligner(self._streams, profiles.rig.noise_si()).begin()
+            Aligner(self._streams, profiles.rig.noise_si(), further=profiles.rig.further).begin()
             self._say(FRAMES, Code.READY, "frames begin")
             if not all(self._has_ended(child) for child in children.values()):
                 return
@@ -127,7 +127,7 @@ def compile_part(card: str, part: str) -> None:
     os.nice(NICE)
     profiles = load_card(card)
     if part == FRAMES:
-        Aligner(profiles.rig.streams(), profiles.rig.noise_si()).begin()
+        Aligner(profiles.rig.streams(), profiles.rig.noise_si(), further=profiles.rig.further).begin()
         return
     from station.flight.chain import compile_kernels
 

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
-from station.conventions import CLOCK_LAW, Stream
+from station.conventions import CLOCK_LAW, Signal, Stream
 from station.log.counts import NAME, Counts, counted
 from station.log.scan import CRC, PartReader, seal
-from station.profile import Aircraft, Card, Rig, from_json, to_json
+from station.profile import NOTHING, Aircraft, Card, Further, Rig, from_json, to_json
 from station.rows import LogError, ProfileError
 
 
@@ -30,6 +30,16 @@ class About:
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Attached as they are: the rig's DBC files."""
     clock_law: int = CLOCK_LAW
+
+    @property
+    def further(self) -> Further:
+        """The signals that the rig declares beyond the station's."""
+        return self.rig.further if self.rig is not None else NOTHING
+
+    @property
+    def signals(self) -> Mapping[str, Signal]:
+        """Every signal of a frame, in its order."""
+        return self.further.signals
 
     @property
     def imu_position(self) -> tuple[float, float, float]:

@@ -12,7 +12,8 @@ from typing import Any, Final
 
 import msgspec
 
-from station.conventions import SIGNALS, Stream
+from station.conventions import SIGNALS, Signal, Stream
+from station.log.frame_message import body_of, frame_properties, key_of, number, numbers, read_frame
 from station.log.part import Topic
 from station.rows import (
     AlphaEstimate,
@@ -38,15 +39,12 @@ from station.rows import (
 
 _INF: Final = math.inf
 _INFINITE: Final = (math.inf, -math.inf)
-_NAN: Final = math.nan
-_NAMES: Final = tuple(SIGNALS)
 
 ESTIMATE_UNITS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("alpha", "alpha_sd", "vane", "instrument", "zero", "upwash", "rate", "lag", "gust"), "rad"),
     **dict.fromkeys(("alpha_inertial", "alpha_gust"), "rad"),
     **dict.fromkeys(("gust_vertical", "turbulence_level", "wind_north", "wind_east", "wind_down"), "m/s"),
 }
-_FrameBody: Final = msgspec.defstruct("Frame", (*_NAMES, "k", "age_s", "quality"), gc=False)
 _FOXGLOVE_LEVELS: Final = {Level.INFO: 2, Level.WARNING: 3, Level.ALARM: 4}
 
 
@@ -76,14 +74,6 @@ def _json(body: Any) -> bytes:
     return data if b"null" not in data else _ENCODE(_spelled(msgspec.to_builtins(body, enc_hook=_plain)))
 
 
-def _number(value: Any) -> float:
-    return _NAN if value is None else float(value)
-
-
-def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
-    return tuple([v if type(v) is float else _number(v) for v in values])
-
-
 def _schema(title: str, properties: Mapping[str, Mapping[str, Any]]) -> bytes:
     return _ENCODE({"type": "object", "title": title, "properties": properties})
 
@@ -93,10 +83,12 @@ def _quantity(unit: str, meaning: str = "") -> dict[str, Any]:
     return {"type": "number", "unit": unit, "description": text}
 
 
-def signal_property(name: str) -> dict[str, Any]:
+def signal_property(name: str, signals: Mapping[str, Signal] = SIGNALS) -> dict[str, Any]:
     """JSON schema of a signal: its unit and what positive means."""
-    known = SIGNALS.get(name)
-    return _quantity(known.unit, f"positive: {known.positive}") if known else {"type": "number"}
+    known = signals.get(name)
+    if known is None:
+        return {"type": "number"}
+    return _quantity(known.unit, f"positive: {known.positive}" if known.positive else "")
 
 
 _TEXT: Final = {"type": "string"}
@@ -104,12 +96,12 @@ _WHOLE: Final = {"type": "integer"}
 _TRUE_OR_FALSE: Final = {"type": "boolean"}
 
 
-def _sample_topic(stream: str, key: str, signals: Iterable[str] = ()) -> Topic:
+def _sample_topic(stream: str, key: str, signals: Iterable[str] = (), known: Mapping[str, Signal] = SIGNALS) -> Topic:
     properties = {
         "t_device_ns": {"type": "integer", "unit": "ns", "description": "ns; the device's own time"},
         "seq": _WHOLE,
         "quality": {"type": "integer", "description": "0 fresh, 1 held, 2 suspect, 3 missing"},
-        **{n: signal_property(n) for n in signals},
+        **{n: signal_property(n, known) for n in signals},
     }
     title = f"station.Sample.{stream}"
     return Topic(f"/sample/{key}", "json", title, _schema(title, properties), {"row": "Sample", "key": stream})
@@ -118,8 +110,8 @@ def _sample_topic(stream: str, key: str, signals: Iterable[str] = ()) -> Topic:
 class _Announced:
     """A stream of the rig. A struct of its own encodes a sample five times as fast as a dict."""
 
-    def __init__(self, name: str, signals: tuple[str, ...]) -> None:
-        self.topic = _sample_topic(name, name, signals)
+    def __init__(self, name: str, signals: tuple[str, ...], known: Mapping[str, Signal]) -> None:
+        self.topic = _sample_topic(name, name, signals, known)
         self.count = len(signals)
         self.body: Callable[..., msgspec.Struct] = msgspec.defstruct(
             "Sample", ("t_device_ns", "seq", "quality", *signals), gc=False
@@ -129,9 +121,13 @@ class _Announced:
 class RowWriter:
     """Turns rows into messages. Topics are made when first seen, so a file holds only those it uses."""
 
-    def __init__(self, streams: Iterable[Stream]) -> None:
+    def __init__(self, streams: Iterable[Stream], further: Iterable[Signal] = ()) -> None:
+        """`further`: signals after SIGNALS in a frame."""
+        more = {s.name: s for s in further}
+        self._known = {**SIGNALS, **more}
+        self._frame_key, self._frame_body = key_of(more), body_of(more)
         self._signals = {s.name: s.signals for s in streams}
-        self._announced = {name: _Announced(name, signals) for name, signals in self._signals.items()}
+        self._announced = {name: _Announced(name, own, self._known) for name, own in self._signals.items()}
         self._topics: dict[tuple[type, str], Topic] = {}
         self._newest: dict[str, tuple[MethodEstimate, bytes]] = {}
         """Of each method, and what became of it."""
@@ -193,14 +189,17 @@ class RowWriter:
         return topic, row.data
 
     def _frame(self, row: Frame) -> tuple[Topic, bytes]:
-        topic = self._topic(row, "", "/frame", _frame_properties)
+        topic = self._topic(row, self._frame_key, "/frame", self._frame_properties)
         if row.t_ns < 0 or _INF in row.values or -_INF in row.values or _INF in row.age_s or -_INF in row.age_s:
-            body: dict[str, Any] = dict(zip(_NAMES, row.values, strict=True))
+            body: dict[str, Any] = dict(zip(self._known, row.values, strict=True))
             body.update(k=row.k, age_s=row.age_s, quality=row.quality)
             if row.t_ns < 0:
                 body["t_ns"] = row.t_ns
             return topic, _ENCODE(_spelled(body))
-        return topic, _ENCODE(_FrameBody(*row.values, row.k, row.age_s, row.quality))
+        return topic, _ENCODE(self._frame_body(*row.values, row.k, row.age_s, row.quality))
+
+    def _frame_properties(self) -> Mapping[str, Any]:
+        return frame_properties((signal_property(n, self._known) for n in self._known), self._known)
 
     def _method(self, row: MethodEstimate) -> tuple[Topic, bytes]:
         was, data = self._newest.get(row.method, (None, b""))
@@ -260,7 +259,9 @@ class RowWriter:
             body["t_ns"] = row.t_ns
 
         def properties() -> Mapping[str, Any]:
-            return {"values": {"type": "object", "properties": {n: signal_property(n) for n in row.values}}}
+            return {
+                "values": {"type": "object", "properties": {n: signal_property(n, self._known) for n in row.values}}
+            }
 
         return self._topic(row, "", f"/{type(row).__name__.lower()}", properties), _json(body)
 
@@ -279,15 +280,6 @@ _STRUCT_TOPICS: Final[Mapping[type, str]] = {
     Tick: "/tick",
     TimeSync: "/time_sync",
 }
-
-
-def _frame_properties() -> Mapping[str, Any]:
-    return {
-        **{n: signal_property(n) for n in _NAMES},
-        "k": _WHOLE,
-        "age_s": {"type": "array", "items": _quantity("s"), "description": "s; in the order of the signals"},
-        "quality": {"type": "array", "items": _WHOLE},
-    }
 
 
 def _struct_properties(kind: type) -> Mapping[str, Any]:
@@ -317,36 +309,6 @@ ROW_KINDS: Final[Mapping[str, type[Row]]] = {
 }  # fmt: skip
 
 
-_Spelled = float | str | None
-_FrameRead: Final = msgspec.defstruct(
-    "FrameRead",
-    [
-        *((n, _Spelled, None) for n in _NAMES),
-        ("k", int),
-        ("age_s", list[_Spelled]),
-        ("quality", list[int]),
-        ("t_ns", int | None, None),
-    ],
-    gc=False,
-    kw_only=True,
-)
-_DECODE_FRAME: Final = msgspec.json.Decoder(_FrameRead).decode
-
-
-def _read_frame(time_ns: int, data: bytes) -> Frame:
-    body = _DECODE_FRAME(data)
-    *values, k, ages, quality, t_ns = msgspec.structs.astuple(body)
-    # A recording made before a signal was added to the table lacks it.
-    missing = len(_NAMES) - len(ages)
-    return Frame(
-        time_ns if t_ns is None else t_ns,
-        k,
-        _numbers(values),
-        _numbers(ages + [None] * missing),
-        tuple(quality + [int(Quality.MISSING)] * missing),
-    )
-
-
 def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
     """A message back as the row it was; a sample's values come in the order they were written in.
 
@@ -355,17 +317,17 @@ def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
     if kind == "RawBlock":
         return RawBlock(time_ns, key, bytes(data))
     if kind == "Frame":
-        return _read_frame(time_ns, data)
+        return read_frame(key, time_ns, data)
     body = _DECODE(data)
     t_ns = body.get("t_ns", time_ns)
     if kind == "Sample":
         t_device_ns, seq, quality = body.pop("t_device_ns"), body.pop("seq"), Quality(body.pop("quality"))
         body.pop("t_ns", None)
         values = body["values"] if "values" in body else body.values()
-        return Sample(t_ns, key, t_device_ns, seq, _numbers(values), quality)
+        return Sample(t_ns, key, t_device_ns, seq, numbers(values), quality)
     if kind == "MethodEstimate":
         parameters = tuple(
-            ParamEstimate(p["name"], _number(p["value"]), _number(p["sd"]), Status(p["status"]), p["why"])
+            ParamEstimate(p["name"], number(p["value"]), number(p["sd"]), Status(p["status"]), p["why"])
             for p in body.values()
             if type(p) is dict
         )
@@ -375,15 +337,15 @@ def read_row(kind: str, key: str, time_ns: int, data: bytes) -> Rows:
         t_ns = stamp["sec"] * 10**9 + stamp["nsec"]
         return Event(t_ns, body["name"], Code(body["code"]), body["count"], body["detail"])
     if kind in ("Truth", "Extra"):
-        named = {n: _number(v) for n, v in body["values"].items()}
+        named = {n: number(v) for n, v in body["values"].items()}
         return Truth(t_ns, named) if kind == "Truth" else Extra(t_ns, named)
     if kind == "AlphaEstimate":
         # A recording made before the profile's instruments were undone lacks what that came to.
-        body.update({n: _number(body[n]) for n in _ALPHA_FLOATS if n in body})
+        body.update({n: number(body[n]) for n in _ALPHA_FLOATS if n in body})
         return AlphaEstimate(**body)
     if kind == "Health":
         for stream in body["streams"]:
-            stream.update({n: _number(stream[n]) for n in _HEALTH_FLOATS})
+            stream.update({n: number(stream[n]) for n in _HEALTH_FLOATS})
         body["streams"] = tuple(StreamHealth(**s) for s in body["streams"])
         return Health(**body)
     if kind == "Tick":

@@ -82,6 +82,10 @@ class Summary:
     streams: list[StreamSummary]
     event_counts: dict[str, int]
     events: list[EventSummary]
+    declared: dict[str, str] = field(default_factory=dict)
+    """Signals that the rig declares beyond the station's, by name: the SI unit they are recorded in."""
+    derived: dict[str, str] = field(default_factory=dict)
+    """Signals that it makes of others, by name: expression and unit."""
     degraded: list[str] = field(default_factory=list)
     """What of it is not as it should be, in words; with any, `info` ends with exit code 3."""
 
@@ -174,6 +178,9 @@ def _empty(path: Path, info: LogInfo) -> Summary:
         source=about.source, imported=about.imported, software=info.software, utc_start_ns=info.utc_ns,
         duration_s=0.0, rows=0, ticks=0, ticks_missed=0, frames=0,
         methods=[], streams=[], event_counts={}, events=[],
+        declared={s.name: s.unit for s in about.further.measured},
+        derived={d.signal.name: f"{d.formula.text} [{about.further.units[d.signal.name]}]"
+                 for d in about.further.derived},
     )  # fmt: skip
 
 
@@ -215,6 +222,9 @@ def describe(summary: Summary) -> str:
             f"  {stream.name}: {stream.samples} samples, {stream.rate_hz:.2f} Hz of {stream.nominal_hz:g}, "
             f"{stream.gaps} gaps (longest {stream.longest_gap_s:.3f} s), {len(stream.dropouts)} dropouts"
         )
+    if s.declared:
+        lines.append("  declared: " + ", ".join(f"{name} [{unit}]" for name, unit in s.declared.items()))
+    lines += [f"  derived: {name} = {made}" for name, made in s.derived.items()]
     if s.event_counts:
         lines.append("  events: " + ", ".join(f"{code} {n}" for code, n in sorted(s.event_counts.items())))
     return "\n".join(lines)
@@ -282,7 +292,7 @@ def _rows(path: Path, given: LogInfo | None = None) -> Iterator[Rows]:
 
 def _digest(path: Path, info: LogInfo, given: LogInfo | None = None) -> bytes:
     """Of all rows as they are encoded, so that NaN counts as equal to NaN."""
-    writer, digest = RowWriter(info.streams), hashlib.blake2b()
+    writer, digest = RowWriter(info.streams, info.about.further.own), hashlib.blake2b()
     for row in _rows(path, given):
         topic, data = writer.message(row)
         digest.update(f"{topic.name} {row.t_ns} {len(data)}\n".encode())

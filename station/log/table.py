@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -10,9 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNALS, TICK_NS, Stream
+from station.conventions import ANGLES_THAT_WRAP, TICK_NS
+from station.log.about import LogInfo
 from station.log.reading import metadata, read_rows, row_times
-from station.profile import Aircraft
+from station.profile import Aircraft, Further
 from station.rows import Code, Event, Extra, Frame, LogError, Quality, Sample, Truth
 
 Column = NDArray[np.float64]
@@ -24,7 +25,7 @@ FAR_S: Final = 1e8
 @dataclass(frozen=True, slots=True)
 class Table:
     """Columns of one length n: `t_s` (n,) is seconds since `t0_ns` of station time; `columns` are signals in the units
-    of SIGNALS, NaN where missing; a signal that is missing throughout has no column."""
+    of SIGNALS, then what the rig declares; NaN where missing; a signal that is missing throughout has no column."""
 
     t_s: Column
     columns: Mapping[str, Column]
@@ -127,9 +128,9 @@ def table(path: Path, span_s: tuple[float, float] | None = None) -> Table:
     quality: dict[str, NDArray[np.uint8]] = {}
     ages: dict[str, Column] = {}
     if frames:
-        t_ns, columns, quality, ages = _from_frames(frames)
+        t_ns, columns, quality, ages = _from_frames(frames, info.about.signals)
     elif samples:
-        t_ns, columns = _from_samples(samples, info.streams, info.about.imported)
+        t_ns, columns = _from_samples(samples, info)
         first = next(iter(samples.values()))[0]
         if info.about.imported and len(samples) == 1 and first.t_device_ns is not None:
             record_ns = t_ns + (first.t_device_ns - first.t_ns)
@@ -155,14 +156,14 @@ def _on_grid(path: Path) -> type[Frame] | type[Sample]:
 
 
 def _from_frames(
-    frames: list[Frame],
+    frames: list[Frame], signals: Iterable[str]
 ) -> tuple[NDArray[np.int64], dict[str, Column], dict[str, NDArray[np.uint8]], dict[str, Column]]:
     """Times, values, quality and ages."""
     t_ns = np.array([f.t_ns for f in frames], dtype=np.int64)
     values = np.array([f.values for f in frames], dtype=np.float64)
     quality = np.array([f.quality for f in frames], dtype=np.uint8)
     ages = np.array([f.age_s for f in frames], dtype=np.float64)
-    there = {n: i for i, n in enumerate(SIGNALS) if not np.all(np.isnan(values[:, i]))}
+    there = {n: i for i, n in enumerate(signals) if not np.all(np.isnan(values[:, i]))}
     return (
         t_ns,
         {n: values[:, i].copy() for n, i in there.items()},
@@ -171,17 +172,15 @@ def _from_frames(
     )
 
 
-def _from_samples(
-    samples: Mapping[str, list[Sample]], streams: tuple[Stream, ...], imported: bool
-) -> tuple[NDArray[np.int64], dict[str, Column]]:
-    known = {s.name: s for s in streams}
+def _from_samples(samples: Mapping[str, list[Sample]], info: LogInfo) -> tuple[NDArray[np.int64], dict[str, Column]]:
+    known = {s.name: s for s in info.streams}
     tracks: dict[str, _Track] = {}
     for name, rows in samples.items():
         stream = known.get(name)
         if stream is None:
             continue
         # A device's latency is known from the rig; an imported record's times are the record's own.
-        late = 0 if imported else round(stream.latency_s * 1e9)
+        late = 0 if info.about.imported else round(stream.latency_s * 1e9)
         good = [r for r in rows if len(r.values) == len(stream.signals)]
         t_ns = np.array([r.t_ns - late for r in good], dtype=np.int64)
         tracks[name] = _Track(t_ns, np.array([r.values for r in good], dtype=np.float64))
@@ -201,7 +200,19 @@ def _from_samples(
                 column = _at(grid, track.t_ns, column, signal in ANGLES_THAT_WRAP)
             if not np.all(np.isnan(column)):
                 columns[signal] = column.copy()
-    return grid, {n: columns[n] for n in SIGNALS if n in columns}
+    columns |= _derived(columns, info.about.further, len(grid))
+    return grid, {n: columns[n] for n in info.about.signals if n in columns}
+
+
+def _derived(columns: Mapping[str, Column], further: Further, n: int) -> dict[str, Column]:
+    """What the rig derives, where no frames have it, (n,) each; without those that have no value at all."""
+    found: dict[str, Column] = {}
+    for d in further.derived:
+        given = {**columns, **found}
+        value = d.formula.over({name: given.get(name, np.full(n, np.nan)) for name in d.formula.names})
+        if np.isfinite(value).any():
+            found[d.signal.name] = value * d.factor + d.offset
+    return found
 
 
 def _by_name(rows: list[Truth | Extra]) -> dict[str, _Track]:

@@ -92,7 +92,7 @@ class LogWriter:
         self._folder = folder
         self._flight = uuid.uuid4().hex
         self._station_ns, self._utc_ns = clock.now_ns(), utc_now_ns()
-        self._rows = RowWriter(about.streams)
+        self._rows = RowWriter(about.streams, about.further.own)
         self._held: deque[Rows] = deque(maxlen=_HELD_ROWS)
         self._lost = self._unwritable = 0
         self.rows_lost = 0
@@ -308,7 +308,7 @@ class LogWriter:
 
 def write_log(path: Path, about: About, rows: Iterable[Rows], station_ns: int = 0, utc_ns: int = 0) -> int:
     """Write rows into a new recording and say how many. Raises LogError, and then leaves no file."""
-    writer, counts, count = RowWriter(about.streams), Counts.of(about.streams), 0
+    writer, counts, count = RowWriter(about.streams, about.further.own), Counts.of(about.streams), 0
     try:
         make_folder(path.parent)
         head = preamble(about, uuid.uuid4().hex, 0, station_ns, utc_ns)

@@ -26,6 +26,8 @@ from station.profile.aircraft import (
 from station.profile.altered import AlteredAircraft, Change
 from station.profile.card import Card, Fault, Flight, Pilot, TestPoint
 from station.profile.channel import Channel
+from station.profile.declared import NOTHING, DeclaredSignal, Derived, DerivedSignal, Further
+from station.profile.expression import Formula, FormulaError, why_none
 from station.profile.files import (
     Profiles,
     explain,
@@ -81,6 +83,7 @@ __all__ = [
     "EMULATED",
     "LOOP_HZ",
     "MOVED",
+    "NOTHING",
     "NO_BOOM",
     "Actuator",
     "Aircraft",
@@ -95,14 +98,20 @@ __all__ = [
     "Channel",
     "CommandedLoop",
     "Condition",
+    "DeclaredSignal",
     "Derivative",
+    "Derived",
+    "DerivedSignal",
     "Device",
     "Doublet",
     "Drag",
     "DronecanDevice",
     "Fault",
     "Flight",
+    "Formula",
+    "FormulaError",
     "Frozen",
+    "Further",
     "Geometry",
     "Hertz",
     "Indicial",
@@ -156,4 +165,5 @@ __all__ = [
     "quantity",
     "read_profile",
     "to_json",
+    "why_none",
 ]

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import SIGNALS
 from station.profile.altered import Change, flattened
 from station.profile.quantity import (
     Bytes,
@@ -19,7 +18,6 @@ from station.profile.quantity import (
     Radians,
     RadiansPerMetre,
     Seconds,
-    nearest,
 )
 from station.profile.shapes import Leg, Manoeuvre
 from station.profile.step import Limits, Step
@@ -259,11 +257,6 @@ class Card(Frozen):
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        for name in self.needs:
-            if name not in SIGNALS:
-                raise PydanticCustomError(
-                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
-                )
         if self.high <= self.low:
             raise PydanticCustomError("band", "high must be above low")
         if self.pilot.flies and self.flight.source == "recording":

@@ -90,7 +90,7 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
         raise ProfileError(f"{path}: {error}") from None
     rig_path = find("rigs", card.rig, path)
     rig = read_profile(Rig, rig_path)
-    given = {signal for stream in rig.streams() for signal in stream.signals}
+    given = {signal for stream in rig.streams() for signal in stream.signals} | rig.derived.keys()
     for signal in card.needs:
         if signal not in given:
             near = nearest(signal, tuple(given))

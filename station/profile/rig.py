@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Final, Literal, Self
+from functools import cached_property
+from typing import Annotated, Any, Final, Literal, NoReturn, Self
 
 from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 
 from station.conventions import SIGNALS, SURFACES, TICK_HZ, Stream, unit_named
 from station.profile.channel import Channel
+from station.profile.declared import DeclaredSignal, DerivedSignal, Further, faults, further
 from station.profile.quantity import Frozen, Hertz, Metres, Positive, Seconds, nearest
 from station.profile.rig_loop import Loop, MeasuredLoop
 
@@ -34,23 +36,6 @@ class StreamProfile(Frozen):
     """Mean length of a gap; 0: each message is lost or not by itself."""
     signals: dict[str, Channel]
     """Which field becomes which signal."""
-
-    @model_validator(mode="after")
-    def _known_signals(self) -> Self:
-        for name, channel in self.signals.items():
-            signal = SIGNALS.get(name)
-            if signal is None:
-                raise PydanticCustomError(
-                    "signal", "unknown signal {name}{near}", {"name": name, "near": nearest(name, tuple(SIGNALS))}
-                )
-            unit = unit_named(channel.unit)
-            if unit is None or unit.si != signal.unit:
-                raise PydanticCustomError(
-                    "unit",
-                    "signal {name} is in {si}: unit {unit} does not fit",
-                    {"name": name, "si": signal.unit, "unit": repr(channel.unit)},
-                )
-        return self
 
 
 EMULATED: Final = "emulated"
@@ -152,6 +137,12 @@ class MavlinkDevice(_Device):
 Device = Annotated[SerialDevice | CanDevice | DronecanDevice | MavlinkDevice, Field(discriminator="link")]
 
 
+def _refuse(key: tuple[str | int, ...], words: str) -> NoReturn:
+    """An error at a key below the one that is validated."""
+    why = PydanticCustomError("signal", "{words}", {"words": words})
+    raise ValidationError.from_exception_data("Rig", [InitErrorDetails(type=why, loc=key, input=None)])
+
+
 class Rig(Frozen):
     name: str
     """What a card calls it."""
@@ -159,6 +150,10 @@ class Rig(Frozen):
     """One sentence."""
     imu_position: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)
     """IMU from the CG, body axes (forward, right, down)."""
+    signals: dict[str, DeclaredSignal] = Field(default_factory=dict)
+    """What else its devices measure."""
+    derived: dict[str, DerivedSignal] = Field(default_factory=dict)
+    """What is made of signals by expressions."""
     devices: tuple[Device, ...] = Field(min_length=1)
     """What is plugged in."""
     loop: Loop | None = None
@@ -172,6 +167,31 @@ class Rig(Frozen):
                 k: tuple(v) if k in ("devices", "imu_position") and isinstance(v, list) else v for k, v in raw.items()
             }
         return raw
+
+    @model_validator(mode="after")
+    def _known_signals(self) -> Self:
+        units = {n: s.unit for n, s in SIGNALS.items()} | {n: d.si for n, d in self.signals.items() if n not in SIGNALS}
+        for i, device in enumerate(self.devices):
+            for j, stream in enumerate(device.streams):
+                place = ("devices", i, "streams", j, "signals")
+                for name, channel in stream.signals.items():
+                    if name not in units:
+                        declare = f"; or declare it: [signals.{name}] with its unit"
+                        _refuse((*place, name), f"unknown signal {name}{nearest(name, units)}{declare}")
+                    unit = unit_named(channel.unit)
+                    if unit is None or unit.si != units[name]:
+                        _refuse(
+                            (*place, name), f"signal {name} is in {units[name]}: unit {channel.unit!r} does not fit"
+                        )
+        given = (n for d in self.devices for s in d.streams for n in s.signals)
+        if (wrong := faults(self.signals, self.derived, given)) is not None:
+            _refuse(*wrong)
+        return self
+
+    @cached_property
+    def further(self) -> Further:
+        """The signals that it declares beyond the station's."""
+        return further(self.signals, self.derived)
 
     @model_validator(mode="after")
     def _one_source_per_signal(self) -> Self:

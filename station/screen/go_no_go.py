@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
@@ -9,10 +10,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from station.conventions import Stream
+from station.conventions import Stream, from_si
 from station.flight.board import CONDITIONS, Board
 from station.flight.verdict import obstacles
-from station.profile import Profiles
+from station.profile import DeclaredSignal, Derived, DerivedSignal, Profiles, Rig, why_none
 from station.rows import Code, Event, Level
 from station.screen.plots import event_text
 
@@ -44,6 +45,53 @@ def print_check(
     for line in [*_remarks(board, streams, told), *(f"sent to {name}: {words}" for name, words in sent.items())]:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return all_go
+
+
+def print_signals(rig: Rig, newest: Mapping[str, float]) -> bool:
+    """What the rig declares, derives or limits, from the `newest` values (SI); whether none is beyond its limits."""
+    entries: dict[str, DeclaredSignal | DerivedSignal] = {**rig.signals, **{n: rig.derived[n] for n in derived_of(rig)}}
+    if not entries:
+        return True
+    grid = Table(title=f"signals of {rig.name}")
+    for name in ("signal", "value", "limits", "verdict"):
+        grid.add_column(name, no_wrap=name != "value")
+    all_go, values = True, dict(newest)
+    made = {d.signal.name: d for d in rig.further.derived}
+    for name, entry in entries.items():
+        why = ""
+        if name in made:
+            values[name], why = worked_out(made[name], values)
+        value = values.get(name, math.nan)
+        go = not (value < (-math.inf if entry.limit_low is None else entry.limit_low))
+        go &= not (value > (math.inf if entry.limit_high is None else entry.limit_high))
+        all_go &= go
+        shown = f"{from_si(value, entry.unit):.4g} {entry.unit}" if math.isfinite(value) else why or "not heard"
+        bounds = (entry.limit_low, entry.limit_high)
+        low, high = ("" if x is None else f"{from_si(x, entry.unit):.4g}" for x in bounds)
+        limits = f"{low} to {high} {entry.unit}" if low or high else "-"
+        grid.add_row(name, Text(shown), Text(limits.strip()), "[green]GO[/]" if go else "[red]NO-GO[/]")
+    console = Console()
+    console = console if console.is_terminal else Console(width=100)
+    console.print(grid)
+    return all_go
+
+
+def derived_of(rig: Rig) -> list[str]:
+    """Each after those it is made of."""
+    return [d.signal.name for d in rig.further.derived]
+
+
+def worked_out(derived: Derived, values: Mapping[str, float]) -> tuple[float, str]:
+    """A derived signal of other values, SI, and why there is none."""
+    names = derived.formula.names
+    given = [values.get(n, math.nan) for n in names]
+    if any(math.isnan(x) for x in given):
+        return math.nan, f"{next(n for n, x in zip(names, given, strict=True) if math.isnan(x))} is not heard"
+    try:
+        made = derived.formula.numbers({n: i for i, n in enumerate(names)})(given)
+        return float(made) * derived.factor + derived.offset, "is too large a number"
+    except (ArithmeticError, ValueError) as error:
+        return math.nan, f"{why_none(error)} now: missing while it does"
 
 
 def print_steps(profiles: Profiles, signals: Collection[str]) -> bool:

@@ -27,7 +27,7 @@ _GREEN, _ORANGE, _BLUE, _PINK, _YELLOW, _GREY = (
     METHODS[m].colour for m in ("split", "II", "V", "split+gust", "III", "I")
 )
 _RED = 0xFF5050FF
-_LINK_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x2BD9A5FF, 0xE58AC0FF, 0xF0E442FF, 0xD55E00FF, 0xB0B0FFFF, 0xC0C0C0FF)
+LINK_COLOURS = (0x56B4E9FF, 0xE69F00FF, 0x2BD9A5FF, 0xE58AC0FF, 0xF0E442FF, 0xD55E00FF, 0xB0B0FFFF, 0xC0C0C0FF)
 Path = tuple[str, ...]
 BAND: Final = "±2 sd"
 
@@ -140,7 +140,7 @@ def without_other_bounds(setup: Setup, recommended: str) -> list[bool]:
 
 def link_plots(setup: Setup) -> tuple[Plot, Plot, Plot, Plot]:
     """Axes of the health of all streams: rate, age, errors, drift."""
-    lines = tuple(Line(s, _LINK_COLOURS[i % len(_LINK_COLOURS)], 2.0) for i, s in enumerate(setup.nominal_hz))
+    lines = tuple(Line(s, LINK_COLOURS[i % len(LINK_COLOURS)], 2.0) for i, s in enumerate(setup.nominal_hz))
     return (
         Plot("link rate [% of nominal]", lines, 120.0, low=0.0, high=125.0),
         Plot("link age [ms]", lines, 120.0),
@@ -167,6 +167,8 @@ class Setup(msgspec.Struct, frozen=True):
     class_limits: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     """Turbulence level from which the class is light, moderate, severe; m/s."""
     open_page: bool = False
+    signals: tuple[tuple[str, int, str], ...] = ()
+    """What the rig declares or derives: name, column in a frame, unit to show."""
 
 
 class Batch(msgspec.Struct, frozen=True):

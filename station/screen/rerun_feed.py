@@ -29,6 +29,7 @@ from station.estimation.method_table import LIVE_LATERAL
 from station.rows import Code, Event, Row, Rows
 from station.screen import plots
 from station.screen.plots import Batch, Setup
+from station.screen.signal_plots import signals_of
 
 if TYPE_CHECKING:
     from station.profile import Profiles
@@ -304,4 +305,5 @@ def setup_for(
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
         class_limits=Thresholds().at(speed, noise, 1.0 / TICK_HZ),
         open_page=open_page,
+        signals=signals_of(profiles.rig) if profiles else (),
     )

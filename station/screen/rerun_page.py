@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from station.clock import Clock, SystemClock
 from station.flight.board import Recommendation
 from station.rows import LogError, Rows
-from station.screen import lateral_plots, plots
+from station.screen import lateral_plots, plots, signal_plots
 from station.screen.plots import Batch, Plot, Points, Setup
 from station.screen.rerun_feed import LENGTH, START_NS, View, page_address, setup_for
 
@@ -64,7 +64,7 @@ class Page:
         self._derivatives = self._of_derivatives()
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
-        drawn = (*plots.FIXED, *self._derivatives, *self._links, *lateral_plots.drawn(setup))
+        drawn = (*plots.FIXED, *self._derivatives, *self._links, *signal_plots.further(setup))
         self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < PROMPT_WINDOW_S}
         for plot in drawn:
             self._style(plot)
@@ -106,7 +106,7 @@ class Page:
         import rerun as rr
 
         self._recommend(rows)
-        for points in itertools.chain(plots.points(rows, self._setup), lateral_plots.points(rows, self._setup)):
+        for points in signal_plots.every_point(rows, self._setup):
             held = self._held.setdefault(points.path, [])
             held.append(points)
             if points.path in self._prompt or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
@@ -150,7 +150,7 @@ class Page:
         import rerun.blueprint as rrb
 
         view, key = self._view, self._derivatives[0]
-        every = [True] * len(key.lines)
+        every, signals = [True] * len(key.lines), signal_plots.drawn(self._setup)
         flight = rrb.Horizontal(
             rrb.Vertical(
                 view(plots.ALPHA),
@@ -182,6 +182,7 @@ class Page:
                     name="Derivatives",
                 ),
                 *self._lateral_tab(),
+                *([rrb.Grid(*map(view, signals), grid_columns=2, name="Signals")] if signals else []),
                 rrb.Grid(*(view(plot) for plot in self._links), grid_columns=2, name="Links"),
                 rrb.Vertical(view(plots.GUST_SPEED), view(plots.WIND), view(plots.TURBULENCE), name="Air"),
                 active_tab=0,

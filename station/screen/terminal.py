@@ -41,6 +41,7 @@ from station.screen.derivative_tables import TITLE, derivative_lines, lateral_li
 from station.screen.guide_lines import guide_keys, guide_lines
 from station.screen.link_lines import link_lines
 from station.screen.plots import event_text, is_routine
+from station.screen.signal_lines import signal_lines, signal_words
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
 
@@ -177,6 +178,7 @@ def lines(board: Board, now_ns: int, width: int, height: int, note: str | None) 
         # Of a step that leaves the elevator alone, and has little room, only the lateral ones.
         numbers += derivative_lines(board, wide) if "elevator" in moved or width >= TWO_COLUMNS else ()
         numbers += lateral_lines(board)
+    numbers += signal_lines(board, wide)
     links = list(link_lines(board, now_ns))
     room = height - len(top) - 1
     if width >= TWO_COLUMNS:
@@ -338,6 +340,8 @@ def _status_line(board: Board) -> str:
     parts.append(", ".join(shown) if shown else "derivatives unestimated")
     if board.lateral:
         parts.append(f"lateral {lateral_summary(board)}")
+    if board.signals:
+        parts.append(signal_words(board))
     if board.health is not None:
         streams = board.health.streams
         parts.append(f"links {sum(s.alive for s in streams)}/{len(streams)}")

@@ -59,6 +59,10 @@ class VaneConstants(NamedTuple):
     """Bending per rad of flow angle and Pa of dynamic pressure."""
     has_mode: bool
     mode: SecondOrder
+    mode_stiffness: float
+    """Of the mode, wn^2, 1/s2."""
+    mode_resistance: float
+    """Its damping, 2 zeta wn, 1/s."""
     mode_length: float
     """How far the vane rises per rad of bending, m."""
     dynamics: SecondOrder
@@ -81,6 +85,7 @@ def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
 def vane_constants(boom: Boom, dt: float) -> VaneConstants:
     """The vane, and its boom, sampled every `dt` seconds."""
     frequency = boom.mode_frequency
+    wn = 2 * math.pi * (frequency or 1.0)
     return VaneConstants(
         boom.vane_x,
         boom.vane_z,
@@ -93,6 +98,8 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         boom.tip_load / 1000.0,
         frequency is not None,
         second_order(frequency or 1.0, boom.mode_damping, dt),
+        wn**2,
+        2 * boom.mode_damping * wn,
         boom.mode_length,
         second_order(boom.vane_frequency, boom.vane_damping, dt),
         dt,
@@ -167,4 +174,19 @@ def bending(
         settle(state, load)
     bend = second_order_step(v.mode, state, load)
     out: float = bend - v.mode_length * state[1] / speed
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def tip_force(v: VaneConstants, state: NDArray[np.float64], az: float, q: float, qdot: float) -> float:
+    """Specific force down where the vane is, m/s2: what an accelerometer at the boom's tip feels.
+
+    az: that at the CG; q, qdot: pitching, rad/s and rad/s2; state (3): of the bending, after the step. The tip rises by
+    mode_length for a rad of bending, whose own acceleration is that of the mode under its load.
+    """
+    rigid = az - qdot * v.x - q * q * v.z
+    if not v.has_mode:
+        return rigid
+    bend, rate, load = state[0], state[1], state[2]
+    out: float = rigid - v.mode_length * (v.mode_stiffness * (load - bend) - v.mode_resistance * rate)
     return out

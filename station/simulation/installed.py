@@ -15,12 +15,13 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, SIGNAL_INDEX, SIGNALS
+from station.conventions import ANGLES_THAT_WRAP, SIGNALS
 from station.profile import Aircraft, AlteredAircraft, Change, Instrument, Order
 from station.rows import ProfileError
+from station.simulation.declared_signals import EmulatedSignals
 from station.simulation.engine_setting import engine_setting
 from station.simulation.motion import DT
-from station.simulation.sensors import Late, Walk, lagged
+from station.simulation.sensors import Late, Walk, lagged, number_of
 
 Array = NDArray[np.float64]
 
@@ -87,9 +88,11 @@ class Installed:
         drifts: Mapping[str, float] = {},
         seed: int = 0,
         truth: Mapping[str, Change] = {},
+        declared: EmulatedSignals | None = None,
     ) -> None:
         """`drifts`: random walk of each signal's zero, standard deviation after a second, SI; it depends on the `seed`
-        and the signal only. `truth`: a card's. Raises ProfileError for an error that cannot be flown."""
+        and the signal only. `truth`: a card's; `declared`: what the rig declares. Raises ProfileError for an error that
+        cannot be flown."""
         self._altered = AlteredAircraft(aircraft, truth)
         changing = {key.split(".")[1] for key in self._altered.keys if key.startswith("instruments.")}
         errors = {n: e for n, e in aircraft.instruments.items() if e != Instrument() or n in changing}
@@ -108,10 +111,9 @@ class Installed:
             for n, e in errors.items()
         }
         self._walks = {
-            n: Walk(drift, DT, np.random.default_rng([seed, SIGNAL_INDEX[n], 3]))
-            for n, drift in drifts.items()
-            if drift
+            n: Walk(drift, DT, np.random.default_rng([seed, number_of(n), 3])) for n, drift in drifts.items() if drift
         }
+        self._declared = declared
         self._kept: dict[str, Array] = {}
         self._given = self._fed = 0
         self.truth: Mapping[str, Array] = {}
@@ -126,7 +128,7 @@ class Installed:
         self._source.ask(manoeuvres)
 
     def advance(self, n: int) -> Mapping[str, Array]:
-        """The next n rows as shown; SIGNALS that the source has."""
+        """The next n rows as shown: SIGNALS that the source has, and what the rig declares."""
         flown = dict(self._source.advance(n + (self._ahead if not self._kept else 0)))
         if self._engine is not None:
             name, setting = engine_setting(self._engine, *(flown[x] for x in ("thrust", "airspeed", "altitude")))
@@ -139,10 +141,12 @@ class Installed:
             if name in shown and seen is not None:
                 made = stage.feed(seen, self._now(name, len(seen)))
                 shown[name] = made[len(made) - ready :]
+        self.truth = {name: values[:ready] for name, values in rows.items()}
+        if self._declared is not None:
+            shown |= self._declared.rows(self.truth)
         for name, walk in self._walks.items():
             if name in shown:
                 shown[name] = shown[name] + walk.next(ready)
-        self.truth = {name: values[:ready] for name, values in rows.items()}
         times = np.arange(self._given, self._given + ready, dtype=np.float64) * DT
         self.truth |= {key: self._altered.number(key, times) for key in self._altered.keys}
         self._given += ready

@@ -24,7 +24,7 @@ from station.simulation.flown_aircraft import ORIGIN, elevator_backlash, site
 from station.simulation.gusts import dryden_of, gust_at
 from station.simulation.legs import without_legs
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import DONE, DT, EVERY, FLOWN, TRUTH, memory_of, vanes_now
+from station.simulation.motion import DONE, DT, EVERY, FLOWN, TRUTH, memory_of, tip_now
 from station.simulation.pilot import asked, hands
 from station.simulation.sensors import lagged
 from station.simulation.three_degrees import HANDS_OFF, line_of, tremor
@@ -229,7 +229,7 @@ class JsbsimFlight:
             alpha_inertial=inertial,
             gust_edge=math.atan2(s["w"] + wg, s["u"] + ug) - inertial,
         )
-        vanes = vanes_now(self._chord, self._tables, v, m, self._field.now, moving, flow)
+        tip = tip_now(self._chord, self._tables, v, m, self._field.now, moving, flow)
         spin, turn = np.array([s["p"], s["q"], s["r"]]), np.array([s["pdot"], s["qdot"], s["rdot"]])
         felt = force + np.cross(turn, self._imu) + np.cross(spin, np.cross(spin, self._imu))
         place, flight = self._site, self._flight
@@ -239,7 +239,7 @@ class JsbsimFlight:
         sin, cos, geometry = math.sin(s["alpha"]), math.cos(s["alpha"]), self._sim
         load = s["dynamic_pressure"] * float(geometry["metrics/Sw-sqft"]) * _FT**2
         return s | {
-            "alpha_vane": vanes[0], "beta_vane": vanes[1], "ax": felt[0], "ay": felt[1], "az": felt[2],
+            "alpha_vane": tip[0], "beta_vane": tip[1], "az_boom": tip[2], "ax": felt[0], "ay": felt[1], "az": felt[2],
             "v_north": s["v_north"] + flight.wind_north, "v_east": s["v_east"] + flight.wind_east,
             "latitude": latitude,
             "longitude": place.longitude

@@ -12,15 +12,23 @@ from station.conventions import G0
 from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Flight, Order
 from station.simulation.airframe import find_trim
+from station.simulation.declared_signals import EmulatedSignals
 from station.simulation.flown_aircraft import ORIGIN
 
 
 class LevelFlight:
     """A source of rows that are all alike: where `Simulation` of the same flight begins, without gusts."""
 
-    def __init__(self, aircraft: Aircraft, flight: Flight) -> None:
-        """Raises ProfileError if the aircraft cannot be trimmed."""
+    def __init__(self, aircraft: Aircraft, flight: Flight, declared: EmulatedSignals | None = None) -> None:
+        """Raises ProfileError if the aircraft cannot be trimmed. `declared`: what the rig declares."""
         self._row = level_flight(aircraft, flight)
+        if declared is not None:
+            trim = find_trim(aircraft, flight.speed, flight.altitude)
+            angles = dict.fromkeys(("alpha", "alpha_inertial"), trim.alpha) | {"elevator_drive": trim.elevator}
+            still = dict.fromkeys(("time", "alpha_gust", "w_gust", "u_gust"), 0.0)
+            now = {**self._row, **angles, **still, "az_boom": -G0 * math.cos(trim.alpha)}
+            made = declared.rows({name: np.array([value]) for name, value in now.items()})
+            self._row |= {name: float(values[0]) for name, values in made.items()}
 
     def ask(self, manoeuvres: Sequence[Order]) -> None:
         """Nothing: level it is."""

@@ -13,7 +13,15 @@ from station.conventions import ENGINE_SIGNALS, SIGNALS, TICK_HZ
 from station.numerics.atmosphere import atmosphere
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import Constants, Tables
-from station.simulation.boom import VaneConstants, bending, flow_angle, second_order_step, settle, upwash_step
+from station.simulation.boom import (
+    VaneConstants,
+    bending,
+    flow_angle,
+    second_order_step,
+    settle,
+    tip_force,
+    upwash_step,
+)
 from station.simulation.gusts import ALONG, SIDEWAYS, UP, Field, gust_at
 from station.simulation.pilot import RATE_HZ, Hands, asked, ring
 from station.simulation.stalling import BRIEF, attached
@@ -22,10 +30,10 @@ DT: Final = 1.0 / RATE_HZ
 """Of a step where nothing from outside is in the loop, s."""
 EVERY: Final = RATE_HZ // TICK_HZ
 
-TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm", "elevator_drive")
+TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm", "elevator_drive", "az_boom")
 """What no sensor shows: angle of attack at the CG and its parts from motion and gust (rad), the gust at the CG (m/s,
-updraught and headwind positive), the aerodynamic coefficients about the CG, and the angle (rad) that drives the
-elevator's surface through its backlash: where the sensor is."""
+updraught and headwind positive), the aerodynamic coefficients about the CG, the angle (rad) that drives the
+elevator's surface through its backlash: where the sensor is; and the specific force down (m/s2) at the boom's tip."""
 FLOWN: Final = tuple(name for name in SIGNALS if name not in ENGINE_SIGNALS)
 """Signals that every simulated flight has; an engine's come with the profile's engine (engine_setting.py)."""
 COLUMNS: Final = (*FLOWN, *TRUTH)
@@ -47,7 +55,7 @@ _LATITUDE, _LONGITUDE, _ALTITUDE = places("latitude", "longitude", "altitude")
 _ELEVATOR, _AILERON, _RUDDER = places("elevator", "aileron", "rudder")
 _THRUST, _MASS = places("thrust", "mass")
 _PDOT, _QDOT, _RDOT = places("pdot", "qdot", "rdot")
-_ALPHA, _INERTIAL, _GUST, _W_GUST, _U_GUST, _CL, _CM, _DRIVE = places(*TRUTH)
+_ALPHA, _INERTIAL, _GUST, _W_GUST, _U_GUST, _CL, _CM, _DRIVE, _AZ_BOOM = places(*TRUTH)
 
 
 class Site(NamedTuple):
@@ -221,16 +229,16 @@ def remember(c: Constants, dt: float, memory: Memory, distance: float, flow: eq.
 @njit(cache=True, error_model="numpy", inline="always")
 def record(
     flown: Flown, time: float, x: NDArray[np.float64], dx: NDArray[np.float64], flow: eq.Flow, gust: eq.Gust,
-    vanes: tuple[float, float], row: NDArray[np.float64],
+    tip: tuple[float, float, float], row: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Everything there is to know at one instant, in the order of COLUMNS."""
+    """Everything there is to know at one instant, in the order of COLUMNS; `tip`: what is shown at the boom's."""
     site = flown.site
     q, theta, height = x[eq.Q], x[eq.THETA], x[eq.HEIGHT]
     pressure, temperature, _ = atmosphere(height)
     north = x[eq.DISTANCE] * math.cos(site.heading) + site.wind_north * time
     east = x[eq.DISTANCE] * math.sin(site.heading) + site.wind_east * time
     latitude = site.latitude + north / site.radius_north
-    row[_ALPHA_VANE], row[_BETA_VANE] = vanes
+    row[_ALPHA_VANE], row[_BETA_VANE], row[_AZ_BOOM] = tip
     row[_AIRSPEED], row[_DYNAMIC_PRESSURE] = flow.airspeed, flow.pressure
     row[_STATIC_PRESSURE], row[_AIR_TEMPERATURE] = pressure, temperature
     row[_P], row[_Q], row[_R] = 0.0, q, 0.0
@@ -289,9 +297,9 @@ def advance(
                 marks[AT_TAIL] = entry
                 memory.last[SURFACE] = flow.surface
                 moving = (slope[eq.Q], 0.0, 0.0)
-                vanes = vanes_now(c.indicial_chord, flown.tables, flown.vane, memory, field, moving, flow)
+                tip = tip_now(c.indicial_chord, flown.tables, flown.vane, memory, field, moving, flow)
                 if k % every == 0:
-                    record(flown, marks[DONE] * dt, x, slope, flow, gust, vanes, out[k // every])
+                    record(flown, marks[DONE] * dt, x, slope, flow, gust, tip, out[k // every])
                 remember(c, dt, memory, x[eq.DISTANCE], flow)
             for i in range(n):
                 total[i] += weights[stage] * slope[i]
@@ -301,11 +309,12 @@ def advance(
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def vanes_now(
+def tip_now(
     chord: float, tables: Tables, vane: VaneConstants, memory: Memory, field: Field,
     moving: tuple[float, float, float], flow: eq.Flow,
-) -> tuple[float, float]:  # fmt: skip
-    """The angles that both vanes show now, rad, from the flow at the last step and at this one.
+) -> tuple[float, float, float]:  # fmt: skip
+    """The angles that both vanes show now, rad, from the flow at the last step and at this one, and the specific force
+    down there, m/s2.
 
     `chord`: what the times of the upwash's responses are counted in, m. `moving`: pitch acceleration (rad/s2), and how
     much faster than pitching alone makes it the vane moves sideways and down, m/s.
@@ -329,4 +338,5 @@ def vanes_now(
         settle(memory.alpha_vane, angle)
         settle(memory.beta_vane, side)
     shown = second_order_step(vane.dynamics, memory.alpha_vane, angle) + vane.zero
-    return shown, second_order_step(vane.dynamics, memory.beta_vane, side)
+    felt = tip_force(vane, memory.boom, flow.force_z, x[eq.Q], moving[0])
+    return shown, second_order_step(vane.dynamics, memory.beta_vane, side), felt

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
+from zlib import crc32
 
 import numpy as np
 from numba import njit
@@ -82,6 +83,11 @@ def sensors_of(rig: Rig) -> dict[str, Sensor]:
                 stream=number,
             )
     return made
+
+
+def number_of(name: str) -> int:
+    """Of a signal, for its own random numbers; of one that a rig declares, its name's."""
+    return SIGNAL_INDEX[name] if name in SIGNAL_INDEX else crc32(name.encode())
 
 
 @njit(cache=True)
@@ -173,7 +179,7 @@ class Channel:
         self._dt = dt
         self._every = every
         self._fed = 0
-        self._rng = np.random.default_rng([seed, 1 + SIGNAL_INDEX[name]])
+        self._rng = np.random.default_rng([seed, 1 + number_of(name)])
         gap = sensor.dropout_length / (dt * every)
         self._gaps = Gaps(sensor.dropout, gap, np.random.default_rng([seed, sensor.stream, 2]))
         self._late = Late(sensor.latency, dt)

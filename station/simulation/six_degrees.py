@@ -45,7 +45,7 @@ from station.simulation.motion import (
     remember,
     runge_kutta,
     stage_rates,
-    vanes_now,
+    tip_now,
 )
 from station.simulation.pilot import asked
 from station.simulation.side_flow import (
@@ -210,8 +210,8 @@ def advance_lateral(
                 vane = flown.vane
                 sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
                 moving = (slope.along[eq.Q], sideways, y[ROLL] * side.vane_y)
-                vanes = vanes_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
-                record(flown, marks[DONE] * dt, x, slope.along, flow, gust, vanes, out[k])
+                tip = tip_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
+                record(flown, marks[DONE] * dt, x, slope.along, flow, gust, tip, out[k])
                 _record_lateral(flown.site, marks[DONE] * dt, now, slope, flow, (seen, met), out[k])
                 remember(c, dt, memory, x[eq.DISTANCE], flow)
                 memory.wake[SIDESLIP, marks[NEWEST] % memory.wake.shape[1]] = seen.beta

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from station.conventions import SIGNALS, TICK_HZ
 from station.profile import Aircraft, Card, Rig
 from station.rows import ProfileError
+from station.simulation.declared_signals import emulated_signals
 from station.simulation.installed import Installed, Source
 from station.simulation.jsbsim_flight import JsbsimFlight
 from station.simulation.motion import DT, EVERY
@@ -43,7 +44,8 @@ def installed(aircraft: Aircraft, rig: Rig, card: Card, seed: int | None = None)
     """The card's flight as the profile's instruments show it; what the rig's devices add is still to come."""
     drifts = {name: sensor.drift for name, sensor in sensors_of(rig).items()}
     seed = card.flight.seed if seed is None else seed
-    return Installed(source_of(aircraft, card, rig.imu_position, seed), aircraft, drifts, seed, card.flight.truth)
+    source, declared = source_of(aircraft, card, rig.imu_position, seed), emulated_signals(rig)
+    return Installed(source, aircraft, drifts, seed, card.flight.truth, declared)
 
 
 def fly(
@@ -66,7 +68,8 @@ def fly(
         channels, place = {name: sensors.get(name, Sensor()) for name in SIGNALS}, (0.0, 0.0, 0.0)
     seed = card.flight.seed if seed is None else seed
     drifts = {name: sensor.drift for name, sensor in channels.items()}
-    flight = Installed(source_of(aircraft, card, place, seed), aircraft, drifts, seed, card.flight.truth)
+    declared = emulated_signals(sensors) if isinstance(sensors, Rig) else None
+    flight = Installed(source_of(aircraft, card, place, seed), aircraft, drifts, seed, card.flight.truth, declared)
     exact = flight.advance(math.ceil(duration_s * TICK_HZ) * EVERY)
     shown = {
         name: Channel(name, s, DT, EVERY, seed).measure(exact[name]) for name, s in channels.items() if name in exact
@@ -83,7 +86,7 @@ def stepped(
     drifts = {name: sensor.drift for name, sensor in sensors_of(rig).items()}
 
     def make(source: Source) -> Installed:
-        shown = Installed(source, aircraft, drifts, card.flight.seed, card.flight.truth)
+        shown = Installed(source, aircraft, drifts, card.flight.seed, card.flight.truth, emulated_signals(rig))
         if shown.ahead_s > 0:
             raise ProfileError(
                 f"aircraft {aircraft.name}: instruments: a negative latency or lag shows what comes: not in real time"

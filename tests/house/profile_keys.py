@@ -16,7 +16,20 @@ from pydantic_core import PydanticUndefined
 
 from station.campaign import spec, study
 from station.conventions import from_si
-from station.profile import aircraft, altered, card, channel, fin, propulsion, rig, rig_loop, shapes, step, uncertainty
+from station.profile import (
+    aircraft,
+    altered,
+    card,
+    channel,
+    declared,
+    fin,
+    propulsion,
+    rig,
+    rig_loop,
+    shapes,
+    step,
+    uncertainty,
+)
 
 SHOWN_IN: Final = {"rad": "deg", "byte": "MiB", "rad s2/m": "deg/g", "rad/s": "deg/s"}
 """Units in which a default is written, where SI is not what one says."""
@@ -152,6 +165,8 @@ def rig_keys() -> str:
         ('`[[devices]]` with `link = "mavlink"`', rig.MavlinkDevice, device),
         ("`[[devices.streams]]`", rig.StreamProfile),
         ("`[devices.streams.signals]`, one line a signal", channel.Channel),
+        ("`[signals.NAME]`", declared.DeclaredSignal),
+        ("`[derived.NAME]`", declared.DerivedSignal),
         ("`[loop]`", rig_loop.MeasuredLoop),
         ("`[loop]`, an autopilot's", rig_loop.CommandedLoop, rig_loop.MeasuredLoop),
         ("`[loop]`", rig_loop.MavlinkLoop, rig_loop.CommandedLoop),
