@@ -75,3 +75,8 @@ def utc_words() -> str:
 def utc_file_stamp() -> str:
     """Now in UTC as a sortable file-name part, to the second."""
     return datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+
+
+def utc_time(utc_ns: int) -> str:
+    """Of ns since 1970 UTC: 14:03:21."""
+    return datetime.fromtimestamp(utc_ns // 1_000_000_000, UTC).strftime("%H:%M:%S")

@@ -76,7 +76,7 @@ _PLOTS = 4
 """Series in the Rerun recording, those that change most."""
 _WRITER = """
 import pickle, sys
-from station.screen.rerun_page import write_report_rrd
+from station.screen.rerun_files import write_report_rrd
 write_report_rrd(*pickle.load(sys.stdin.buffer))
 """
 

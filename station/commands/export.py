@@ -46,7 +46,7 @@ def export(
     from station.convert import Format
     from station.convert import export as write_export
     from station.convert.new_file import new_file
-    from station.screen.rerun_page import write_rrd
+    from station.screen.rerun_files import write_rrd
 
     about = metadata(there(log)).about
     if to is ExportFormat.rrd:

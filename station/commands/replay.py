@@ -41,7 +41,7 @@ def replay(
     from station.flight.alignment import Aligner
     from station.flight.chain import chain
     from station.flight.replay_check import Comparison
-    from station.screen.rerun_page import View
+    from station.screen.rerun_feed import View
 
     if point is not None and verify:
         raise UsageError("--verify needs the flight from its beginning on: leave out --point")

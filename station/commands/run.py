@@ -34,6 +34,7 @@ from station.log import About, WriterThread
 from station.numerics.atmosphere import atmosphere
 from station.profile import CanDevice, Order, Profiles, Rig
 from station.rows import MISSED_SHARE, Code, Event, Rows, UsageError
+from station.screen.brief import brief
 from station.screen.glance_feed import GlanceFeed
 from station.screen.rerun_feed import View
 
@@ -124,6 +125,7 @@ class _Flight:
         self.guide = guide_of(profiles, self.board, self.points, self.bus.put, emulated.ask, auto=auto)
         self.board.guide = self.guide if profiles.card.steps else None
         self._glance, self._auto = glance, auto
+        self.viewer.brief = lambda: brief(self.board, self.clock.now_ns())
         self.failure: list[BaseException] = []
         self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
         self.ticks = self.slots = 0
@@ -187,7 +189,7 @@ class _Flight:
         self.guide.update(rows)
         if self._auto and self.guide.is_over:
             self.stop.set()
-        self.board.recording(self.writer.path, self.writer.bytes_written, self.viewer.dropped)
+        self.board.recording(self.writer.path, self.writer.bytes_written, self.viewer.dropped, self.viewer.behind_s)
 
     def _note_time(self, beat: live.Beat, _: Sequence[Rows]) -> None:
         self.done_after_ns.append(self.clock.now_ns() - beat.tick.t_ns)

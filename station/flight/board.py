@@ -17,6 +17,7 @@ import msgspec
 from station.clock import Clock
 from station.conventions import LATERAL, LONGITUDINAL
 from station.estimation.method_table import recommended
+from station.flight.finished_points import FinishedPoint, FinishedPoints
 from station.flight.limits import limited_signals, shown_signals
 from station.flight.loop import ESTIMATORS
 from station.profile import Profiles
@@ -117,6 +118,8 @@ class Board:
         """The last of each kind of event that is over when told."""
         self.point: Event | None = None
         """The start of the open test point."""
+        self.points = FinishedPoints()
+        """Those that are over, with what they found."""
         self.estimators = "ready"
         """ready, preparing, or failed."""
         self.ever_complete = False
@@ -126,6 +129,8 @@ class Board:
         self.log_path = Path()
         self.log_bytes = 0
         self.view_dropped = 0
+        self.view_behind_s = 0.0
+        """Age of the oldest tick that the page was handed and has not taken; what a browser is behind is beside it."""
         self._recommendation = Recommendation()
         self.clock = clock
         self.guide: Guide | None = None
@@ -151,9 +156,10 @@ class Board:
             if handler is not None:
                 handler(row)
 
-    def recording(self, path: Path, size: int, view_dropped: int) -> None:
-        """What the recording and the page say of themselves: file, bytes, ticks not shown."""
+    def recording(self, path: Path, size: int, view_dropped: int, view_behind_s: float = 0.0) -> None:
+        """What the recording and the page say of themselves: file, bytes, ticks not shown, seconds behind."""
         self.log_path, self.log_bytes, self.view_dropped = path, size, view_dropped
+        self.view_behind_s = view_behind_s
 
     def wait_for_first(self, timeout_s: float) -> None:
         """Until a device has been heard, but no longer than this."""
@@ -178,6 +184,8 @@ class Board:
 
     def _take_alpha(self, row: AlphaEstimate) -> None:
         self.alpha = row
+        if self.point is not None:
+            self.points.take(row)
         self._recommendation.update(row)
 
     def _take_method(self, row: MethodEstimate) -> None:
@@ -229,10 +237,15 @@ class Board:
             self.conditions[source, code] = row
         elif code is Code.POINT_START:
             self.point = row
+            self.points.begin(row)
         elif code is Code.POINT_END:
             self.point = None
+            self.points.end(row, self.recommended, self._found)
         elif row.level is not Level.INFO:
             self.counted[source, code] = row
+
+    def _found(self) -> tuple[ParamEstimate | None, ...]:
+        return tuple(self.parameter(self.recommended, name) for name in self.derivatives)
 
     @property
     def alarms(self) -> list[Event]:
@@ -307,7 +320,21 @@ class Board:
             "disagreements": [_event(e, self.elapsed_s(e.t_ns)) for e in self.disagreements],
             "events": [_event(e, self.elapsed_s(e.t_ns)) for _, e in events],
             "log": {"path": str(self.log_path), "bytes": self.log_bytes},
-            "view": {"address": self.address, "dropped": self.view_dropped},
+            "view": {"address": self.address, "dropped": self.view_dropped, "behind_s": round(self.view_behind_s, 1)},
+            "points": [self._point(p) for p in self.points.ended],
+        }
+
+    def _point(self, p: FinishedPoint) -> dict[str, Any]:
+        found = zip(self.derivatives, p.found, strict=True)
+        return {
+            "number": p.number,
+            "note": p.note,
+            "begun_s": round(self.elapsed_s(p.begun_ns), 3),
+            "ended_s": round(self.elapsed_s(p.ended_ns), 3),
+            "turbulence": p.air,
+            "alpha_valid_share": _number(p.valid_share),
+            "method": p.method,
+            "derivatives": {name: None if q is None else _estimate(q) for name, q in found},
         }
 
     def _signals(self) -> dict[str, Any]:
@@ -320,14 +347,15 @@ class Board:
 
     def _method(self, row: MethodEstimate) -> dict[str, Any]:
         found = ((p.name, self.parameter(row.method, p.name) or p) for p in row.parameters)
-        return {
-            name: {"estimate": _number(p.value), "std_error": _number(p.sd), "status": p.status.value, "why": p.why}
-            for name, p in found
-        }
+        return {name: _estimate(p) for name, p in found}
 
 
 def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _estimate(p: ParamEstimate) -> dict[str, Any]:
+    return {"estimate": _number(p.value), "std_error": _number(p.sd), "status": p.status.value, "why": p.why}
 
 
 def _alpha(a: AlphaEstimate) -> dict[str, Any]:

@@ -28,6 +28,10 @@ NO_ALPHA: Final = {
 """Why there is no angle of attack, by the state of the estimators."""
 
 
+SLOW_PAGE_S: Final = 5.0
+"""So long behind, the Rerun page no longer shows what is."""
+
+
 class Answer(msgspec.Struct, frozen=True):
     """One of the operator's questions: how it stands, in a word or two, and why."""
 
@@ -130,6 +134,8 @@ def wrong_answer(board: Board, now_ns: int) -> Answer:
     if held:
         more = f", and {len(held) - 1} more" if len(held) > 1 else ""
         return Answer("doubt", "WARNING", f"{held[-1].source} {held[-1].code}: {held[-1].detail}{more}")
+    if board.view_behind_s > SLOW_PAGE_S:
+        return Answer("doubt", "PAGE LATE", f"the Rerun page is {board.view_behind_s:.0f} s behind")
     if board.health is None:
         return Answer("none", "NOT YET", "nothing heard yet")
     missed = board.health.overruns > MISSED_SHARE * TICK_HZ * board.elapsed_s(now_ns)

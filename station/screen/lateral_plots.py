@@ -14,7 +14,7 @@ import numpy as np
 from station.conventions import LATERAL, SIGNAL_INDEX
 from station.estimation.method_table import METHODS
 from station.rows import MethodEstimate
-from station.screen.plots import Batch, Line, Plot, Points, Setup, band, estimated, is_slow_point, times
+from station.screen.plots import Batch, Line, Plot, Points, Setup, band, estimated, times
 
 EQUATIONS: Final = ("CY", "Cl", "Cn")
 _GREY, _ORANGE, _BLUE, _PINK = (METHODS[m].colour for m in ("I", "II", "V", "split+gust"))
@@ -63,7 +63,7 @@ def points(rows: Batch, setup: Setup) -> Iterator[Points]:
             yield Points(plot.path, t, np.degrees(values))
     slots: dict[int, dict[str, MethodEstimate]] = {}
     for row in rows.methods:
-        if is_slow_point(row) and row.method in setup.lateral_methods:
+        if row.method in setup.lateral_methods:
             slots.setdefault(row.t_ns, {})[row.method] = row
     if not slots:
         return

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_NS, from_si
 from station.estimation.method_table import LIVE, METHODS
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, Level, MethodEstimate, Row, Status, Tick, Truth
+from station.screen.brief import Brief
 
 SLOW_NS: Final = 500_000_000
 """Derivatives, wind and turbulence level change over seconds: two points a second draw them."""
@@ -32,8 +33,15 @@ Path = tuple[str, ...]
 BAND: Final = "±2 sd"
 
 
+DIM: Final = 0.45
+"""Share of a faint line's own colour in it; the rest is the viewer's ground."""
+_GROUND: Final = 14
+
+
 def _faint(colour: int) -> int:
-    return (colour & 0xFFFFFF00) | 0x80
+    channels = ((colour >> shift & 0xFF) for shift in (24, 16, 8))
+    red, green, blue = (round(DIM * c + (1 - DIM) * _GROUND) for c in channels)
+    return red << 24 | green << 16 | blue << 8 | 0xFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +72,7 @@ class Plot:
 
 
 def band(colour: int, name: str = BAND) -> tuple[Line, Line]:
+    """Two edges: Rerun fills nothing between lines (its issue 8919)."""
     return (Line(name, _faint(colour), 0.75),) * 2
 
 
@@ -107,7 +116,7 @@ WIND: Final = Plot("wind [m/s]", (Line("north", _GREEN), Line("east", _BLUE), Li
 GUST_SPEED: Final = Plot("vertical gust [m/s]", (Line("w gust", _PINK),), window_s=120.0, legend=False)
 FIXED: Final = (ALPHA, TRUTH, GUST, CORRECTIONS, CONTROLS, AIRSPEED, TURBULENCE, WIND, GUST_SPEED)
 
-EVENTS: Final = "events"
+CLASS_WORDS: Final = "green light from, orange moderate from, red severe from"
 STATES: Final[Mapping[str, Mapping[str, int]]] = {
     "alpha": {"valid": 0x1E8A68FF, "not valid": 0xB03030FF},
     "turbulence": {
@@ -123,12 +132,13 @@ STATES: Final[Mapping[str, Mapping[str, int]]] = {
 
 
 def derivative_plot(name: str, setup: Setup, recommended: str = "split") -> Plot:
-    """Axes of one derivative: every live method with its bounds, the recommended one bold, and the profile's value."""
+    """Axes of one derivative: the recommended method bold with its bounds, the others faint, the profile's value."""
     lines = [Line("profile", _GREY, 1.0)]
     for m in setup.methods:
+        colour = METHODS[m].colour
         # The legend hides lines of one name together.
-        bounds = band(METHODS[m].colour, BAND if m == recommended else f"other {BAND}")
-        lines += [*bounds, Line(m, METHODS[m].colour, 2.5 if m == recommended else 1.25)]
+        bounds = (Line(BAND, colour, 0.75),) * 2 if m == recommended else band(colour, f"other {BAND}")
+        lines += [*bounds, Line(m, colour, 2.5) if m == recommended else Line(m, _faint(colour), 1.0)]
     return Plot(f"{name} [1/rad]", tuple(lines), window_s=None, legend=False)
 
 
@@ -162,6 +172,10 @@ class Setup(msgspec.Struct, frozen=True):
     """Methods that give the lateral derivatives, the one to believe last; none where the card does not ask."""
     references: dict[str, float] = {}
     """The aircraft profile's derivatives, drawn for comparison."""
+    accuracy: float = 0.0
+    """2 sd below this share of a derivative's value is enough; 0 where no card says so."""
+    has_steps: bool = False
+    """Whether a guide leads through the card."""
     nominal_hz: dict[str, float] = {}
     """Rate of each stream, by the rig."""
     class_limits: tuple[float, float, float] = (math.nan, math.nan, math.nan)
@@ -181,17 +195,21 @@ class Batch(msgspec.Struct, frozen=True):
     healths: tuple[Health, ...] = ()
     events: tuple[Event, ...] = ()
     truths: tuple[Truth, ...] = ()
+    brief: Brief | None = None
+    """What the station says of itself; of a recording nothing."""
+    behind_s: float = 0.0
+    """How late the rows before these were taken."""
 
 
 SHOWN: Final[frozenset[type]] = frozenset((Frame, AlphaEstimate, MethodEstimate, Health, Event, Truth))
 
 
-def batch(rows: Iterable[Row], start_ns: int) -> Batch:
-    """The rows that the page shows, sorted by kind."""
+def batch(rows: Iterable[Row], start_ns: int, brief: Brief | None = None, behind_s: float = 0.0) -> Batch:
+    """The rows that the page shows, sorted by kind; of derivatives those that it draws."""
     kinds: dict[type, list[Row]] = {kind: [] for kind in SHOWN}
     for row in rows:
         kept = kinds.get(type(row))
-        if kept is not None:
+        if kept is not None and (type(row) is not MethodEstimate or is_slow_point(row)):
             kept.append(row)
     return Batch(
         start_ns,
@@ -201,6 +219,8 @@ def batch(rows: Iterable[Row], start_ns: int) -> Batch:
         healths=tuple(kinds[Health]),  # type: ignore[arg-type]
         events=tuple(kinds[Event]),  # type: ignore[arg-type]
         truths=tuple(kinds[Truth]),  # type: ignore[arg-type]
+        brief=brief,
+        behind_s=behind_s,
     )
 
 
@@ -283,8 +303,7 @@ def is_slow_point(row: Row) -> bool:
 def _derivatives(rows: Batch, setup: Setup) -> Iterator[Points]:
     slots: dict[int, dict[str, MethodEstimate]] = {}
     for row in rows.methods:
-        if is_slow_point(row):
-            slots.setdefault(row.t_ns, {})[row.method] = row
+        slots.setdefault(row.t_ns, {})[row.method] = row
     t = np.array([t_ns - rows.start_ns for t_ns in slots], dtype=np.int64)
     for name in setup.derivatives:
         reference = setup.references.get(name, math.nan)

@@ -28,6 +28,7 @@ from station.conventions import TICK_HZ
 from station.estimation.method_table import LIVE_LATERAL
 from station.rows import Code, Event, Row, Rows
 from station.screen import plots
+from station.screen.brief import Brief
 from station.screen.plots import Batch, Setup
 from station.screen.signal_plots import signals_of
 
@@ -68,11 +69,19 @@ class View:
         self.address = ""
         self.dropped = 0
         """Ticks not shown because the child did not keep up."""
+        self.behind_s = 0.0
+        """Age of the oldest tick handed over that the child has not shown. What a browser is behind comes on top: Rerun
+        tells it nobody but its own user, in its top bar."""
+        self.brief: Callable[[], Brief | None] = lambda: None
+        """What the station says of itself, asked with each batch from the view's thread."""
         self._title = title
         self._profiles = profiles
         self._on_event = on_event
         self._clock = clock or SystemClock()
-        self._queue: deque[list[Row]] = deque()
+        self._queue: deque[tuple[int, list[Row]]] = deque()
+        """Ticks, each with when it was handed over."""
+        self._flying: deque[int] = deque()
+        """When the oldest ticks of the batches in flight were handed over."""
         self._start_ns: int | None = None
         self._stop = threading.Event()
         self._idle = threading.Event()
@@ -117,7 +126,7 @@ class View:
             with contextlib.suppress(IndexError):  # the sender may have emptied it meanwhile
                 self._queue.popleft()
                 self.dropped += 1
-        self._queue.append(kept)
+        self._queue.append((self._clock.now_ns(), kept))
         self._idle.clear()
 
     def flush(self, timeout_s: float) -> bool:
@@ -214,6 +223,7 @@ class View:
         os.set_blocking(from_child, False)
         encoder = msgspec.msgpack.Encoder()
         pending = _framed(encoder.encode(self._setup()))
+        self._flying.clear()
         unanswered = 1
         moved_ns = sent_ns = self._clock.now_ns()
         with selectors.DefaultSelector() as selector:
@@ -240,11 +250,14 @@ class View:
                     if not answered:
                         return _ending(process)
                     unanswered = max(0, unanswered - answered)
+                    while len(self._flying) > unanswered:
+                        self._flying.popleft()
                     moved_ns = self._clock.now_ns()
                     if self._stalled:
                         self._stalled = False
                         self._report("page goes on")
                     self._ready = True
+                self.behind_s = self._behind_s(now_ns)
                 if not self._queue and not unanswered:
                     self._idle.set()
                 full = len(self._queue) >= BATCH_TICKS or (self._queue and now_ns - sent_ns >= BATCH_NS)
@@ -256,10 +269,20 @@ class View:
 
     def _take(self) -> Batch:
         taken: list[Row] = []
+        oldest_ns = 0
         for _ in range(min(len(self._queue), MAX_BATCH_TICKS)):
             with contextlib.suppress(IndexError):  # show() drops from the same end
-                taken.extend(self._queue.popleft())
-        return plots.batch(taken, self._start_ns or 0)
+                handed_ns, rows = self._queue.popleft()
+                oldest_ns = oldest_ns or handed_ns
+                taken.extend(rows)
+        self._flying.append(oldest_ns)
+        return plots.batch(taken, self._start_ns or 0, self.brief(), self.behind_s)
+
+    def _behind_s(self, now_ns: int) -> float:
+        oldest_ns = self._flying[0] if self._flying else 0
+        with contextlib.suppress(IndexError):  # show() drops from the same end
+            oldest_ns = oldest_ns or self._queue[0][0]
+        return (now_ns - oldest_ns) * 1e-9 if oldest_ns else 0.0
 
 
 def page_address(mode: str, port: int, web_port: int) -> str:
@@ -303,6 +326,8 @@ def setup_for(
         lateral_methods=LIVE_LATERAL if profiles and profiles.card.asks_lateral else (),
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
+        accuracy=profiles.card.accuracy if profiles else 0.0,
+        has_steps=bool(profiles and profiles.card.steps),
         class_limits=Thresholds().at(speed, noise, 1.0 / TICK_HZ),
         open_page=open_page,
         signals=signals_of(profiles.rig) if profiles else (),

@@ -1,50 +1,57 @@
 """The operator's page: rows -> Rerun, in a process of its own that may stall or die without costing the loop a tick.
 
 `python -m station.screen.rerun_page` runs Rerun's server on loopback and sends it a batch a second of what `View`
-(rerun_feed.py) hands it. Rerun takes a second and 100 MB to import, so only that process and `write_rrd` do.
+(rerun_feed.py) hands it. Rerun takes a second and 100 MB to import, so only that process and Rerun's own files do.
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
+import operator
 import os
 import socket
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from station.clock import Clock, SystemClock
-from station.flight.board import Recommendation
-from station.rows import LogError, Rows
-from station.screen import lateral_plots, plots, signal_plots
+from station.clock import Clock, SystemClock, utc_now_ns, utc_time
+from station.flight.board import Board
+from station.rows import Event, Level
+from station.screen import plots, signal_plots
+from station.screen import rerun_layout as layout
+from station.screen.answer_tiles import PALETTE, tiles
+from station.screen.answers import hms
+from station.screen.attitude import airframe, attitude
+from station.screen.brief import Brief, brief
+from station.screen.drawings import Drawing, key_drawing, step_drawing
+from station.screen.event_groups import EventGate
+from station.screen.ground_track import GroundTrack
+from station.screen.live_spectra import LiveSpectra
+from station.screen.page_words import first_words
 from station.screen.plots import Batch, Plot, Points, Setup
-from station.screen.rerun_feed import LENGTH, START_NS, View, page_address, setup_for
+from station.screen.point_table import point_markdown
+from station.screen.rerun_feed import LENGTH, START_NS, page_address
+from station.screen.rerun_layout import TIMELINE, Shown, entity
 
 if TYPE_CHECKING:
     import rerun as rr
-    import rerun.blueprint as rrb
 
-    from station.profile import Profiles
-
-__all__ = ["Page", "View", "write_report_rrd", "write_rrd"]
-
-FloatArray = NDArray[np.float64]
-
-TIMELINE: Final = "station_time"
-PROMPT_WINDOW_S: Final = 60
-"""Plots of a shorter past are drawn with every batch."""
-HOLD_NS: Final = 3_500_000_000
-"""Plots of a long past wait this long for more points. A piece costs a browser the same whatever its length: one that
-draws without a graphics processor on a busy machine takes some 10 a second, and falls ever further behind with more."""
+PROMPT: Final = (plots.ALPHA, plots.CONTROLS)
+"""Drawn with every batch: what the first screen shows."""
+SHORT_HOLD_NS: Final = 3_500_000_000
+LONG_HOLD_NS: Final = 8_000_000_000
+"""Plots of other tabs wait this long for more points, those of the whole flight longer. A piece costs a browser the
+same whatever its length: one that draws without a graphics processor on a busy machine takes some 10 a second, and
+falls ever further behind with more."""
+ATTITUDE_TICKS: Final = 10
+"""Five attitudes a second."""
 SERVER_MEMORY: Final = "256MB"
+_t_ns: Final = operator.attrgetter("t_ns")
 
 
 class Page:
@@ -54,26 +61,53 @@ class Page:
     """
 
     def __init__(self, recording: rr.RecordingStream, setup: Setup) -> None:
-        import rerun as rr
-
         self._recording = recording
         self._setup = setup
         self._states: dict[str, str] = {}
-        self._recommendation = Recommendation(setup.derivatives)
-        self._bold = self._recommendation.method
+        self._board = Board(None, SystemClock())
+        self._board.accuracy, self._board.derivatives = setup.accuracy, setup.derivatives
+        self._bold = self._board.recommended
+        self._gate, self._track, self._spectra = EventGate(), GroundTrack(), LiveSpectra()
         self._derivatives = self._of_derivatives()
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
+        self._told: dict[str, object] = {}
+        self._seconds = 0.0
         drawn = (*plots.FIXED, *self._derivatives, *self._links, *signal_plots.further(setup))
-        self._prompt = {plot.path for plot in drawn if plot.window_s is not None and plot.window_s < PROMPT_WINDOW_S}
+        self._hold_ns = {plot.path: SHORT_HOLD_NS if plot.window_s is not None else LONG_HOLD_NS for plot in drawn}
+        self._hold_ns.update({plot.path: 0 for plot in PROMPT})
         for plot in drawn:
             self._style(plot)
+        self._begin()
+
+    @property
+    def shown(self) -> Shown:
+        """What its layout is made of."""
+        return Shown(self._setup, self._derivatives, self._links)
+
+    def _begin(self) -> None:
+        """What does not change."""
+        import rerun as rr
+
+        self._at(0)
+
         for what, known in plots.STATES.items():
             if known:
                 labels = rr.StateConfiguration(
                     values=list(known), colors=np.array(list(known.values()), dtype=np.uint32)
                 )
-                recording.log(f"state/{what}", labels, static=True)
+                self._recording.log(f"state/{what}", labels, static=True)
+        palette = [rr.AnnotationInfo(id=i, color=colour) for i, colour in enumerate(PALETTE)]
+        self._recording.log(layout.ANSWERS, rr.AnnotationContext(palette), static=True)
+        self._log_key()
+        self._words(layout.POINTS, point_markdown((), (), 0))
+        self._recording.log(layout.ATTITUDE, rr.ViewCoordinates.FRD, static=True)
+        wings, colours = airframe()
+        self._recording.log(
+            f"{layout.ATTITUDE}/aircraft",
+            rr.LineStrips3D(wings, colors=colours, radii=rr.Radius.ui_points(1.5)),
+            static=True,
+        )
 
     def _of_derivatives(self) -> tuple[Plot, ...]:
         return tuple(plots.derivative_plot(name, self._setup, self._bold) for name in self._setup.derivatives)
@@ -89,41 +123,139 @@ class Page:
             names=[line.name for line in plot.lines],
             visible_series=plots.without_other_bounds(self._setup, self._bold) if is_derivative else None,
         )
-        self._recording.log(_path(plot.path), style, static=True)
+        self._recording.log(entity(plot.path), style, static=True)
 
-    def _recommend(self, rows: Batch) -> None:
-        """Draw the method to believe first bold, once a second that of the data."""
-        for row in (*rows.alphas[-1:], *rows.methods, *rows.healths[-1:]):
-            self._recommendation.update(row)
-        if self._recommendation.method != self._bold:
-            self._bold = self._recommendation.method
+    def _log_key(self) -> None:
+        own = {line.name: line for line in self._derivatives[0].lines if "sd" not in line.name}
+        lines = [
+            (f"{name}, recommended, ±2 sd" if name == self._bold else name, x.colour, x.width)
+            for name, x in own.items()
+        ]
+        self._draw(layout.KEY, key_drawing(lines), static=True)
+
+    def _digest(self, rows: Batch) -> None:
+        """Know what the operator should; draw the method to believe first bold, which follows the data."""
+        board = self._board
+        board.start_ns = rows.start_ns
+        board.view_behind_s = rows.behind_s
+        board.update(sorted((*rows.alphas, *rows.methods, *rows.healths, *rows.events), key=_t_ns))
+        if board.recommended != self._bold:
+            self._bold = board.recommended
             self._derivatives = self._of_derivatives()
             for plot in self._derivatives:
                 self._style(plot)
+            self._log_key()
 
     def show(self, rows: Batch) -> None:
-        """Send the new points of every line, the events and the changes of state."""
-        import rerun as rr
-
-        self._recommend(rows)
+        """Send the new points of every line, the answers, the events and the changes of state."""
+        self._digest(rows)
         for points in signal_plots.every_point(rows, self._setup):
             held = self._held.setdefault(points.path, [])
             held.append(points)
-            if points.path in self._prompt or points.t_ns[-1] - held[0].t_ns[0] >= HOLD_NS:
+            if points.t_ns[-1] - held[0].t_ns[0] >= self._hold_ns[points.path]:
                 self._send(points.path)
-        for event in rows.events:
-            if plots.is_routine(event):
-                continue
-            t_ms = (event.t_ns - rows.start_ns) // 1_000_000  # more digits do not fit in the log's column
-            self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ms, "ms"))
-            level = plots.LEVEL_NAMES[event.level]
-            colour = plots.LEVEL_COLOURS[event.level]
-            self._recording.log(plots.EVENTS, rr.TextLog(plots.event_text(event), level=level, color=colour))
+        newest_ns = max((row.t_ns for kind in (rows.frames, rows.healths, rows.events) for row in kind[-1:]), default=0)
+        for event in self._gate.passed((e for e in rows.events if not plots.is_routine(e)), newest_ns):
+            self._tell(event, rows.start_ns)
+        self._at(newest_ns - rows.start_ns)
+        self._answer(rows, rows.brief or brief(self._board, newest_ns))
+        self._draw_flight(rows, newest_ns)
         for what, t_ns, state in plots.states(rows, self._setup, self._bold):
             if self._states.get(what) != state:
                 self._states[what] = state
-                self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
-                self._recording.log(f"state/{what}", rr.StateChange(state=state))
+                self._at(t_ns)
+                self._log_state(what, state)
+
+    def _answer(self, rows: Batch, said: Brief) -> None:
+        """The first screen: answers, words, the step's input; each only where it has changed."""
+        import rerun as rr
+
+        board, step = self._board, said.step
+        three = (said.alpha, said.alpha_text, said.point, said.wrong)
+        foot = f"flight time {hms(self._seconds)}   sent at {utc_time(utc_now_ns())} UTC, {rows.behind_s:.1f} s late"
+        if self._changed(layout.ANSWERS, (three, round(self._seconds))):
+            # Static: the newest alone is kept, or a browser would hold hundreds of megabytes of them in an hour.
+            self._recording.log(layout.ANSWERS, rr.SegmentationImage(tiles(said, foot)), static=True)
+        self._words(layout.WORDS, first_words(said, self._setup.references))
+        self._words(layout.POINTS, point_markdown(board.points.ended, board.derivatives, rows.start_ns))
+        if step is not None and self._changed(
+            layout.STEP, (step.pictures, step.phase, step.since_s > 0 and step.since_s)
+        ):
+            self._draw(layout.STEP, step_drawing(step))
+
+    def _draw_flight(self, rows: Batch, newest_ns: int) -> None:
+        """Track, attitude and spectra."""
+        import rerun as rr
+
+        self._spectra.take(rows.alphas)
+        spectra = self._spectra.drawing(newest_ns)
+        if spectra is not None:
+            self._draw(layout.SPECTRA, spectra)
+        for t_ns, piece in self._track.pieces(rows.frames, rows.alphas, rows.events):
+            self._at(t_ns - rows.start_ns)
+            self._draw(layout.TRACK, piece)
+        turned = [frame for frame in rows.frames if frame.k % ATTITUDE_TICKS == 0]
+        attitudes = [attitude(frame) for frame in turned]
+        known = [(frame.t_ns - rows.start_ns, q) for frame, q in zip(turned, attitudes, strict=True) if q is not None]
+        if known:
+            times = np.array([t for t, _ in known], dtype="timedelta64[ns]")
+            self._recording.send_columns(
+                f"{layout.ATTITUDE}/aircraft",
+                indexes=[rr.TimeColumn(TIMELINE, duration=times)],
+                columns=rr.Transform3D.columns(quaternion=[q for _, q in known]),
+            )
+
+    def _changed(self, what: str, value: object) -> bool:
+        """Whether it is not what was sent last."""
+        if self._told.get(what) == value:
+            return False
+        self._told[what] = value
+        return True
+
+    def _words(self, where: str, text: str) -> None:
+        import rerun as rr
+
+        if self._changed(where, text):
+            self._recording.log(where, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+    def _draw(self, where: str, drawing: Drawing, *, static: bool = False) -> None:
+        import rerun as rr
+
+        strips, labels = drawing.strips, drawing.labels
+        if strips:
+            lines = rr.LineStrips2D(
+                [strip.points for strip in strips],
+                colors=np.array([strip.colour for strip in strips], dtype=np.uint32),
+                radii=rr.Radius.ui_points([strip.width / 2 for strip in strips]),
+            )
+            self._recording.log(f"{where}/lines", lines, static=static)
+        if labels:
+            words = rr.Points2D(
+                [(label.x, label.y) for label in labels],
+                labels=[label.words for label in labels],
+                colors=np.array([label.colour for label in labels], dtype=np.uint32),
+                radii=rr.Radius.ui_points(0.1),
+                show_labels=True,
+            )
+            self._recording.log(f"{where}/labels", words, static=static)
+
+    def _tell(self, event: Event, start_ns: int) -> None:
+        import rerun as rr
+
+        self._recording.set_time(TIMELINE, duration=np.timedelta64((event.t_ns - start_ns) // 1_000_000, "ms"))
+        where = layout.INFORMATIONS if event.level is Level.INFO else layout.ALARMS
+        level, colour = plots.LEVEL_NAMES[event.level], plots.LEVEL_COLOURS[event.level]
+        self._recording.log(where, rr.TextLog(plots.event_text(event), level=level, color=colour))
+
+    def _at(self, t_ns: int) -> None:
+        """What is logged next is seen from then on, ns since the start."""
+        self._seconds = t_ns * 1e-9
+        self._recording.set_time(TIMELINE, duration=np.timedelta64(t_ns, "ns"))
+
+    def _log_state(self, what: str, state: str) -> None:
+        import rerun as rr
+
+        self._recording.log(f"state/{what}", rr.StateChange(state=state))
 
     def flush(self) -> None:
         """Send what was held back to go in fewer, longer pieces."""
@@ -140,190 +272,10 @@ class Page:
         values = np.concatenate([points.values for points in held])
         held.clear()
         self._recording.send_columns(
-            _path(path),
+            entity(path),
             indexes=[rr.TimeColumn(TIMELINE, duration=t)],
             columns=rr.Scalars.columns(scalars=values if values.shape[1] > 1 else values[:, 0]),
         )
-
-    def blueprint(self) -> rrb.Blueprint:
-        """Flight on the left, answers on the right; every method's bounds, links and air on tabs of their own."""
-        import rerun.blueprint as rrb
-
-        view, key = self._view, self._derivatives[0]
-        every, signals = [True] * len(key.lines), signal_plots.drawn(self._setup)
-        flight = rrb.Horizontal(
-            rrb.Vertical(
-                view(plots.ALPHA),
-                view(plots.CORRECTIONS),
-                view(plots.GUST),
-                view(plots.CONTROLS),
-                view(plots.AIRSPEED),
-                row_shares=[3.2, 1.6, 1.4, 1.6, 1.2],
-            ),
-            rrb.Vertical(
-                rrb.Grid(*(view(plot, legend=plot is key) for plot in self._derivatives), grid_columns=3),
-                rrb.Horizontal(view(plots.TURBULENCE), view(self._links[0])),
-                rrb.Horizontal(
-                    _event_log(),
-                    rrb.StateTimelineView(origin="state", name="State"),
-                    column_shares=[3, 2],
-                ),
-                row_shares=[5, 2, 2],
-            ),
-            column_shares=[2, 3],
-            name="Flight",
-        )
-        return rrb.Blueprint(
-            rrb.Tabs(
-                flight,
-                rrb.Grid(
-                    *(view(plot, only=every, legend=True) for plot in self._derivatives),
-                    grid_columns=2,
-                    name="Derivatives",
-                ),
-                *self._lateral_tab(),
-                *([rrb.Grid(*map(view, signals), grid_columns=2, name="Signals")] if signals else []),
-                rrb.Grid(*(view(plot) for plot in self._links), grid_columns=2, name="Links"),
-                rrb.Vertical(view(plots.GUST_SPEED), view(plots.WIND), view(plots.TURBULENCE), name="Air"),
-                active_tab=0,
-            ),
-            rrb.BlueprintPanel(state="collapsed"),
-            rrb.SelectionPanel(state="collapsed"),
-            rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
-            auto_views=False,
-            auto_layout=False,
-        )
-
-    def _lateral_tab(self) -> list[rrb.Vertical]:
-        """What was flown above, the derivatives below; nothing where the card does not ask for them."""
-        import rerun.blueprint as rrb
-
-        if not self._setup.lateral_methods:
-            return []
-        motion = (lateral_plots.SURFACES, lateral_plots.RATES, lateral_plots.SIDESLIP)
-        # No legend: it would show and hide lines of one name together, those of the other derivatives too.
-        views = [
-            self._view(plot, only=shown, legend=False, name=name)
-            for name, plot, shown in lateral_plots.views(self._setup)
-        ]
-        *others, believed = self._setup.lateral_methods
-        return [
-            rrb.Vertical(
-                rrb.Horizontal(*(self._view(plot) for plot in motion)),
-                rrb.Grid(*views, grid_columns=5),
-                row_shares=[1, 3],
-                name=f"Lateral ({believed} bold, {', '.join(others)} thin, profile grey)",
-            )
-        ]
-
-    def _view(
-        self, plot: Plot, *, only: list[bool] | None = None, legend: bool | None = None, name: str | None = None
-    ) -> rrb.TimeSeriesView:
-        import rerun as rr
-        import rerun.blueprint as rrb
-
-        now = rrb.TimeRangeBoundary.cursor_relative(seconds=0)
-        begin = rrb.TimeRangeBoundary.infinite()
-        axis = None
-        if plot.window_s is not None:
-            begin = rrb.TimeRangeBoundary.cursor_relative(seconds=-plot.window_s)
-            axis = rrb.TimeAxis(view_range=rr.TimeRange(start=begin, end=now))
-        fixed = None if plot.low is None or plot.high is None else rr.encodings.Range1D([plot.low, plot.high])
-        return rrb.TimeSeriesView(
-            origin=_path(plot.path),
-            overrides={_path(plot.path): rr.SeriesLines(visible_series=only)} if only else None,
-            name=name or plot.name,
-            axis_x=axis,
-            axis_y=rrb.ScalarAxis(range=fixed) if fixed else None,
-            plot_legend=rrb.PlotLegend("LeftTop", visible=plot.legend if legend is None else legend),
-            time_ranges=[rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)],
-        )
-
-
-def _event_log() -> rrb.TextLogView:
-    import rerun.blueprint as rrb
-    from rerun.blueprint.encodings import TextLogColumn
-
-    kept = [TextLogColumn(kind, visible=True) for kind in ("loglevel", "body")]
-    return rrb.TextLogView(origin=plots.EVENTS, name="Events", columns=rrb.TextLogColumns(text_log_columns=kept))
-
-
-def _path(parts: plots.Path) -> str:
-    import rerun as rr
-
-    return rr.new_entity_path(list(parts))
-
-
-def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None = None, title: str = "station") -> None:
-    """Write rows, in time order, as a Rerun recording with the page's layout. Raises LogError.
-
-    Derivatives are thinned to five points a second; the recording proper is the MCAP log. Nothing is overwritten.
-    """
-    import rerun as rr
-
-    try:
-        Path(path).touch(exist_ok=False)
-    except FileExistsError:
-        raise LogError(f"{path}: exists already and is not overwritten") from None
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written: {error.strerror}") from error
-    setup = setup_for(profiles, title=title)
-    recording = rr.RecordingStream("station")
-    page = Page(recording, setup)
-    try:
-        recording.save(path, default_blueprint=page.blueprint())
-    except (OSError, RuntimeError) as error:
-        raise LogError(f"{path}: cannot be written: {error}") from error
-    start_ns: int | None = None
-    left = iter(rows)
-    while taken := list(itertools.islice(left, 65536)):
-        if start_ns is None:
-            start_ns = plots.start_of(taken)
-        page.show(plots.batch(taken, start_ns or 0))
-    page.flush()
-    recording.flush()
-    recording.disconnect()
-
-
-_OF_REPORT: Final = {"before": (0, 114, 178), "after": (213, 94, 0), "measured": (128, 134, 148)}
-"""Colours of lines, as on the report's page."""
-
-
-def write_report_rrd(
-    page: str, series: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]], path: Path | str, title: str
-) -> None:
-    """Write a report's words (Markdown) and its series over time as a Rerun recording. Raises LogError.
-
-    `series`: by plot, by line: times (s) and values (n,).
-    """
-    import rerun as rr
-    import rerun.blueprint as rrb
-
-    plots_shown = [rrb.TimeSeriesView(origin=_path(("plots", plot)), name=plot) for plot in series]
-    recording = rr.RecordingStream("station report")
-    layout = rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin="words", name=title), rrb.Grid(*plots_shown, grid_columns=1),
-            column_shares=[2, 3],
-        ),
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
-        collapse_panels=True,
-    )  # fmt: skip
-    try:
-        recording.save(path, default_blueprint=layout)
-    except (OSError, RuntimeError) as error:
-        raise LogError(f"{path}: cannot be written: {error}") from error
-    recording.send_recording_name(title)
-    recording.log("words", rr.TextDocument(page, media_type=rr.MediaType.MARKDOWN), static=True)
-    for plot, lines in series.items():
-        for name, (t_s, values) in lines.items():
-            where = _path(("plots", plot, name))
-            colour = _OF_REPORT.get(name)
-            recording.log(where, rr.SeriesLines(names=name, colors=None if colour is None else [colour]), static=True)
-            times = rr.TimeColumn(TIMELINE, duration=(np.asarray(t_s) * 1e9).astype("timedelta64[ns]"))
-            recording.send_columns(where, indexes=[times], columns=rr.Scalars.columns(scalars=values))
-    recording.flush()
-    recording.disconnect()
 
 
 def _server(setup: Setup) -> subprocess.Popen[bytes]:
@@ -372,7 +324,7 @@ def _child() -> None:
         recording.set_sinks(rr.GrpcSink(f"rerun+http://127.0.0.1:{setup.port}/proxy"))
         recording.send_recording_name(setup.title)
         page = Page(recording, setup)
-        recording.send_blueprint(page.blueprint())
+        recording.send_blueprint(layout.layout(page.shown))
         recording.flush(timeout_sec=10.0)
         os.write(answer, b".")
         if setup.open_page:

@@ -29,6 +29,7 @@ from station.flight.board import Board
 from station.rows import AlphaEstimate, Code, Level
 from station.screen.answers import (
     NO_ALPHA,
+    SLOW_PAGE_S,
     alpha_answer,
     alpha_text,
     degrees,
@@ -38,9 +39,11 @@ from station.screen.answers import (
     losses_words,
 )
 from station.screen.derivative_tables import TITLE, derivative_lines, lateral_lines, lateral_summary, styled
+from station.screen.event_groups import EventGate, grouped
 from station.screen.guide_lines import guide_keys, guide_lines
 from station.screen.link_lines import link_lines
 from station.screen.plots import event_text, is_routine
+from station.screen.point_table import point_lines
 from station.screen.signal_lines import signal_lines, signal_words
 
 __all__ = ["Board", "Callbacks", "json_lines", "plain_lines", "run_panel"]
@@ -55,6 +58,11 @@ _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "
 MOST_ALARMS: Final = 4
 MOST_WARNINGS: Final = 3
 LINES_OF_CHANGE: Final = 3
+MOST_POINTS: Final = 9
+"""Lines of the table of finished points, its title one of them; the page shows all."""
+FEWEST_POINTS: Final = 3
+FEWEST_EVENTS: Final = 4
+"""Lines that the points leave to the events."""
 LONGEST_NOTE: Final = 200
 GUIDE_KEYS: Final = "nrsa"
 MARK_DELAY_S: Final = 0.05
@@ -182,14 +190,17 @@ def lines(board: Board, now_ns: int, width: int, height: int, note: str | None) 
     links = list(link_lines(board, now_ns))
     room = height - len(top) - 1
     if width >= TWO_COLUMNS:
+        numbers += [Text(), *point_lines(board, LEFT, MOST_POINTS)]
         right = [*links, Text()]
         body = [Text(), *_side_by_side(numbers, [*right, *_event_lines(board, room - len(right) - 2)])]
     else:
         body = [Text(), *numbers, Text(), *links, Text()]
-        if room < len(body) + 4:
+        fewest = FEWEST_EVENTS + (FEWEST_POINTS if board.points.ended else 0)
+        if room < len(body) + fewest:
             body = [line for line in body if line]
-        if room < len(body) + 4:
+        if room < len(body) + fewest:
             body = [line for line in (*numbers, *link_lines(board, now_ns, only_bad=True)) if line]
+        body += point_lines(board, width, min(room - len(body) - FEWEST_EVENTS, MOST_POINTS))
         body += _event_lines(board, room - len(body) - 1)
     body = body[:room]
     body += [Text()] * (room - len(body))
@@ -215,7 +226,11 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
         line.append("   ").append(f" TEST POINT {point.count}  {since_s:.0f} s ", "bold black on green")
     line.append(f"   {losses}" if (losses := losses_words(board)) else "", "yellow")
     yield line
-    yield styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB").append(f"  {board.log_path}")
+    line = styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB")
+    if board.address:
+        late = board.view_behind_s > SLOW_PAGE_S
+        line.append("  page ", "dim").append(f"{board.view_behind_s:.1f} s behind", "yellow" if late else "dim")
+    yield line.append(f"  {board.log_path}")
     if board.address:
         line = Text(f" {board.address}")
         if board.view_dropped:
@@ -291,7 +306,7 @@ def _event_lines(board: Board, count: int) -> list[Text]:
     if count < 1:
         return []
     lines = [styled(" EVENTS", TITLE)]
-    for event in [event for _, event in board.events_after(0) if not is_routine(event)][-count:]:
+    for event in grouped(event for _, event in board.events_after(0) if not is_routine(event))[-count:]:
         style = _LEVEL_STYLES[event.level]
         lines.append(styled(f"   {hms(board.elapsed_s(event.t_ns))} ", "dim").append(event_text(event), style))
     return lines
@@ -312,15 +327,15 @@ def _footer(note: str | None, more: tuple[tuple[str, str], ...] = ()) -> Text:
 
 
 def plain_lines(board: Board, stop: threading.Event, clock: Clock, write: Callable[[str], None]) -> None:
-    """Without a terminal: each event as it comes and a status line a second, until `stop` is set."""
-    told, due_ns = 0, clock.now_ns()
+    """Without a terminal: events as they come, like ones together, and a status line a second, until `stop` is set."""
+    told, due_ns, gate = 0, clock.now_ns(), EventGate()
     ended = False
     while not ended:
         ended = stop.wait(0.1)
-        for number, event in board.events_after(told):
-            told = number
-            if is_routine(event):
-                continue
+        newest = board.events_after(told)
+        told = newest[-1][0] if newest else told
+        passed = gate.passed((e for _, e in newest if not is_routine(e)), clock.now_ns())
+        for event in (*passed, *(gate.rest() if ended else ())):
             time = hms(board.elapsed_s(event.t_ns))
             write(f"{time} {_LEVEL_WORDS[event.level]:<5} {event_text(event)}")
         if clock.now_ns() >= due_ns or ended:

@@ -40,8 +40,9 @@ from station.rows import (
 )
 from station.screen import lateral_plots, plots
 from station.screen.plots import Setup
-from station.screen.rerun_feed import QUEUE_TICKS
-from station.screen.rerun_page import Page, View, write_rrd
+from station.screen.rerun_feed import QUEUE_TICKS, View
+from station.screen.rerun_files import write_rrd
+from station.screen.rerun_page import Page
 
 BOOK = dict(zip(LONGITUDINAL, (5.64, 20.0, 0.62, -1.05, -34.2, -1.88), strict=True))
 BIAS = {"II": 0.85, "III": 1.12, "V": 1.08, "split": 0.98, "split+gust": 1.0}
@@ -317,7 +318,7 @@ def test_recording_for_rerun_holds_every_line_and_event(tmp_path: Path) -> None:
     plain = {path.replace("\\", ""): rows for path, rows in found.items()}
     assert plain["/alpha [deg]"] == 600
     assert plain["/true airspeed [kt]"] == 600
-    assert plain["/events"] == 3
+    assert (plain["/events/alarms"], plain["/events/informations"]) == (1, 2)
     assert plain["/Cm_q [1/rad]"] == 24  # two a second
 
 
