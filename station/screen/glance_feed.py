@@ -186,7 +186,10 @@ class GlanceFeed:
         while True:
             began_ns = clock.now_ns()
             with tempfile.TemporaryFile() as errors:
-                why = self._serve(lambda: content(board, clock.now_ns()), errors)
+                try:
+                    why = self._serve(lambda: content(board, clock.now_ns()), errors)
+                except Exception as error:  # the board changes while it is read; and no page ends a flight
+                    why = f"{type(error).__name__}: {error}"
             if self._stop.is_set():
                 return
             backoff_s = 1.0 if clock.now_ns() - began_ns > START_NS else min(2 * backoff_s, 30.0)

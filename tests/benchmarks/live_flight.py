@@ -1,6 +1,7 @@
 """The whole station in real time: tick timing, missed ticks, memory. Run by hand; prints, asserts nothing.
 
     uv run python tests/benchmarks/live_flight.py --minutes 10
+    uv run python tests/benchmarks/live_flight.py --minutes 60 --view none    # a soak: the slope of the memory
 
 Emulators and viewer run beside the station. A tick is done when it has been drained, aligned, estimated by all live
 methods, logged and handed to the view; counted from its schedule, which is the byte-to-estimate latency beyond the
@@ -13,9 +14,12 @@ import sys
 import tempfile
 import time
 
+import numpy as np
 import psutil
 
 MIB = 2**20
+SETTLED_S = 600.0
+"""Before, buffers fill and code is compiled."""
 
 
 def main() -> None:
@@ -47,6 +51,11 @@ def main() -> None:
     quarter = len(sizes) // 4
     for t, size in (sizes[quarter], sizes[len(sizes) // 2], sizes[-1]):
         print(f"station memory after {t / 60:.1f} min: {size:.0f} MiB")
+    late = np.array([x for x in sizes if x[0] > SETTLED_S])
+    if len(late) > SETTLED_S / 10:
+        slope = np.polyfit(late[:, 0], late[:, 1], 1)[0] * 3600
+        spread = np.ptp(late[:, 1])
+        print(f"memory from {SETTLED_S / 60:.0f} min on: {slope:+.2f} MiB/h, extremes {spread:.1f} MiB apart")
     print(f"station processor time: {(busy.user + busy.system) / (time.monotonic() - began):.0%} of one core")
 
 
