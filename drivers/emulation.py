@@ -142,7 +142,7 @@ def _fly(
 def _source(profiles: Profiles, recording: Recording | None) -> Source:
     if recording is not None:
         return Playback(recording)
-    from station.simulation.sortie import installed
+    from station.simulation.sortie import check_air, installed
 
     def simulation() -> Source:
         made = installed(profiles.aircraft, profiles.rig, profiles.card)
@@ -156,7 +156,8 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
 
     flight = profiles.card.flight
     begins = AlteredAircraft(profiles.aircraft, flight.truth).at(0.0)
-    constants(begins, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown
+    constants(begins, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown,
+    check_air(begins, flight)  # and for one that cannot in this air
     return _Awaited(LevelFlight(begins, flight, emulated_signals(profiles.rig)), simulation)
 
 

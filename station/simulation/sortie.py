@@ -9,19 +9,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, TICK_HZ
-from station.profile import Aircraft, Card, Rig
+from station.profile import Aircraft, Card, Flight, Rig
 from station.rows import ProfileError
 from station.simulation.declared_signals import emulated_signals
+from station.simulation.gust_plane import across
 from station.simulation.installed import Installed, Source
 from station.simulation.jsbsim_flight import JsbsimFlight
 from station.simulation.motion import DT, EVERY
 from station.simulation.sensors import Channel, Sensor, sensors_of
-from station.simulation.side_flow import has_lateral
+from station.simulation.side_flow import fin_apart, has_lateral
 from station.simulation.six_degrees import LateralSimulation
 from station.simulation.stepped_flight import SteppedFlight
 from station.simulation.three_degrees import Simulation
 
 Position = tuple[float, float, float]
+
+
+def check_air(aircraft: Aircraft, flight: Flight) -> None:
+    """Raises ProfileError where the flight's air asks more of the aircraft than its profile says."""
+    if flight.is_plane:
+        across(aircraft)
+        if has_lateral(aircraft):
+            fin_apart(aircraft)
 
 
 def source_of(

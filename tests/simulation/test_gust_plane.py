@@ -20,7 +20,7 @@ from station.simulation.gusts import STEP, Dryden, dryden, gust_at, ramp
 from station.simulation.isotropic import DRYDEN, VON_KARMAN, cross_spectra
 from station.simulation.side_flow import ARGUMENTS
 from station.simulation.six_degrees import LateralSimulation
-from station.simulation.sortie import source_of
+from station.simulation.sortie import check_air, source_of
 
 FT = 0.3048
 L, SPAN = 1750 * FT, 65 * FT
@@ -320,6 +320,8 @@ def test_a_beta_vane_in_sidewash_and_at_its_boom_s_place() -> None:
     ],
 )
 def test_a_profile_without_geometry_is_refused(change: dict[str, Any], flight: dict[str, Any], message: str) -> None:
+    with pytest.raises(ProfileError, match=message):
+        check_air(AIRCRAFT.model_copy(update=change), card(**flight).flight)
     with pytest.raises(ProfileError, match=message):
         fly(AIRCRAFT.model_copy(update=change), {}, card(**flight), 1.0)
 
