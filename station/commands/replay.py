@@ -14,13 +14,14 @@ import typer
 from station.clock import SystemClock
 from station.commands.common import LogPath, ViewMode, judged, page_words, profiles_of
 from station.commands.long_work import shown
-from station.console import DONE, ERROR, say
+from station.console import DONE, ERROR, judge, say
 from station.conventions import TICK_HZ
-from station.log import metadata, points, read_rows
+from station.log import arithmetic, metadata, points, read_rows, unlike
 from station.rows import Frame, Rows, UsageError
 
 if TYPE_CHECKING:
     from station.flight import loop
+    from station.flight.replay_check import Comparison
 
 LEAD_S: Final = 30.0
 """Flight before a point that the filters run on."""
@@ -31,7 +32,12 @@ def replay(
     log: LogPath,
     speed: Annotated[str, typer.Option(metavar="X|max", help="times real time")] = "max",
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.none,
-    verify: Annotated[bool, typer.Option("--verify", help="compare with the recorded estimates bit for bit")] = False,
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify", help="compare with the recorded estimates bit for bit; on another processor within 1e-12"
+        ),
+    ] = False,
     point: Annotated[
         int | None, typer.Option(metavar="N", help="only this test point, and the flight before it")
     ] = None,
@@ -78,10 +84,21 @@ def replay(
     compared = f"{found.rows} rows compared, {found.different} different"
     print(f"{found.beats} ticks, " + (compared if point is None else f"test point {point} and {LEAD_S:g} s before it"))
     if verify and found.different:
-        say(found.first)
-        return ERROR
+        return compared(found, unlike(about.arithmetic, arithmetic()))
     whole = judged(log)
     return DONE if verify else whole
+
+
+def compared(found: Comparison, other: str) -> int:
+    """The exit code of a replay whose bits differ; `other`: in what the recording's machine differs from this one."""
+    from station.flight.replay_check import BAND
+
+    if other and not found.beyond:
+        return judge([f"differs within {BAND:g} (at most {found.largest:.1g}), recorded on another machine: {other}"])
+    say(found.first)
+    if other:
+        say(f"and not by as little as another machine may make: at most {BAND:g}; recorded on another: {other}")
+    return ERROR
 
 
 def _telling(source: Iterator[loop.Beat], told: Callable[[int], None]) -> Iterator[loop.Beat]:

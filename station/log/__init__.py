@@ -5,6 +5,7 @@ each complete in itself.
 """
 
 from station.log.about import About, LogInfo
+from station.log.arithmetic import arithmetic, unlike
 from station.log.disk import make_folder
 from station.log.reading import metadata, parts, read_rows, row_times
 from station.log.summary import Summary, describe, recover, span_ns, summarise, verdict
@@ -20,6 +21,7 @@ __all__ = [
     "Summary",
     "Table",
     "WriterThread",
+    "arithmetic",
     "describe",
     "make_folder",
     "metadata",
@@ -31,6 +33,7 @@ __all__ = [
     "span_ns",
     "summarise",
     "table",
+    "unlike",
     "verdict",
     "write_log",
 ]

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 
 from station.conventions import CLOCK_LAW, Signal, Stream
+from station.log.arithmetic import arithmetic
 from station.log.counts import NAME, Counts, counted
 from station.log.scan import CRC, PartReader, seal
 from station.profile import NOTHING, Aircraft, Card, Further, Rig, from_json, to_json
@@ -30,6 +31,8 @@ class About:
     files: Mapping[str, bytes] = field(default_factory=dict)
     """Attached as they are: the rig's DBC files."""
     clock_law: int = CLOCK_LAW
+    arithmetic: Mapping[str, str] = field(default_factory=arithmetic)
+    """The machine whose estimates are recorded; empty where the recording does not say."""
 
     @property
     def further(self) -> Further:
@@ -89,6 +92,7 @@ def preamble(
             "streams": json.dumps([asdict(s) for s in about.streams]),
         },
         "clock": {"station_ns": str(station_ns), "utc_ns": str(utc_ns), "law": str(about.clock_law)},
+        "arithmetic": dict(about.arithmetic),
         "notes": dict(about.notes),
     }
     attachments = {"aircraft.json": to_json(about.aircraft).encode()}
@@ -144,6 +148,7 @@ def _info_of(reader: PartReader) -> LogInfo:
             notes=reader.metadata.get("notes", {}),
             files={n.removeprefix("files/"): d for n, d in reader.attachments.items() if n.startswith("files/")},
             clock_law=int(clock.get("law", "1")),
+            arithmetic=reader.metadata.get("arithmetic", {}),
         )
         return LogInfo(
             about, station["software"], station["flight"], int(station["part"]), int(clock["station_ns"]),

@@ -282,7 +282,8 @@ def _told_by_rows(path: Path, aircraft: Aircraft) -> LogInfo:
         for s, signals in names.items()
         if signals
     )
-    return LogInfo(About(aircraft, streams, notes={"aircraft": "named when it was recovered"}), "unknown", "", 0, 0, 0)
+    about = About(aircraft, streams, notes={"aircraft": "named when it was recovered"}, arithmetic={})
+    return LogInfo(about, "unknown", "", 0, 0, 0)
 
 
 def _rows(path: Path, given: LogInfo | None = None) -> Iterator[Rows]:

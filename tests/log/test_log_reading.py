@@ -197,9 +197,9 @@ def test_the_profiles_stand_twice_for_other_readers_too(whole: tuple[Path, list[
         reader = make_reader(file, validate_crcs=True)
         assert [a.name for a in reader.iter_attachments()] == ["aircraft.json"] * 2
         found = [(m.name, m.metadata) for m in reader.iter_metadata()]
-    assert found[:3] == found[3:6]
-    assert [name for name, _ in found[6:]] == ["counts"]
-    assert [name for name, _ in found[:3]] == ["station", "clock", "notes"]
+    assert found[:4] == found[4:8]
+    assert [name for name, _ in found[8:]] == ["counts"]
+    assert [name for name, _ in found[:4]] == ["station", "clock", "arithmetic", "notes"]
 
 
 def test_what_cannot_say_what_it_is_of_is_told_from_outside(whole: tuple[Path, list[Rows]], tmp_path: Path) -> None:
