@@ -84,12 +84,12 @@ def replay(
     compared = f"{found.rows} rows compared, {found.different} different"
     print(f"{found.beats} ticks, " + (compared if point is None else f"test point {point} and {LEAD_S:g} s before it"))
     if verify and found.different:
-        return compared(found, unlike(about.arithmetic, arithmetic()))
+        return outcome(found, unlike(about.arithmetic, arithmetic()))
     whole = judged(log)
     return DONE if verify else whole
 
 
-def compared(found: Comparison, other: str) -> int:
+def outcome(found: Comparison, other: str) -> int:
     """The exit code of a replay whose bits differ; `other`: in what the recording's machine differs from this one."""
     from station.flight.replay_check import BAND
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from station.commands.replay import compared
+from station.commands.replay import outcome
 from station.flight.loop import Beat
 from station.flight.replay_check import Comparison, deviation, difference, same_bits
 from station.log import About, arithmetic, metadata, recover, unlike, write_log
@@ -80,7 +80,7 @@ def replayed(change: float) -> Comparison:
 def test_what_another_machine_rounds_is_told_apart_from_a_real_difference(
     change: float, machine: str, code: int, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert compared(replayed(change), machine) == code
+    assert outcome(replayed(change), machine) == code
     told = capsys.readouterr().err
     assert all(w in told for w in words)
 
