@@ -72,7 +72,7 @@ from station.profile.rig import (
     StreamProfile,
 )
 from station.profile.rig_loop import LOOP_HZ, MOVED, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
-from station.profile.shapes import Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
+from station.profile.shapes import DiscreteGust, Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
 __all__ = [
@@ -103,6 +103,7 @@ __all__ = [
     "Derived",
     "DerivedSignal",
     "Device",
+    "DiscreteGust",
     "Doublet",
     "Drag",
     "DronecanDevice",

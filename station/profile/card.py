@@ -19,7 +19,7 @@ from station.profile.quantity import (
     RadiansPerMetre,
     Seconds,
 )
-from station.profile.shapes import Leg, Manoeuvre
+from station.profile.shapes import DiscreteGust, Leg, Manoeuvre
 from station.profile.step import Limits, Step
 
 
@@ -69,6 +69,8 @@ class Flight(Frozen):
     """Of the gusts in a plane; a line is Dryden's."""
     gust_length: Annotated[Metres, Field(ge=20, le=3000)] | None = None
     """Scale length of all three components, isotropic; MIL-F-8785C's at the altitude if left out."""
+    gusts: tuple[DiscreteGust, ...] = ()
+    """Discrete gusts, laid over the turbulence."""
     wind_north: MetresPerSecond = 0.0
     """Steady wind, towards the north."""
     wind_east: MetresPerSecond = 0.0
@@ -98,8 +100,8 @@ class Flight(Frozen):
     def _truth(cls, raw: Any) -> Any:
         if isinstance(raw, dict) and isinstance(raw.get("truth"), dict):
             raw = {**raw, "truth": flattened(raw["truth"])}
-        if isinstance(raw, dict) and isinstance(raw.get("legs"), list):
-            raw = {**raw, "legs": tuple(raw["legs"])}
+        if isinstance(raw, dict):
+            raw = {k: tuple(v) if k in ("legs", "gusts") and isinstance(v, list) else v for k, v in raw.items()}
         return raw
 
     @model_validator(mode="after")
@@ -110,6 +112,8 @@ class Flight(Frozen):
             raise PydanticCustomError("field", 'field: only the simulation flies in a plane; use "line"')
         if self.spectrum != "dryden" and not self.is_plane:
             raise PydanticCustomError("spectrum", 'spectrum: a line has Dryden\'s; write field = "plane"')
+        if not self.is_plane and any(g.half != "both" for g in self.gusts):
+            raise PydanticCustomError("half", 'gusts: half a span is met in a plane only; write field = "plane"')
         if (self.legs or self.wind_walk) and self.source != "simulation":
             raise PydanticCustomError("legs", "legs, wind_walk: only the simulation flies them")
         return self

@@ -1,4 +1,4 @@
-"""Shapes of test inputs: what a surface does about its trim."""
+"""Shapes of test inputs, what a surface does about its trim; of legs, and of gusts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from station.profile.quantity import Frozen, Hertz, MetresPerSecond, Positive, Radians, Seconds
+from station.profile.quantity import Frozen, Hertz, Metres, MetresPerSecond, Positive, Radians, Seconds
 
 
 class _Input(Frozen):
@@ -74,6 +74,21 @@ class Leg(Frozen):
     """Clockwise from north; turned to the shorter way."""
     bank: Radians | None = None
     """Turns with it, right wing down positive, until a leg with a heading."""
+
+
+class DiscreteGust(Frozen):
+    """Air that rises to `peak` and falls again, as 1 - cos of the way flown (MIL-F-8785C 3.7.1.3, CS 25.341)."""
+
+    start: Annotated[Seconds, Field(ge=0)]
+    """When the CG gets there, at the flight's speed."""
+    component: Literal["up", "side", "along"] = "up"
+    """Which way: an updraught, air from the right, a headwind, or against it where `peak` is negative."""
+    peak: MetresPerSecond
+    """At its strongest."""
+    length: Annotated[Metres, Field(ge=1, le=2000)]
+    """From its begin to its peak: as far again it ends."""
+    half: Literal["both", "right", "left"] = "both"
+    """Of the span that meets it; one half needs `field = "plane"`."""
 
 
 Manoeuvre = Annotated[Doublet | ThreeTwoOneOne | Multisine | Sweep | Pulse, Field(discriminator="kind")]

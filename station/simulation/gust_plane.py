@@ -19,16 +19,19 @@ each wavenumber, without phase: convolved block by block (partitioned, overlap-s
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
-from station.profile import Aircraft
+from station.profile import Aircraft, DiscreteGust
 from station.rows import ProfileError
-from station.simulation.gusts import ALONG, SIDEWAYS, STEP, UP, Dryden, Field, Meets, Ramp, field_start
+from station.simulation.discrete_gusts import COMPONENTS, shape
+from station.simulation.gusts import ALONG, SIDEWAYS, STEP, UP, Dryden, Field, Laid, Meets, Ramp, field_start
 from station.simulation.isotropic import KINDS, CrossSpectra, cross_spectra
 
 Array = NDArray[np.float64]
@@ -49,6 +52,15 @@ _SLACK: Final = 1e-11
 
 _NOTHING: Final = 1e-6
 """Of a series' own noise: what symmetry leaves of another's is rounding."""
+
+_FADE: Final = 40.0
+"""Chords after a discrete gust over which the wing's response to it is followed."""
+_HALVES: Final[Mapping[str, Callable[[Array], Array]]] = {
+    "both": np.ones_like,
+    "right": lambda side: 0.5 * (1.0 + side),
+    "left": lambda side: 0.5 * (1.0 - side),
+}
+"""How much of a gust is met on either side, by the sign of y."""
 
 
 class Across(NamedTuple):
@@ -213,18 +225,50 @@ def filters(parts: Across, length_u: float, length_w: float, ratio: float, kind:
     return Filters(pairs, np.fft.rfft(taps, 2 * _BLOCK), len(series), meets)
 
 
+def in_a_plane(gusts: Sequence[DiscreteGust], speed: float, parts: Across) -> tuple[Laid, ...]:
+    """Discrete gusts for the series of a plane: on all of the span, or half of it."""
+    series, _ = _series(parts)
+    made = []
+    for gust in gusts:
+        first, values = shape(gust, speed, _FADE * parts.chord)
+        columns = np.zeros((len(values), len(series)))
+        for i, one in enumerate(series):
+            if one.component == COMPONENTS[gust.component]:
+                met = one.weights @ _HALVES[gust.half](np.sign(one.places))
+                columns[:, i] = met * (_behind_response(parts, values) if one.delayed else values)
+        made.append(Laid(first, columns))
+    return tuple(made)
+
+
+def _behind_response(parts: Across, values: Array) -> Array:
+    """A gust, straight between points, behind the response of the wing's lift."""
+    out = values.copy()
+    for a, b in zip(parts.amplitudes, parts.rates, strict=True):
+        steps = STEP * b / parts.chord
+        decay, mean = math.exp(-steps), -math.expm1(-steps) / steps
+        out -= a * (values - lfilter([1.0 - mean, mean - decay], [1.0, -decay], values))
+    return out
+
+
 class PlaneField:
     """As GustField, of air that is a plane: the part around the aircraft, made as it gets there."""
 
     def __init__(
-        self, parts: Across, model: Dryden, kind: str, ramp: Ramp, behind: float, seed: np.random.SeedSequence
+        self,
+        parts: Across,
+        model: Dryden,
+        kind: str,
+        ramp: Ramp,
+        behind: float,
+        seed: np.random.SeedSequence,
+        laid: Sequence[Laid] = (),
     ) -> None:
         """`kind`: of isotropic.KINDS; `behind`: how far behind the origin the field begins, m."""
         sigma = model.sigma_w
         made = filters(parts, model.length_u, model.length_w, model.sigma_u / sigma if sigma else 1.0, kind)
         self.now = Field(np.empty((0, made.series)), field_start(behind), made.meets)
         """The part that is kept."""
-        self._made, self._ramp, self._sigma = made, ramp, sigma
+        self._made, self._ramp, self._sigma, self._laid = made, ramp, sigma, laid
         self._rng = np.random.default_rng(seed)
         self._last = self._rng.standard_normal((made.series, _BLOCK))
         pieces = made.parts.shape[1]
@@ -254,8 +298,13 @@ class PlaneField:
 
     def _block(self, first: int) -> Array:
         """(_BLOCK, series): the points from index `first` on."""
-        if self._sigma == 0:
-            return np.zeros((_BLOCK, self._made.series))
+        made = self._turbulence(first) if self._sigma else np.zeros((_BLOCK, self._made.series))
+        for gust in self._laid:
+            gust.add_to(made, first)
+        return made
+
+    def _turbulence(self, first: int) -> Array:
+        """Of these points."""
         self._listen()
         sums = np.zeros((self._made.series, _BLOCK + 1), dtype=complex)
         for (i, j), part in zip(self._made.pairs, self._made.parts, strict=True):

@@ -11,7 +11,7 @@ One-sided spatial spectra, rad/m, integral over them = sigma^2:
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
@@ -228,6 +228,20 @@ def gust_at(field: Field, distance: float, component: int) -> float:
     return value
 
 
+class Laid(NamedTuple):
+    """What is laid over a field from a point on."""
+
+    first: int
+    values: NDArray[np.float64]
+    """(n, columns), m/s or rad/s."""
+
+    def add_to(self, block: NDArray[np.float64], first: int) -> None:
+        """That part of it which is among the points that begin with index `first`."""
+        begin, end = max(first, self.first), min(first + len(block), self.first + len(self.values))
+        if begin < end:
+            block[begin - first : end - first] += self.values[begin - self.first : end - self.first]
+
+
 def field_start(behind: float) -> int:
     """Index of the first point of a field that is to begin `behind` m behind the origin."""
     return math.floor(-behind / STEP) - 2
@@ -239,11 +253,13 @@ class GustField:
     The field is the same whatever pieces it is asked for in.
     """
 
-    def __init__(self, constants: FieldConstants, behind: float, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, constants: FieldConstants, behind: float, seed: np.random.SeedSequence, laid: Sequence[Laid] = ()
+    ) -> None:
         """`behind`: how far behind the origin the field begins, m."""
         self.now = Field(np.empty((0, 3)), field_start(behind))
         """The part that is kept."""
-        self._constants = constants
+        self._constants, self._laid = constants, laid
         self._calm = constants.sigmas[2] == 0
         self._rng = np.random.default_rng(seed)
         self._state = self._rng.standard_normal(5)
@@ -260,5 +276,7 @@ class GustField:
         block = np.zeros((n, 3))
         if not self._calm:
             fill(self._constants, self._rng.standard_normal((n, 5)), self._state, end, block)
+        for gust in self._laid:
+            gust.add_to(block, end)
         keep = values[max(0, drop) :]
         self.now = Field(np.concatenate((keep, block)), first + len(values) - len(keep))

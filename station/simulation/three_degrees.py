@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.profile import Aircraft, Flight, Manoeuvre, Order, Pilot
+from station.simulation.discrete_gusts import on_a_line
 from station.simulation.flown_aircraft import FlownAircraft
-from station.simulation.gust_plane import PlaneField, across
+from station.simulation.gust_plane import PlaneField, across, in_a_plane
 from station.simulation.gusts import GustField, dryden_of, field_constants, ramp
 from station.simulation.legs import without_legs
 from station.simulation.longitudinal import DISTANCE
@@ -132,13 +133,15 @@ def gusts_of(flight: Flight, flown: FlownAircraft, seed: int | None) -> GustFiel
     for an aircraft that cannot fly in a plane."""
     if not flight.is_plane:
         return line_of(flight, flown.behind, flown.ahead, seed)
+    parts = across(flown.now)
     field = PlaneField(
-        across(flown.now),
+        parts,
         dryden_of(flight),
         flight.spectrum,
         ramp(flight.speed, flight.gust_start),
         flown.behind,
         np.random.SeedSequence(flight.seed if seed is None else seed),
+        in_a_plane(flight.gusts, flight.speed, parts),
     )
     field.cover(-flown.behind, flown.ahead)
     return field
@@ -150,6 +153,7 @@ def line_of(flight: Flight, behind: float, ahead: float, seed: int | None) -> Gu
         field_constants(dryden_of(flight), flight.speed, flight.gust_start),
         behind,
         np.random.SeedSequence(flight.seed if seed is None else seed),
+        on_a_line(flight.gusts, flight.speed),
     )
     field.cover(-behind, ahead)
     return field

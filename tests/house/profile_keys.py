@@ -179,6 +179,7 @@ def card_keys() -> str:
     return of(
         ("Top of the file", card.Card),
         ("`[flight]`", card.Flight),
+        ("`[[flight.gusts]]`", shapes.DiscreteGust),
         ("`[flight.truth]`, by key of the aircraft's profile", altered.Change),
         ("`[[manoeuvres]]`, any", wave),
         ('`kind = "doublet"`', shapes.Doublet, wave),
