@@ -22,7 +22,6 @@ from station.profile import (
     EMULATED,
     CanBus,
     CanDevice,
-    Channel,
     Device,
     DronecanDevice,
     MavlinkDevice,
@@ -42,6 +41,9 @@ PAUSE_S: Final = 0.005
 """What comes too fast to be read is passed over in larger pieces: each call of the system costs some 10 us."""
 FIRST_BACKOFF_S: Final = 0.1
 LAST_BACKOFF_S: Final = 2.0
+
+_Fields = tuple[tuple[str, Callable[[float], float]], ...]
+"""Of a stream's signals: the field on the wire, and what makes SI of it."""
 
 Opener = Callable[[], Port]
 """Opens the link or raises OSError or DeviceError saying why not."""
@@ -91,10 +93,10 @@ class Adapter:
         self._opener = opener
         self._clock = clock
         self._put = put
-        self._streams: dict[str | int, list[tuple[str, tuple[Channel, ...]]]] = {}
+        self._streams: dict[str | int, list[tuple[str, _Fields]]] = {}
         for stream in device.streams:
-            channels = tuple(stream.signals.values())
-            self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", channels))
+            fields = tuple((channel.field, channel.converter()) for channel in stream.signals.values())
+            self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", fields))
         self._timelines: dict[int, _Timeline] = {}
         self._seqs: dict[str | int, int] = {}
         self._shedding = Shedding(sum(stream.rate for stream in device.streams))
@@ -217,10 +219,11 @@ class Adapter:
         if seq is not None and reading.seq_wrap:
             last = self._seqs.get(reading.message, seq)
             seq = self._seqs[reading.message] = last + (seq - last) % reading.seq_wrap
-        for name, channels in streams:
-            values = tuple(_si(channel, reading.fields) for channel in channels)
+        value_of = reading.fields.get
+        for name, fields in streams:
+            values = tuple([to_si(value_of(field, math.nan)) for field, to_si in fields])
             # A message without one usable value (no fix yet) is as good as none: the stream goes stale.
-            if not all(math.isnan(value) for value in values):
+            if not all(map(math.isnan, values)):
                 self._put(Sample(t_ns, name, device_ns, seq, values))
 
     def _sync(self, t_ns: int, reply: TimeReply) -> None:
@@ -263,10 +266,6 @@ class Adapter:
         if count > last.count and (last.t_ns is None or t_ns - last.t_ns >= every_ns):
             self._put(Event(t_ns, self.device.name, code, count - last.count, detail))
             last.count, last.t_ns = count, t_ns
-
-
-def _si(channel: Channel, fields: Mapping[str, float]) -> float:
-    return channel.to_si(fields.get(channel.field, math.nan))
 
 
 def open_devices(

@@ -55,7 +55,8 @@ def _read_packet(piece: bytes) -> Sequence[Reading] | None:
         return None
     message, seq, t_us = _HEADER.unpack_from(body)
     counts = struct.unpack_from(f"<{(len(body) - _HEADER.size) // 2}h", body, _HEADER.size)
-    return (_reading(message, seq, t_us, counts),)
+    is_plain = counts and min(counts) > -_MOST and max(counts) < _MOST
+    return (_reading(message, seq, t_us, counts, float if is_plain else _value),)
 
 
 def _value(count: float) -> float:
@@ -65,8 +66,11 @@ def _value(count: float) -> float:
     return math.copysign(math.inf, count) if abs(count) == _MOST else float(count)
 
 
-def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Reading:
-    fields = {name: _value(count) for name, count in zip(FIELDS, counts, strict=False)}
+def _reading(
+    message: int, seq: int, t_us: int, counts: Sequence[float], value: Callable[[float], float] = _value
+) -> Reading:
+    """`value` makes a field of a count."""
+    fields = dict(zip(FIELDS, map(value, counts), strict=False))
     return Reading(message, t_us * 1000, seq, fields, WRAP_NS, SEQ_WRAP)
 
 

@@ -10,6 +10,8 @@ A path is given to whoever is plugged in next: an adapter that was away for a mo
 from __future__ import annotations
 
 import errno
+import os
+import select
 from typing import Final
 
 import serial
@@ -21,6 +23,7 @@ from station.rows import DeviceError
 
 USB: Final = "usb:"
 MOST_NAMED: Final = 6
+_MOST_AT_ONCE: Final = 65_536
 
 
 class SerialPort:
@@ -28,13 +31,30 @@ class SerialPort:
 
     def __init__(self, port: serial.Serial) -> None:
         self._port = port
+        self._has_file = os.name == "posix"
 
     def read(self, timeout_s: float) -> bytes:
+        if self._has_file:
+            return self._read_file(timeout_s)
         if self._port.timeout != timeout_s:
             self._port.timeout = timeout_s
         block: bytes = self._port.read(1)
         if block and (waiting := self._port.in_waiting):
             block += self._port.read(waiting)
+        return block
+
+    def _read_file(self, timeout_s: float) -> bytes:
+        """Two calls of the system where pyserial makes five, each of which gives the interpreter away."""
+        file = self._port.fileno()
+        ready, _, _ = select.select([file], [], [], timeout_s)
+        if not ready:
+            return b""
+        try:
+            block = os.read(file, _MOST_AT_ONCE)
+        except BlockingIOError:  # nothing after all
+            return b""
+        if not block:
+            raise OSError(errno.ENODEV, "the port is ready to read but gives nothing: has the device gone?")
         return block
 
     def write(self, data: bytes) -> None:

@@ -153,6 +153,10 @@ class LogWriter:
 
     def append(self, rows: Iterable[Rows]) -> None:
         rows = list(rows)
+        for at in range(0, len(rows), ROWS_OF_A_CHUNK):
+            self._append(rows[at : at + ROWS_OF_A_CHUNK])
+
+    def _append(self, rows: list[Rows]) -> None:
         held, before = self._held, len(self._held)
         held.extend(rows)
         lost = before + len(rows) - len(held)
@@ -161,7 +165,8 @@ class LogWriter:
         part = self._part
         if part is not None:
             self._write(part, rows)
-            if part.chunk_size >= CHUNK_BYTES:
+            # Rows are held until their chunk is written: it ends before one would have to be let go.
+            if part.chunk_size >= CHUNK_BYTES or len(held) > _HELD_ROWS - ROWS_OF_A_CHUNK:
                 self._close_chunk(part)
 
     def _write(self, part: PartWriter, rows: Iterable[Rows]) -> None:

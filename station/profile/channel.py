@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import UNIT_ALIASES, UNITS, to_si, unit_named
+from station.conventions import UNIT_ALIASES, UNITS, unit_named
 from station.profile.quantity import Frozen, nearest
 
 
@@ -56,8 +57,15 @@ class Channel(Frozen):
 
     def to_si(self, raw: float) -> float:
         """The signal's value in SI; beyond a table's ends its last slope goes on."""
-        value = self.slope * (raw - self.zero) if self.table is None else _interpolate(self.table, raw)
-        return to_si(value, self.unit)
+        return self.converter()(raw)
+
+    def converter(self) -> Callable[[float], float]:
+        """`to_si` for many values."""
+        unit, slope, zero, table = UNITS[UNIT_ALIASES.get(self.unit, self.unit)], self.slope, self.zero, self.table
+        factor, offset = unit.factor, unit.offset
+        if table is None:
+            return lambda raw: slope * (raw - zero) * factor + offset
+        return lambda raw: _interpolate(table, raw) * factor + offset
 
     def from_si(self, value: float) -> float:
         """The field's value for a signal's value in SI (the inverse of to_si), before rounding to the wire."""

@@ -16,23 +16,13 @@ from pymavlink.dialects.v20.ardupilotmega import MAVLink, MAVLink_heartbeat_mess
 from drivers.mavlink import MavlinkEncoder
 from drivers.mavlink_frame import Framer
 from drivers.serial_gnss import UbxCodec, encode_nav_pvt
+from drivers.shedding import NOISE_BYTES_S, OTHER_BYTES_S
 from station.flight.bus import Bus
 from station.rows import Code, Event, RawBlock
+from tests.reliability.crafted import KINDS, MAVLINK, UBX, cost
+from tests.reliability.mutations import links
 
 PIECE = 200
-UBX = {
-    "long frames within one another": b"\xb5\x62\x05\x05\xff\x0f",
-    "NAV-PVT within one another": b"\xb5\x62\x01\x07\x5c\x00",
-    "starts": b"\xb5\x62",
-    "sentences that never end": b"$",
-    "sentences within one another": b"$" * 127 + b"\n",
-}
-MAVLINK = {
-    "starts": b"\xfe",
-    "starts of version 2": b"\xfd\x01",
-    "heartbeats within one another": b"\xfe\x09\x00\x00\x01\x00",
-    "long packets within one another": b"\xfd\xff\x00\x00\x00\x00\x00\x00\x00\x00",
-}
 LINES_A_BYTE = 25
 """Ten statements for each start, of two bytes at least, and again for one that was not all there."""
 
@@ -104,3 +94,11 @@ def test_the_bus_is_bounded_while_nobody_drains_it() -> None:
     assert lost.count == bus.dropped == 290
     bus.put(Event(400, "test", Code.MARK))
     assert len(bus.drain()) == 1
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_of_a_megabyte_a_second_no_more_is_read_than_a_link_may_cost(name: str) -> None:
+    for kind in KINDS[name].values():
+        _, kept, unaccounted = cost(links()[name].codec(), kind, seconds=2.0)
+        assert 0.4 * NOISE_BYTES_S * 2 < kept < (OTHER_BYTES_S + 100 * 50) * 3.1
+        assert unaccounted == 0
