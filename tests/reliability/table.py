@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,9 @@ from station.convert import import_file
 from station.log import WriterThread, metadata, read_rows, summarise, write_log
 from station.log.disk import Disk
 from station.rows import LogError, Rows
+from tests.reliability import live_links
 from tests.reliability.clocks import jumped, mapped, sent, stalled, starved
+from tests.reliability.crafted import KINDS, cost
 from tests.reliability.endings import (
     CUT_S,
     KILLED_S,
@@ -39,6 +42,8 @@ from tests.reliability.endings import (
     may_mount,
     tick_rows,
 )
+from tests.reliability.mutations import FOREIGN, FOREIGN_S, GROWTH_MIB, LONGEST_S, NAMES, links
+from tests.reliability.mutations import fly as fly_mutations
 from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
 
 Told = tuple[str, str, str, bool]
@@ -254,6 +259,42 @@ def stalls_of_the_station(hours: float) -> Told:
     return f"a machine that stalls, {hours:g} h of five links", "0", words, not told
 
 
+def crafted_bytes() -> Told:
+    """The bytes that keep each reader busiest, through the adapter."""
+    worst, which, bad = 0.0, "", 0
+    for name, kinds in KINDS.items():
+        for kind, data in kinds.items():
+            share, _, unaccounted = cost(links()[name].codec(), data)
+            bad += bool(unaccounted)
+            worst, which = max((worst, which), (share, f"{name}, {kind}"))
+    words = f"{worst:.0%} of a core ({which}); {bad} with bytes unaccounted for"
+    count = sum(map(len, KINDS.values()))
+    return f"1 MB/s of crafted bytes, {count} kinds", "20 %; 0", words, worst < 0.2 and not bad
+
+
+def fast_links(streams: int, rate: int, seconds: float, *, is_flooded: bool) -> Told:
+    """Links of the operating system in its time, and a flood of datagrams beside them."""
+    found = live_links.fly(streams, rate, seconds, is_flooded=is_flooded)
+    missing = found.sent - found.recorded
+    words = (
+        f"{missing} of {found.sent} samples missing, {found.ticks_missed} of {found.ticks} ticks missed, "
+        f"{found.autopilot} of {found.autopilot_sent} messages of the autopilot; {found.core:.2f} of a core"
+    )
+    name = f"{streams} streams at {rate} Hz, {seconds:g} s"
+    if is_flooded:
+        name += f", and {found.flooded / seconds / 1000:.0f} thousand datagrams a second from elsewhere"
+    limit = "0, 0; 1 core"
+    return name, limit, words, not missing and not found.ticks_missed and found.core < 1
+
+
+def mutations(name: str, inputs: int) -> Told:
+    """Bad inputs of one codec or reader, as many as a minute of processor time takes."""
+    found = fly_mutations(name, inputs, seconds=60.0)
+    words = f"{found.raised} faults, {found.longest_s * 1e3:.0f} ms, {found.growth_mib:.0f} MiB at most"
+    limit_s = FOREIGN_S if name in FOREIGN else LONGEST_S
+    return f"mutated inputs of {name}, {found.inputs}", f"0; {limit_s:g} s, {GROWTH_MIB:g} MiB", words, found.holds
+
+
 def main() -> None:
     part = 20 if "--quick" in sys.argv else 1
     trials: list[Callable[[], Told]] = [
@@ -266,6 +307,10 @@ def main() -> None:
         lambda: foreign(1000 // part),
         lambda: clock_jumps(20 // part),
         lambda: stalls_of_the_station(1.0 / part),
+        crafted_bytes,
+        lambda: fast_links(8, 200, 60 / part, is_flooded=True),
+        lambda: fast_links(32, 1000, 60 / part, is_flooded=False),
+        *(partial(mutations, name, 1_000_000 // part) for name in NAMES),
     ]
     if may_mount():
         trials.insert(2, lambda: endings("power cut of an ext4 disk", 50 // part, CUT_S, cut_on_ext4))
