@@ -296,9 +296,9 @@ def what_is_sent(device: Device) -> str:
 
             return part_in_bus(device)
         case MavlinkDevice():
-            from drivers.mavlink import requests
+            from drivers.mavlink import belief, requests
 
-            return requests(device)
+            return "; ".join(words for words in (requests(device), belief(device)) if words)
 
 
 def check_devices(rig: Rig, rig_file: Path) -> None:

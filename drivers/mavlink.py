@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -53,6 +54,23 @@ def requests(device: MavlinkDevice) -> str:
     if device.request_streams:
         sent.append("SET_MESSAGE_INTERVAL for its streams, again each 5 s for those that do not come")
     return ", ".join(sent) or "nothing"
+
+
+def belief(device: MavlinkDevice) -> str:
+    """Why whom the station listens to may be anybody, and how to mend it; "" with a key, and on a link that others do not
+    reach."""
+    kind, _, rest = device.url.partition(":")
+    host = rest.rpartition(":")[0].strip("[]")
+    if device.signing_key_file is not None or kind[:3] not in ("udp", "tcp") or _is_loopback(host):
+        return ""
+    return "unsigned: whoever sends the first heartbeat is believed; signing_key_file in the rig has it checked"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 class MavlinkCodec(Codec):
@@ -166,7 +184,8 @@ class MavlinkCodec(Codec):
     def _is_ours(self, message: Any) -> bool:
         sender = _sender(message)
         if self._vehicle is None and self._may_be(sender) and (self._device.system_id or _is_heartbeat(message)):
-            self._vehicle, self.speaker = sender, _words(sender)
+            doubt = belief(self._device)
+            self._vehicle, self.speaker = sender, _words(sender) + (f" ({doubt})" if doubt else "")
         if sender == self._vehicle:
             return True
         # What comes before a vehicle's first heartbeat is nobody's yet; our own packets may be echoed.

@@ -34,9 +34,7 @@ def replay(
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.none,
     verify: Annotated[
         bool,
-        typer.Option(
-            "--verify", help="compare with the recorded estimates bit for bit; on another processor within 1e-12"
-        ),
+        typer.Option("--verify", help="compare with the recorded estimates bit for bit; exit code 3: but for rounding"),
     ] = False,
     point: Annotated[
         int | None, typer.Option(metavar="N", help="only this test point, and the flight before it")
@@ -91,13 +89,11 @@ def replay(
 
 def outcome(found: Comparison, other: str) -> int:
     """The exit code of a replay whose bits differ; `other`: in what the recording's machine differs from this one."""
-    from station.flight.replay_check import BAND
-
     if other and not found.beyond:
-        return judge([f"differs within {BAND:g} (at most {found.largest:.1g}), recorded on another machine: {other}"])
+        return judge([f"differs as another machine rounds, and no more; recorded on another: {other}"])
     say(found.first)
     if other:
-        say(f"and not by as little as another machine may make: at most {BAND:g}; recorded on another: {other}")
+        say(f"{found.beyond} rows differ by more than another machine's rounding; recorded on another: {other}")
     return ERROR
 
 

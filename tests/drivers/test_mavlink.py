@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from drivers.adapter import what_is_sent
 from drivers.codec import Reading, TimeReply
 from drivers.mavlink import MOST_FOREIGN, STATION_SYSTEM, MavlinkCodec, MavlinkEncoder, read_signing_key
 from drivers.mavlink_messages import DERIVED, TABLE, fields_known
@@ -668,3 +669,27 @@ def test_the_key_file(tmp_path: Path) -> None:
     (tmp_path / "link.key").write_text(KEY.hex() + "\n")
     assert read_signing_key(device(signing_key_file="link.key"), tmp_path) == KEY
     assert read_signing_key(device(), tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("url", "key", "is_told"),
+    [
+        ("udpin:0.0.0.0:14550", None, True),
+        ("udpin:192.168.1.20:14550", None, True),
+        ("tcp:autopilot.local:5760", None, True),
+        ("udpin:0.0.0.0:14550", "key.hex", False),
+        ("udpin:127.0.0.1:14550", None, False),
+        ("udpin:[::1]:14550", None, False),
+        ("serial:/dev/ttyACM0:57600", None, False),
+        ("emulated", None, False),
+    ],
+)
+def test_that_anybody_may_be_the_vehicle_is_told_where_others_reach_an_unsigned_link(
+    url: str, key: str | None, is_told: bool
+) -> None:
+    link = device().model_copy(update={"url": url, "signing_key_file": key})
+    codec = MavlinkCodec(link)
+    codec.feed(MavlinkEncoder().heartbeat())
+    assert codec.speaker.startswith("system 1, component 1")
+    for told in (codec.speaker, what_is_sent(link)):
+        assert ("signing_key_file in the rig" in told) == is_told

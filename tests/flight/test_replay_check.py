@@ -8,10 +8,10 @@ import pytest
 
 from station.commands.replay import outcome
 from station.flight.loop import Beat
-from station.flight.replay_check import Comparison, deviation, difference, same_bits
+from station.flight.replay_check import Comparison, difference, is_rounding, same_bits
 from station.log import About, arithmetic, metadata, recover, unlike, write_log
 from station.profile import load_aircraft
-from station.rows import MethodEstimate, ParamEstimate, Status, Tick
+from station.rows import AlphaEstimate, MethodEstimate, ParamEstimate, Status, Tick
 
 
 def estimate(value: float, name: str = "Cm_q") -> MethodEstimate:
@@ -40,32 +40,56 @@ def test_only_the_first_difference_is_kept_and_all_are_counted() -> None:
     assert "1.0 recorded, 1.5 now" in found.first
 
 
+ALPHA = AlphaEstimate(
+    5, alpha=0.05, alpha_sd=0.001, vane=0.06, zero=0.0, upwash=0.0, rate=0.0, lag=0.0, gust=0.0,
+    alpha_inertial=math.nan, alpha_gust=0.0, gust_vertical=40.0, turbulence_level=0.1, turbulence="light", wind_north=0.0, wind_east=0.0,
+    wind_down=0.0, valid=True, why="",
+)  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    ("was", "now", "apart"),
+    ("changed", "rounded"),
     [
-        (-38.0, math.nextafter(-38.0, 0), 2**-47 / 38),  # 38 is between 2^5 and 2^6: the last of its bits is 2^-47
-        (1e-9, 1.1e-9, 1e-10),
-        (1.0, 1.5, 0.5 / 1.5),
-        (math.nan, math.nan, 0.0),
-        (math.nan, 1.0, math.inf),
-        (math.inf, math.inf, 0.0),
+        ({"alpha": 0.05 + 0.9e-12}, True),
+        ({"alpha": 0.05 + 1.1e-12}, False),
+        ({"gust_vertical": 40 + 39e-12}, True),
+        ({"gust_vertical": 40 + 41e-12}, False),
+        ({"alpha_inertial": 0.0}, False),
+        ({"gust": -0.0}, True),
+        ({"why": "vane held"}, False),
+        ({"valid": False}, False),
     ],
 )
-def test_how_far_two_rows_are_apart(was: float, now: float, apart: float) -> None:
-    assert deviation(estimate(was), estimate(now)) == pytest.approx(apart, rel=1e-3)
+def test_what_may_be_rounding_of_an_angle(changed: dict[str, object], rounded: bool) -> None:
+    assert is_rounding(ALPHA, msgspec.structs.replace(ALPHA, **changed)) is rounded
 
 
-def test_other_words_names_and_kinds_are_no_rounding() -> None:
-    assert deviation(estimate(1.0), estimate(1.0, "Cm_de")) == math.inf
-    assert deviation(estimate(1.0), None) == deviation(estimate(1.0), Tick(5, 1, 4)) == math.inf
-    why = msgspec.structs.replace(estimate(1.0), why="turbulence")
-    assert deviation(estimate(1.0), why) == math.inf
+@pytest.mark.parametrize("status", Status)
+def test_what_may_be_rounding_of_a_derivative(status: Status) -> None:
+    """A millionth of its standard error; what is not estimated is no result, but for its status and why."""
+
+    def of(value: float, sd: float = 3.0, status: Status = status, why: str = "") -> MethodEstimate:
+        return MethodEstimate(5, "II", (ParamEstimate("Cm_q", value, sd, status, why),))
+
+    is_result = status is Status.ESTIMATED
+    assert is_rounding(of(-38.0), of(-38.0 + 2.9e-6))
+    assert is_rounding(of(-38.0), of(-38.0 + 3.1e-6)) != is_result
+    assert is_rounding(of(-38.0), of(-38.0, 3.0 + 3.1e-6)) != is_result
+    assert not is_rounding(of(-38.0), of(-38.0, why="turbulence"))
+    for other in set(Status) - {status}:
+        assert not is_rounding(of(-38.0), of(-38.0, status=other))
+
+
+def test_other_names_and_kinds_are_no_rounding() -> None:
+    assert not is_rounding(estimate(1.0), estimate(1.0, "Cm_de"))
+    assert not is_rounding(estimate(1.0), None)
+    assert not is_rounding(estimate(1.0), Tick(5, 1, 4))
 
 
 def replayed(change: float) -> Comparison:
-    found = Comparison()
-    found.take(Beat(Tick(5, 7, 4), (), recorded=(estimate(40.0),)), [estimate(40.0 + change)])
-    found.take(Beat(Tick(6, 8, 5), (), recorded=(estimate(40.0),)), [estimate(40.0)])
+    found, moved = Comparison(), msgspec.structs.replace(ALPHA, alpha=ALPHA.alpha + change)
+    found.take(Beat(Tick(5, 7, 4), (), recorded=(ALPHA,)), [moved])
+    found.take(Beat(Tick(6, 8, 5), (), recorded=(ALPHA,)), [ALPHA])
     return found
 
 
@@ -73,8 +97,13 @@ def replayed(change: float) -> Comparison:
     ("change", "machine", "code", "words"),
     [
         (1e-13, "", 1, ["first difference at tick 7"]),
-        (1e-13, "processor A recorded, B here", 3, ["within 1e-12", "processor A recorded, B here"]),
-        (1e-9, "processor A recorded, B here", 1, ["first difference at tick 7", "processor A recorded, B here"]),
+        (1e-13, "processor A recorded, B here", 3, ["as another machine rounds", "processor A recorded, B here"]),
+        (
+            1e-9,
+            "processor A recorded, B here",
+            1,
+            ["first difference at tick 7", "1 rows differ by more", "processor A recorded, B here"],
+        ),
     ],
 )
 def test_what_another_machine_rounds_is_told_apart_from_a_real_difference(
