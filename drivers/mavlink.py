@@ -57,8 +57,8 @@ def requests(device: MavlinkDevice) -> str:
 
 
 def belief(device: MavlinkDevice) -> str:
-    """Why whom the station listens to may be anybody, and how to mend it; "" with a key, and on a link that others do not
-    reach."""
+    """Why whom the station listens to may be anybody, and how to mend it; "" with a key, and where others do not reach the
+    link."""
     kind, _, rest = device.url.partition(":")
     host = rest.rpartition(":")[0].strip("[]")
     if device.signing_key_file is not None or kind[:3] not in ("udp", "tcp") or _is_loopback(host):

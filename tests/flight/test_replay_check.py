@@ -42,8 +42,8 @@ def test_only_the_first_difference_is_kept_and_all_are_counted() -> None:
 
 ALPHA = AlphaEstimate(
     5, alpha=0.05, alpha_sd=0.001, vane=0.06, zero=0.0, upwash=0.0, rate=0.0, lag=0.0, gust=0.0,
-    alpha_inertial=math.nan, alpha_gust=0.0, gust_vertical=40.0, turbulence_level=0.1, turbulence="light", wind_north=0.0, wind_east=0.0,
-    wind_down=0.0, valid=True, why="",
+    alpha_inertial=math.nan, alpha_gust=0.0, gust_vertical=40.0, turbulence_level=0.1, turbulence="light",
+    wind_north=0.0, wind_east=0.0, wind_down=0.0, valid=True, why="",
 )  # fmt: skip
 
 
