@@ -57,7 +57,7 @@ def requests(device: MavlinkDevice) -> str:
 
 
 def belief(device: MavlinkDevice) -> str:
-    """Why whom the station listens to may be anybody, and how to mend it; "" with a key, and where others do not reach the
+    """Why the vehicle may be anybody, and how to mend it; "" with a key, and where others do not reach the
     link."""
     kind, _, rest = device.url.partition(":")
     host = rest.rpartition(":")[0].strip("[]")
