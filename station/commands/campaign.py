@@ -22,7 +22,12 @@ def campaign(
     spec: Annotated[str, typer.Argument(metavar="SPEC", help="a name under profiles/campaigns, or a path")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="folder for rows and figures")],
     engine: Annotated[Engine, typer.Option(help="processes of this machine, or a Dask cluster")] = Engine.local,
-    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help="of the Dask scheduler")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="of a Dask scheduler that you trust: who reaches it runs code on its workers"
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="go on where it was stopped")] = False,
     workers: Annotated[int | None, typer.Option(min=1, help="processes; one a core if left out")] = None,
 ) -> int:

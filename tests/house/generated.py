@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from licences import licences
 from markdown_table import markdown
 from profile_keys import aircraft_keys, campaign_keys, card_keys, rig_keys
 
@@ -239,6 +240,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "mavlink": mavlink_messages,
     "faults": faults,
     "importers": importers,
+    "licences": licences,
 }
 
 

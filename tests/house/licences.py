@@ -12,6 +12,13 @@ from markdown_table import markdown
 
 ROOT: Final = Path(__file__).parents[2]
 LONGEST: Final = 60
+FAMILIES: Final = {
+    "LGPL": ("LGPL", "Lesser General Public"),
+    "MIT": ("MIT",),
+    "BSD": ("BSD",),
+    "Apache 2.0": ("Apache",),
+    "PSF": ("Python Software Foundation", "PSF"),
+}
 
 
 def direct() -> list[str]:
@@ -46,5 +53,13 @@ def licence(name: str) -> str:
     return ", ".join(words) or (stated if len(stated) <= LONGEST else "")
 
 
+def family(stated: str) -> str:
+    """Of what is stated, which releases word differently: LGPL, MIT, ..."""
+    return ", ".join(name for name, words in FAMILIES.items() if any(word in stated for word in words)) or stated
+
+
 def licences() -> str:
-    return markdown(("package", "licence"), [(f"`{name}`", licence(name)) for name in direct()])
+    packages: dict[str, list[str]] = {}
+    for name in direct():
+        packages.setdefault(family(licence(name)), []).append(f"`{name}`")
+    return markdown(("licence", "packages"), [(kind, ", ".join(of)) for kind, of in sorted(packages.items())])

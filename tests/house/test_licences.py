@@ -1,4 +1,4 @@
-"""What comes with the station may be used as its own licence promises: nothing under the GPL, nothing without a licence."""
+"""What comes with the station may be used as its own licence promises: nothing under the GPL, nothing unlicensed."""
 
 import pytest
 from licences import brought, direct, licence
