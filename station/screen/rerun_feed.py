@@ -72,8 +72,8 @@ class View:
         self.behind_s = 0.0
         """Age of the oldest tick handed over that the child has not shown. What a browser is behind comes on top: Rerun
         tells it nobody but its own user, in its top bar."""
-        self.brief: Callable[[], Brief | None] = lambda: None
-        """What the station says of itself, asked with each batch from the view's thread."""
+        self.brief: Callable[[], Brief] | None = None
+        """What the station says of itself, asked with each batch from the view's thread; of a replay nothing."""
         self._title = title
         self._profiles = profiles
         self._on_event = on_event
@@ -160,6 +160,7 @@ class View:
             port=self._ports[0],
             web_port=self._ports[1],
             open_page=open_page and self.mode == "web",
+            is_guided=self.brief is not None,
         )
 
     def _run(self) -> None:
@@ -276,7 +277,7 @@ class View:
                 oldest_ns = oldest_ns or handed_ns
                 taken.extend(rows)
         self._flying.append(oldest_ns)
-        return plots.batch(taken, self._start_ns or 0, self.brief(), self.behind_s)
+        return plots.batch(taken, self._start_ns or 0, self.brief() if self.brief is not None else None, self.behind_s)
 
     def _behind_s(self, now_ns: int) -> float:
         oldest_ns = self._flying[0] if self._flying else 0
@@ -311,8 +312,9 @@ def setup_for(
     port: int = 0,
     web_port: int = 0,
     open_page: bool = False,
+    is_guided: bool = False,
 ) -> Setup:
-    """What the page shows beside the rows, from the flight's profiles."""
+    """What the page shows beside the rows, from the flight's profiles; a replay of a guided flight has no guide."""
     from station.numerics.turbulence import NOMINAL_SPEED, Thresholds  # brings numba: not for the child
 
     speed = profiles.card.flight.speed if profiles else NOMINAL_SPEED
@@ -327,7 +329,7 @@ def setup_for(
         references={name: d.value for name, d in aircraft.items()},
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
         accuracy=profiles.card.accuracy if profiles else 0.0,
-        has_steps=bool(profiles and profiles.card.steps),
+        has_steps=bool(is_guided and profiles and profiles.card.steps),
         class_limits=Thresholds().at(speed, noise, 1.0 / TICK_HZ),
         open_page=open_page,
         signals=signals_of(profiles.rig) if profiles else (),

@@ -41,13 +41,11 @@ from station.screen.rerun_layout import TIMELINE, Shown, entity
 if TYPE_CHECKING:
     import rerun as rr
 
-PROMPT: Final = (plots.ALPHA, plots.CONTROLS)
-"""Drawn with every batch: what the first screen shows."""
 SHORT_HOLD_NS: Final = 3_500_000_000
 LONG_HOLD_NS: Final = 8_000_000_000
-"""Plots of other tabs wait this long for more points, those of the whole flight longer. A piece costs a browser the
-same whatever its length: one that draws without a graphics processor on a busy machine takes some 10 a second, and
-falls ever further behind with more."""
+"""Plots of other tabs than the first wait this long for more points, those of the whole flight longer. A piece costs a
+browser the same whatever its length: one that draws without a graphics processor on a busy machine takes some 10 a
+second, and falls ever further behind with more."""
 ATTITUDE_TICKS: Final = 10
 """Five attitudes a second."""
 SERVER_MEMORY: Final = "256MB"
@@ -75,7 +73,9 @@ class Page:
         self._seconds = 0.0
         drawn = (*plots.FIXED, *self._derivatives, *self._links, *signal_plots.further(setup))
         self._hold_ns = {plot.path: SHORT_HOLD_NS if plot.window_s is not None else LONG_HOLD_NS for plot in drawn}
-        self._hold_ns.update({plot.path: 0 for plot in PROMPT})
+        self._hold_ns[plots.ALPHA.path] = 0
+        if not setup.has_steps:
+            self._hold_ns[plots.CONTROLS.path] = 0
         for plot in drawn:
             self._style(plot)
         self._begin()
@@ -172,7 +172,8 @@ class Page:
 
         board, step = self._board, said.step
         three = (said.alpha, said.alpha_text, said.point, said.wrong)
-        foot = f"flight time {hms(self._seconds)}   sent at {utc_time(utc_now_ns())} UTC, {rows.behind_s:.1f} s late"
+        sent = "" if rows.brief is None else f"   sent at {utc_time(utc_now_ns())} UTC, {rows.behind_s:.1f} s late"
+        foot = f"flight time {hms(self._seconds)}{sent}"
         if self._changed(layout.ANSWERS, (three, round(self._seconds))):
             # Static: the newest alone is kept, or a browser would hold hundreds of megabytes of them in an hour.
             self._recording.log(layout.ANSWERS, rr.SegmentationImage(tiles(said, foot)), static=True)

@@ -11,6 +11,7 @@ import pytest
 from cockpit import STEP, Cockpit
 
 from station.clock import ManualClock
+from station.commands.cards import load
 from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_NS
 from station.flight.board import Board
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, MethodEstimate, ParamEstimate, Status, StreamHealth
@@ -25,6 +26,7 @@ from station.screen.ground_track import BARB, PLAIN, POINT_COLOURS, GroundTrack,
 from station.screen.live_spectra import densities
 from station.screen.page_words import first_words
 from station.screen.point_table import point_markdown
+from station.screen.rerun_feed import setup_for
 
 S = 1_000_000_000
 ALPHA = AlphaEstimate(
@@ -234,3 +236,9 @@ def test_a_tile_has_the_colour_of_its_answer() -> None:
         ground = [int(COLOURS[answer.state][k : k + 2], 16) for k in (1, 3, 5)]
         assert (tile == ground).all(axis=2).mean() > 0.6
         assert (tile == 255).all(axis=2).sum() > 300  # and words on it
+
+
+@pytest.mark.parametrize(("is_guided", "card", "has_steps"), [(True, "guided", True), (False, "guided", False)])
+def test_a_replay_has_no_guide_to_show(is_guided: bool, card: str, has_steps: bool) -> None:
+    """Its first screen shows the controls in the place of the step's input."""
+    assert setup_for(load(card), title="test", is_guided=is_guided).has_steps is has_steps
