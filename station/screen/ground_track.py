@@ -1,13 +1,14 @@
 """The flight from above, for the page: the track, coloured by test points, with wind barbs. Pure.
 
-A map with tiles would tell a server where the aircraft is, and show nothing without a network: this one is drawn, in
-metres east and south of where the flight began.
+A map with tiles would tell a server where the aircraft is, and show nothing without a network: this one is drawn, to
+scale, north up.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -20,83 +21,103 @@ from station.screen.drawings import Drawing, Label, Strip
 
 Array = NDArray[np.float64]
 
-PIECE_NS: Final = 5_000_000_000
-"""A piece of track: a page draws some hundreds of them in an hour."""
+EVERY_NS: Final = 5_000_000_000
+"""Drawn anew so often, whole, so that all of it is always in sight."""
 STEP_NS: Final = 1_000_000_000
-"""Between its points."""
+"""Between its points; longer flights have fewer."""
+MOST_POINTS: Final = 1500
 BARB_NS: Final = 30_000_000_000
-BARB_S: Final = 8.0
-"""A barb is as long as is flown in so many seconds."""
+BARB: Final = 60.0
+"""Length, in units of the drawing."""
+MOST_BARBS: Final = 24
+SIDE: Final = 1000.0
+"""Of the drawing, a square."""
+_MARGIN: Final = 90.0
 PLAIN: Final = 0x8A949EFF
 POINT_COLOURS: Final = (0x2BD9A5FF, 0xE69F00FF, 0x56B4E9FF, 0xE58AC0FF, 0xF0E442FF, 0xD55E00FF)
 """Of test points, in turn (after Okabe and Ito 2008)."""
-BARB: Final = 0xC8D0D8FF
+BARB_COLOUR: Final = 0xC8D0D8FF
 KNOTS_A_FEATHER: Final = 10
 KNOTS_A_PENNANT: Final = 50
-_LATITUDE, _LONGITUDE, _SPEED = (SIGNAL_INDEX[n] for n in ("latitude", "longitude", "airspeed"))
+_LATITUDE, _LONGITUDE = SIGNAL_INDEX["latitude"], SIGNAL_INDEX["longitude"]
 
 
 class GroundTrack:
-    """Follows frames, estimates and test points; hands out pieces as they are complete."""
+    """Follows frames, estimates and test points."""
 
     def __init__(self) -> None:
         self._origin: tuple[float, float] | None = None
-        self._points: list[tuple[float, float]] = []
+        self._places: list[tuple[float, float, int]] = []
+        """m east and south, and the colour of the line that ends there."""
+        self._winds: list[tuple[float, float, float, float]] = []
+        """m east and south; m/s as it blows north and east."""
+        self._begins: list[tuple[float, float, int]] = []
+        """Of test points: m east and south, number."""
         self._colour = PLAIN
-        self._begun_ns = 0
+        self._every = 1
+        self._due_ns = 0
         self._step_ns, self._barb_ns = -STEP_NS, -BARB_NS
-        self._speed = math.nan
-        self.here: tuple[float, float] | None = None
-        """Newest place, m east and south."""
 
-    def pieces(
-        self, frames: Iterable[Frame], alphas: Iterable[AlphaEstimate], events: Iterable[Event]
-    ) -> Iterator[tuple[int, Drawing]]:
-        """Each with the time (station ns) from which on it is seen."""
+    def take(self, frames: Iterable[Frame], alphas: Sequence[AlphaEstimate], events: Iterable[Event]) -> None:
         for event in events:
-            if event.code in (Code.POINT_START, Code.POINT_END):
-                yield from self._end(event.t_ns)
-                begins = event.code is Code.POINT_START
-                self._colour = POINT_COLOURS[(event.count - 1) % len(POINT_COLOURS)] if begins else PLAIN
-                if begins and self.here is not None:
-                    yield event.t_ns, Drawing((), (Label(*self.here, f"{event.count}", self._colour),))
+            if event.code is Code.POINT_START:
+                self._colour = POINT_COLOURS[(event.count - 1) % len(POINT_COLOURS)]
+                if self._places:
+                    self._begins.append((*self._places[-1][:2], event.count))
+            elif event.code is Code.POINT_END:
+                self._colour = PLAIN
         for frame in frames:
-            if frame.t_ns - self._step_ns >= STEP_NS:
+            if frame.t_ns - self._step_ns >= self._every * STEP_NS:
                 self._step_ns = frame.t_ns
-                self._follow(frame)
-                if self._points and frame.t_ns - self._begun_ns >= PIECE_NS:
-                    yield from self._end(frame.t_ns)
-        for a in alphas:
-            if (
-                a.t_ns - self._barb_ns >= BARB_NS
-                and self.here is not None
-                and math.isfinite(a.wind_north + a.wind_east)
-            ):
+                self._follow(frame.values[_LATITUDE], frame.values[_LONGITUDE])
+        for a in alphas[-1:]:
+            if a.t_ns - self._barb_ns >= BARB_NS and self._places and math.isfinite(a.wind_north + a.wind_east):
                 self._barb_ns = a.t_ns
-                length = BARB_S * self._speed
-                if math.isfinite(length):
-                    yield a.t_ns, Drawing(barb(*self.here, a.wind_north, a.wind_east, length))
+                self._winds.append((*self._places[-1][:2], a.wind_north, a.wind_east))
 
-    def _follow(self, frame: Frame) -> None:
-        latitude, longitude = frame.values[_LATITUDE], frame.values[_LONGITUDE]
-        self._speed = frame.values[_SPEED]
+    def _follow(self, latitude: float, longitude: float) -> None:
         if not math.isfinite(latitude + longitude):
             return
         if self._origin is None:
             self._origin = (latitude, longitude)
         meridian, across = radii(self._origin[0])
         turned = math.remainder(longitude - self._origin[1], 2 * math.pi)
-        self.here = (across * math.cos(self._origin[0]) * turned, -meridian * (latitude - self._origin[0]))
-        if not self._points:
-            self._begun_ns = frame.t_ns
-        self._points.append(self.here)
+        east = across * math.cos(self._origin[0]) * turned
+        self._places.append((east, -meridian * (latitude - self._origin[0]), self._colour))
+        if len(self._places) > MOST_POINTS:
+            self._places, self._every = self._places[::2], 2 * self._every
 
-    def _end(self, t_ns: int) -> Iterator[tuple[int, Drawing]]:
-        """The piece so far; the next begins where it ends."""
-        if len(self._points) > 1:
-            yield t_ns, Drawing((Strip(np.array(self._points), self._colour, 2.5),))
-            self._points = self._points[-1:]
-            self._begun_ns = t_ns
+    def drawing(self, now_ns: int) -> Drawing | None:
+        """All of it, fitted into a square; None while there is nothing new to see."""
+        if now_ns < self._due_ns or len(self._places) < 2:
+            return None
+        self._due_ns = now_ns + EVERY_NS
+        places = np.array([place[:2] for place in self._places])
+        low, high = places.min(axis=0), places.max(axis=0)
+        metres = max(float((high - low).max()), 100.0)
+        scale, middle = (SIDE - 2 * _MARGIN) / metres, (low + high) / 2
+
+        def fitted(x: float, y: float) -> tuple[float, float]:
+            return tuple(SIDE / 2 + scale * (np.array([x, y]) - middle))
+
+        drawn = SIDE / 2 + scale * (places - middle)
+        colours = [colour for *_, colour in self._places]
+        changes = [0, *(i for i in range(1, len(colours)) if colours[i] != colours[i - 1]), len(colours)]
+        strips = [
+            Strip(drawn[max(first - 1, 0) : end], colours[first], 2.5)
+            for first, end in itertools.pairwise(changes)
+            if end - max(first - 1, 0) > 1
+        ]
+        for x, y, north, east in self._winds[:: math.ceil(len(self._winds) / MOST_BARBS) or 1]:
+            strips += barb(*fitted(x, y), north, east, BARB)
+        long = 10.0 ** math.floor(math.log10(metres / 2))
+        strips.append(Strip(np.array([[0.0, SIDE], [scale * long, SIDE]]), BARB_COLOUR, 2.0))
+        labels = [Label(*fitted(x, y), f"{n}", POINT_COLOURS[(n - 1) % len(POINT_COLOURS)]) for x, y, n in self._begins]
+        labels += [
+            Label(scale * long / 2, SIDE - 40, f"{long:g} m"),
+            Label(float(drawn[-1, 0]), float(drawn[-1, 1]), "now", BARB_COLOUR),
+        ]
+        return Drawing(tuple(strips), tuple(labels))
 
 
 def barb(x: float, y: float, north: float, east: float, length: float) -> tuple[Strip, ...]:
@@ -107,22 +128,22 @@ def barb(x: float, y: float, north: float, east: float, length: float) -> tuple[
     """
     knots = 5 * round(from_si(math.hypot(north, east), "kt") / 5)
     if knots == 0:
-        return (Strip(np.array([[x, y], [x + 0.05 * length, y]]), BARB, 2.0),)
+        return (Strip(np.array([[x, y], [x + 0.05 * length, y]]), BARB_COLOUR, 2.0),)
     from_x, from_y = (-east, north) / np.hypot(north, east)  # y is southward
     staff = np.array([from_x, from_y]) * length
     feather = 0.4 * length * np.array([-from_y, from_x])  # clockwise of the staff, seen from its foot
     foot = np.array([x, y])
-    strips = [Strip(np.array([foot, foot + staff]), BARB, 1.0)]
+    strips = [Strip(np.array([foot, foot + staff]), BARB_COLOUR, 1.0)]
     at = 1.0
     while knots >= KNOTS_A_PENNANT:
         root, tip = foot + at * staff, foot + (at - 0.15) * staff
-        strips.append(Strip(np.array([root, root + feather, tip]), BARB, 1.0))
+        strips.append(Strip(np.array([root, root + feather, tip]), BARB_COLOUR, 1.0))
         knots, at = knots - KNOTS_A_PENNANT, at - 0.2
     while knots > 0:
         share = 1.0 if knots >= KNOTS_A_FEATHER else 0.5
         if len(strips) == 1 and share < 1:
             at -= 0.12  # five knots alone: not at the end, where it would be taken for ten
         root = foot + at * staff
-        strips.append(Strip(np.array([root, root + share * feather + 0.1 * share * staff]), BARB, 1.0))
+        strips.append(Strip(np.array([root, root + share * feather + 0.1 * share * staff]), BARB_COLOUR, 1.0))
         knots, at = knots - KNOTS_A_FEATHER, at - 0.12
     return tuple(strips)

@@ -19,6 +19,9 @@ from station.screen.rerun_page import Page
 if TYPE_CHECKING:
     from station.profile import Profiles
 
+BATCH_NS: Final = 5_000_000_000
+"""The words of a file's first screen change so often."""
+
 FloatArray = NDArray[np.float64]
 
 
@@ -37,17 +40,17 @@ def write_rrd(rows: Iterable[Rows], path: Path | str, profiles: Profiles | None 
         raise LogError(f"{path}: cannot be written: {error.strerror}") from error
     setup = setup_for(profiles, title=title)
     recording = rr.RecordingStream("station")
-    page = Page(recording, setup)
+    page = Page(recording, setup, is_live=False)
     try:
         recording.save(path, default_blueprint=layout(page.shown))
     except (OSError, RuntimeError) as error:
         raise LogError(f"{path}: cannot be written: {error}") from error
     start_ns: int | None = None
-    left = iter(rows)
-    while taken := list(itertools.islice(left, 65536)):
+    for _, taken in itertools.groupby(rows, key=lambda row: row.t_ns // BATCH_NS):
+        some = list(taken)
         if start_ns is None:
-            start_ns = plots.start_of(taken)
-        page.show(plots.batch(taken, start_ns or 0))
+            start_ns = plots.start_of(some)
+        page.show(plots.batch(some, start_ns or 0))
     page.flush()
     recording.flush()
     recording.disconnect()

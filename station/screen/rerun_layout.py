@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from station.screen import lateral_plots, live_spectra, plots, signal_plots
 from station.screen.answer_tiles import HEIGHT, WIDTH
 from station.screen.drawings import HIGH, WIDE
+from station.screen.ground_track import SIDE
 from station.screen.plots import Plot, Setup
 
 if TYPE_CHECKING:
@@ -169,15 +170,9 @@ def _spectra() -> rrb.Spatial2DView:
 def _map() -> rrb.Horizontal:
     import rerun.blueprint as rrb
 
-    begin, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative(seconds=0)
     behind = rrb.EyeControls3D(position=(-20.0, -4.0, -6.0), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 0.0, -1.0))
     return rrb.Horizontal(
-        rrb.Spatial2DView(
-            origin=TRACK,
-            name="Ground track, north up; test points coloured; wind barbs",
-            background=GROUND,
-            time_ranges=[rrb.VisibleTimeRange(TIMELINE, start=begin, end=now)],
-        ),
+        _drawing(TRACK, "Ground track, north up; test points coloured; wind barbs", (0, SIDE), (0, SIDE)),
         rrb.Spatial3DView(
             origin=ATTITUDE, name="Attitude, from behind; grid level", background=GROUND, eye_controls=behind
         ),

@@ -58,7 +58,10 @@ class Page:
     The lines of a plot are instances of one entity: a page of fifty entities fell half a minute behind in the browser.
     """
 
-    def __init__(self, recording: rr.RecordingStream, setup: Setup) -> None:
+    def __init__(self, recording: rr.RecordingStream, setup: Setup, *, is_live: bool = True) -> None:
+        """Of a file, the tiles, which do not go back in time, tell the end alone."""
+        self._is_live = is_live
+        self._last: Batch | None = None
         self._recording = recording
         self._setup = setup
         self._states: dict[str, str] = {}
@@ -149,6 +152,7 @@ class Page:
     def show(self, rows: Batch) -> None:
         """Send the new points of every line, the answers, the events and the changes of state."""
         self._digest(rows)
+        self._last = rows
         for points in signal_plots.every_point(rows, self._setup):
             held = self._held.setdefault(points.path, [])
             held.append(points)
@@ -174,7 +178,7 @@ class Page:
         three = (said.alpha, said.alpha_text, said.point, said.wrong)
         sent = "" if rows.brief is None else f"   sent at {utc_time(utc_now_ns())} UTC, {rows.behind_s:.1f} s late"
         foot = f"flight time {hms(self._seconds)}{sent}"
-        if self._changed(layout.ANSWERS, (three, round(self._seconds))):
+        if self._is_live and self._changed(layout.ANSWERS, (three, round(self._seconds))):
             # Static: the newest alone is kept, or a browser would hold hundreds of megabytes of them in an hour.
             self._recording.log(layout.ANSWERS, rr.SegmentationImage(tiles(said, foot)), static=True)
         self._words(layout.WORDS, first_words(said, self._setup.references))
@@ -192,9 +196,10 @@ class Page:
         spectra = self._spectra.drawing(newest_ns)
         if spectra is not None:
             self._draw(layout.SPECTRA, spectra)
-        for t_ns, piece in self._track.pieces(rows.frames, rows.alphas, rows.events):
-            self._at(t_ns - rows.start_ns)
-            self._draw(layout.TRACK, piece)
+        self._track.take(rows.frames, rows.alphas, rows.events)
+        track = self._track.drawing(newest_ns)
+        if track is not None:
+            self._draw(layout.TRACK, track)
         turned = [frame for frame in rows.frames if frame.k % ATTITUDE_TICKS == 0]
         attitudes = [attitude(frame) for frame in turned]
         known = [(frame.t_ns - rows.start_ns, q) for frame, q in zip(turned, attitudes, strict=True) if q is not None]
@@ -260,6 +265,9 @@ class Page:
 
     def flush(self) -> None:
         """Send what was held back to go in fewer, longer pieces."""
+        if not self._is_live and self._last is not None:
+            self._is_live = True
+            self._answer(self._last, brief(self._board, self._last.start_ns + round(1e9 * self._seconds)))
         for path in self._held:
             self._send(path)
 

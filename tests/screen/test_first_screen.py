@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import msgspec
@@ -22,7 +21,7 @@ from station.screen.attitude import attitude
 from station.screen.brief import Brief, brief
 from station.screen.drawings import FLOWN, HIGH, step_drawing
 from station.screen.event_groups import QUIET_NS, EventGate, grouped
-from station.screen.ground_track import BARB, PLAIN, POINT_COLOURS, GroundTrack, barb
+from station.screen.ground_track import BARB_COLOUR, PLAIN, POINT_COLOURS, SIDE, GroundTrack, barb
 from station.screen.live_spectra import densities
 from station.screen.page_words import first_words
 from station.screen.point_table import point_markdown
@@ -174,26 +173,31 @@ def frame(k: int, **values: float) -> Frame:
     return Frame(k * TICK_NS, k, tuple(row), (0.0,) * len(row), (0,) * len(row))
 
 
-def test_the_track_is_in_metres_and_coloured_by_test_points() -> None:
-    """One minute of latitude is a nautical mile; of longitude, at 60 degrees, half of one and the ellipsoid's 0.5 %."""
+def test_the_track_is_to_scale_and_coloured_by_test_points() -> None:
+    """A minute of latitude is a nautical mile; of longitude, at 60 degrees, half of one (to the ellipsoid's 0.5 %)."""
     track = GroundTrack()
     minute = math.radians(1 / 60)
-    pieces = []
-    for k in range(0, 1200, 10):
+    for k in range(0, 1201, 10):
         share = k / 1200
-        place = {"latitude": math.radians(60) + minute * share, "longitude": minute * share, "airspeed": 60.0}
+        place = {"latitude": math.radians(60) + minute * share, "longitude": minute * share}
         events = [Event(k * TICK_NS, "operator", Code.POINT_START, 1)] if k == 600 else []
-        pieces += list(track.pieces([frame(k, **place)], [replace_time(k)], events))
-    assert track.here is not None
-    east, south = track.here
-    assert south == pytest.approx(-1852 * 1150 / 1200, rel=0.01)
-    assert east == pytest.approx(1852 / 2 * 1150 / 1200, rel=0.01)
-    colours = [strip.colour for _, piece in pieces for strip in piece.strips if strip.colour != BARB]
-    assert set(colours) == {PLAIN, POINT_COLOURS[0]}
-    # Nothing of the track is missing between the pieces.
-    lines = [s.points for _, piece in pieces for s in piece.strips if s.colour != BARB]
-    assert all(a[-1] == pytest.approx(b[0]) for a, b in itertools.pairwise(lines))
-    assert not list(GroundTrack().pieces([frame(0, latitude=math.nan)], [], []))
+        track.take([frame(k, **place)], [replace_time(k)], events)
+    drawing = track.drawing(1200 * TICK_NS)
+    assert drawing is not None
+    assert track.drawing(1201 * TICK_NS) is None  # nothing new within seconds
+    plain, coloured = (s.points for s in drawing.strips if s.colour in (PLAIN, POINT_COLOURS[0]))
+    assert plain[-1] == pytest.approx(coloured[0])  # nothing is missing between them
+    east, south = coloured[-1] - plain[0]
+    scale = next(s.points for s in drawing.strips if s.points[0, 1] == SIDE)[1, 0]
+    assert next(label.words for label in drawing.labels if label.words.endswith(" m")) == "100 m"
+    assert (100 * east / scale, 100 * south / scale) == pytest.approx((1852 / 2, -1852), rel=0.01)
+    every = np.concatenate([s.points for s in drawing.strips])
+    assert every.min() >= 0
+    assert every.max() <= SIDE
+    assert sum(s.colour == BARB_COLOUR for s in drawing.strips) > 1
+    lost = GroundTrack()
+    lost.take([frame(0, latitude=math.nan)], [], [])
+    assert lost.drawing(0) is None
 
 
 def replace_time(k: int) -> AlphaEstimate:
