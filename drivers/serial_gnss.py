@@ -41,8 +41,8 @@ _DERIVED: Final = ("v_north", "v_east")
 _POSITION: Final = ("lat", "lon", "height", "hMSL")
 _SYNC: Final = b"\xb5\x62"
 _DOLLAR: Final = ord("$")
-_BEGIN: Final = re.compile(rb"\xb5(?:\x62|\Z)|\$")
-"""Where something may begin."""
+_BEGIN: Final = re.compile(rb"\xb5(?:\x62|\Z)|\$(?!\$)")
+"""Where something may begin: of a run of dollars only the last begins a sentence."""
 _NAV_PVT: Final = b"\x01\x07"
 _NAV_PVT_LENGTHS: Final = (84, 92)
 _LONGEST_UBX: Final = 4096
