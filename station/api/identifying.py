@@ -147,6 +147,7 @@ def identify(
         noise=about.noise_si(flown.aligned),
         sift=sift,
         log=str(path),
+        on_boom=about.on_boom,
     )
     subject = load_aircraft(aircraft) if isinstance(aircraft, str) else aircraft
     return Identified(solve(flown, subject or flown.aircraft, request))

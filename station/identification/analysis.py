@@ -17,6 +17,7 @@ from station.estimation.published.cross_spectra import VaneSpectra
 from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
+from station.identification.boom_spectra import BoomSpectra, boom_spectra
 from station.identification.by_input import by_input, misled
 from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
@@ -97,9 +98,18 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
         structures=_structures(ready, flown),
         sifted=lines,
         next_input=_next_input(ready, results, best),
+        boom=_boom(ready),
         record=ready.record,
         flown=flown,
     )
+
+
+def _boom(ready: Prepared) -> tuple[BoomSpectra, ...] | str:
+    """Accelerometers on the boom against the CG's, or why not."""
+    try:
+        return boom_spectra(ready.record, ready.cut.t_s, ready.cut.columns, ready.request.on_boom)
+    except NotIdentifiable as why:
+        return str(why)
 
 
 def _with_doubts(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from station.conventions import LATERAL
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, equations
+from station.identification.boom_page import boom_page
 from station.identification.drag_page import drag_page
 from station.identification.drag_results import drag_of
 from station.identification.handling_pages import derived_page
@@ -73,6 +74,7 @@ def write_report(found: Identification, folder: Path) -> Path:
     body.append(_consistency(found))
     body += _spectra(found)
     body += spectra_pages(found.record)
+    body += boom_page(found.boom, found.aircraft)
     if found.kinematics is not None:
         body += kinematic_pages(found.kinematics, found.record)
     body += input_pages(found)

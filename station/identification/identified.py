@@ -9,6 +9,7 @@ from station.estimation.flight_record import FlightRecord
 from station.estimation.results import Axes, MethodResult
 from station.identification.advice import NextInput, SiftedMethod
 from station.identification.angle_consistency import Consistency
+from station.identification.boom_spectra import BoomSpectra
 from station.identification.flown import Flown
 from station.identification.instrument_table import InstrumentTable
 from station.identification.kinematics import Kinematics
@@ -41,6 +42,8 @@ class Identification:
     sifted: Mapping[str, SiftedMethod] | str | None
     """By method."""
     next_input: NextInput | str | None
+    boom: tuple[BoomSpectra, ...] | str
+    """Of the accelerometers that the rig declares on it; empty without any."""
     record: FlightRecord
     """What the methods were given."""
     flown: Flown | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from station.estimation.method_table import METHODS
@@ -23,7 +23,8 @@ class Request:
 
     `imu_position` (m from the CG, body axes) and `noise` (standard deviations, SI) are the rig's, `card` gives the
     frequencies. `force` applies the methods for turbulence in calm air too. `sift`: II and split from the lines that
-    the card's multisine excites, and from no others. `log`: the recording's name, for messages.
+    the card's multisine excites, and from no others. `log`: the recording's name, for messages. `on_boom`: columns that
+    measure az elsewhere, and where (m from the CG, body axes).
     """
 
     methods: Sequence[str] = (ALL,)
@@ -36,6 +37,7 @@ class Request:
     force: bool = False
     sift: bool = False
     log: str = ""
+    on_boom: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def wants_all(self) -> bool:

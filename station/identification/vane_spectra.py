@@ -69,7 +69,7 @@ def vane_density(record: FlightRecord) -> VaneDensity:
     """Raises NotIdentifiable for a record that is too short."""
     shown = record.motion["alpha_vane"]
     usable = np.isfinite(shown)
-    segment = _segment(usable, record.dt)
+    segment = segment_of(usable, record.dt)
     found = cross_spectra(shown, shown, usable, record.dt, segment)
     nyquist = 0.5 / record.dt
     # The Nyquist frequency's own line is one real number, not a complex one.
@@ -106,7 +106,7 @@ def _part(
     if name == "forced" and not inputs:
         return Part(name, seconds, None, None, "the elevator rests throughout")
     try:
-        segment = _segment(usable, record.dt)
+        segment = segment_of(usable, record.dt)
     except NotIdentifiable as short:
         why = str(short) if name == "forced" else f"the elevator hardly rests: {short}"
         return Part(name, seconds, None, None, why if inputs else str(short))
@@ -119,7 +119,7 @@ def _part(
     return Part(name, seconds, made, density, why)
 
 
-def _segment(usable: Flags, dt: float) -> int:
+def segment_of(usable: Flags, dt: float) -> int:
     """Samples of a segment. Raises NotIdentifiable where there are too few segments of the shortest."""
     for seconds in SEGMENTS_S:
         segment = round(seconds / dt) // 2 * 2

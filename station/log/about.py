@@ -40,6 +40,12 @@ class About:
         return self.rig.further if self.rig is not None else NOTHING
 
     @property
+    def on_boom(self) -> Mapping[str, tuple[float, float, float]]:
+        """Where the declared signals are that measure az elsewhere than the IMU, m from the CG, body axes."""
+        declared = self.rig.signals if self.rig is not None else {}
+        return {n: d.position for n, d in declared.items() if d.measures == "az" and d.position is not None}
+
+    @property
     def signals(self) -> Mapping[str, Signal]:
         """Every signal of a frame, in its order."""
         return self.further.signals
