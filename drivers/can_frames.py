@@ -27,7 +27,6 @@ class FrameCodec(Codec):
     def __init__(self) -> None:
         self.bad = 0
         self.resyncs = self.noise = 0
-        self.noise = 0
         self._cutter = Cutter(b"\r", _LONGEST_LINE)
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:

@@ -45,6 +45,7 @@ PROTOCOLS: Final[Mapping[str, str]] = {
     "boombox_ascii": "drivers.serial_boombox:BOOMBOX_ASCII",
     "ubx": "drivers.serial_gnss:UBX",
     "nmea": "drivers.serial_gnss:NMEA",
+    "lines": "drivers.serial_lines:LINES",
     "vectornav": "drivers.serial_vectornav:VECTORNAV",
 }
 """The station's own: name in a rig -> its row, written as entry points are. It is loaded with its libraries, some of

@@ -88,6 +88,16 @@ def _names(there: ListPortInfo) -> list[str]:
     return [name, f"{name}:{interface}"] if interface else [name]
 
 
+def usb_name(path: str) -> str:
+    """The name by which a rig finds this port under any path: of an adapter of several ports the exact one; empty for a
+    port without a serial number, or with one that others have too."""
+    mine = next((_names(there) for there in list_ports.comports() if there.device == path), [])
+    for name in mine:
+        if sum(name in _names(there) for there in list_ports.comports()) == 1:
+            return name
+    return ""
+
+
 def _plugged_in() -> str:
     """The USB ports that are there, as a rig may name them."""
     words = [f"{_names(there)[0]} ({there.device})" for there in sorted(list_ports.comports()) if _names(there)]

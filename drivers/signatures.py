@@ -101,6 +101,13 @@ def _msp(data: bytes) -> int:
     return len(re.findall(rb"\$[MX][<>!]", data))
 
 
+def _numbers(data: bytes) -> int:
+    """Lines of numbers, where nearly all lines are; the first and last are cut."""
+    lines = [line for line in data.split(b"\n")[1:-1] if line.strip()]
+    found = _readings("lines")(b"".join(line + b"\n" for line in lines))
+    return found if found >= _PRINTABLE_SHARE * len(lines) else 0
+
+
 SIGNATURES: Final[Mapping[str, Signature]] = MappingProxyType(
     {
         "ubx": Signature("u-blox UBX", _ubx, "ubx"),
@@ -112,6 +119,7 @@ SIGNATURES: Final[Mapping[str, Signature]] = MappingProxyType(
         "mavlink": Signature("MAVLink", _mavlink),
         "slcan": Signature("a CAN adapter that speaks slcan", _slcan),
         "msp": Signature("MSP, as of Betaflight and iNav", _msp),
+        "lines": Signature("lines of numbers", _numbers, "lines"),
     }
 )
 """In order of how sure they are of themselves."""

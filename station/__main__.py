@@ -34,6 +34,8 @@ VERBS: Final = {
     "simulate": "Fly the simulation with the rig's sensors into a recording.",
     "diagnose": "Compare recordings with the simulation: what is wrong, and why.",
     "campaign": "Monte Carlo: simulated flights by the thousand, all estimated.",
+    "rig": "Listen to what is plugged in and write a rig and a card (rig new NAME).",
+    "aircraft": "Describe an aircraft in a new profile (aircraft new NAME).",
     "doctor": "Look at the machine: versions, clock, disk, ports, permissions, browser.",
 }
 """What `station --help` says. A verb is a function of its own module in station/commands, imported when it is called:

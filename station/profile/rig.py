@@ -62,7 +62,7 @@ class SerialDevice(_Device):
     link: Literal["serial"]
     """The kind of link."""
     protocol: str
-    """boombox, boombox_ascii, ubx, nmea, vectornav, or one that an installed package adds (drivers/README.md)."""
+    """boombox, boombox_ascii, ubx, nmea, vectornav, lines, or one of an installed package (drivers/README.md)."""
     port: str
     """A port's path, "usb:SERIAL" for the USB adapter with that serial number under whatever path, or "emulated"."""
     baud: int | None = Field(default=None, gt=0)

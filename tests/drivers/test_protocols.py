@@ -50,6 +50,10 @@ READINGS = {
         Reading, st.just("GGA"), st.integers(0, 86_399).map(lambda s: s * 10**9), st.none(),
         st.fixed_dictionaries({"lat": st.integers(-89, 89), "lon": st.integers(-179, 179), "alt": finite}),
     ),
+    "lines": st.builds(
+        Reading, st.sampled_from(("line", "aoa", "AIN_3")), st.none(), st.none(),
+        st.lists(finite, min_size=1, max_size=60).map(lambda v: {f"c{i}": float(x) for i, x in enumerate(v)}),
+    ),
     "vectornav": st.builds(
         Reading, st.just("INS"), st.integers(0, 2**63), st.none(),
         st.fixed_dictionaries({"PosLla.latitude": finite, "VelNed.north": finite, "VelNed.down": finite}),

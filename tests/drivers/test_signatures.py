@@ -48,9 +48,10 @@ WIRES: Final[dict[str, bytes]] = {
     "vectornav_text": seal_line("VNYMR,-000.053,+000.001,-000.019,+0.2541,+0.0040,+0.4300") * 100,
     "mavlink": heartbeats(2),
     "slcan": encode_slcan(0x100, False, bytes(8)) * 300,
+    "lines": b"1.25,3.5,-7.0\r\n" * 600,
     "msp": b"$M<\x00\x6c\x6c" * 200,
 }
-CODECS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav")
+CODECS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "lines")
 
 
 def box(protocol: str) -> SerialDevice:
@@ -115,8 +116,8 @@ def test_the_right_protocol_without_the_rigs_messages_is_told() -> None:
 
 
 def test_lines_of_text_are_shown_and_what_is_nothing_known_asks_for_the_speed() -> None:
-    (lines,) = told("boombox", b"1.25;3.5;-7.0\r\n" * 400)
-    assert lines.detail == "lines of text that are not boombox: '1.25;3.5;-7.0'"
+    (lines,) = told("boombox", b"AOA=1.25 deg\r\n" * 400)
+    assert lines.detail == "lines of text that are not boombox: 'AOA=1.25 deg'"
     (noise,) = told("boombox", rng.bytes(8192))
     assert "is the speed right (115200 baud in the rig)?" in noise.detail
 
