@@ -41,6 +41,9 @@ VERBS: Final = {
 """What `station --help` says. A verb is a function of its own module in station/commands, imported when it is called:
 together they take seconds, which a station that is to record at once does not have."""
 
+_OTHERWISE: Final = ("import", "rig", "aircraft")
+"""Verbs whose modules have an underscore behind the name: a keyword, and modules of that name elsewhere."""
+
 
 class _Commands(Mapping[str, Any]):
     """The verbs as the command line's library wants them, made one by one."""
@@ -48,7 +51,7 @@ class _Commands(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         if name not in VERBS:
             raise KeyError(name)
-        function = name if name.isidentifier() and name != "import" else f"{name}_"
+        function = name if name not in _OTHERWISE else f"{name}_"
         made = typer.Typer(add_completion=False, rich_markup_mode=None)
         made.command(name)(getattr(importlib.import_module(f"station.commands.{function}"), function))
         return get_command(made)

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 
 import typer
 
-from station.commands.rig import new_file
+from station.commands.rig_ import new_file
 from station.console import DONE, say
 from station.profile import Aircraft, read_profile
 from station.rows import ProfileError, UsageError
@@ -48,7 +48,7 @@ QUESTIONS: Final = (
 """In the order in which they are asked."""
 
 
-def aircraft(
+def aircraft_(
     action: Annotated[Action, typer.Argument(help="new: ask what the aircraft is and write its profile")],  # noqa: ARG001
     name: Annotated[str, typer.Argument(help="of the aircraft: letters, digits, _")],
     folder: Annotated[Path, typer.Option(metavar="DIR", help="where aircraft/ is")] = Path(),

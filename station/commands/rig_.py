@@ -34,7 +34,7 @@ class Action(StrEnum):
     new = "new"
 
 
-def rig(
+def rig_(
     action: Annotated[Action, typer.Argument(help="new: listen to what is plugged in, write a rig and a card")],  # noqa: ARG001
     name: Annotated[str, typer.Argument(help="of the rig and the card: letters, digits, _")],
     folder: Annotated[Path, typer.Option(metavar="DIR", help="where rigs/ and cards/ are")] = Path(),
