@@ -91,7 +91,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
         behind=behind,
         first=first,
         command=constants.trim_elevator + added + np.zeros_like(half_steps),
-        hands=hands(pilot, constants.trim_alpha, constants.trim_height),
+        hands=hands(pilot, constants.trim_alpha, constants.trim_height, flight.speed),
         tremor=deviation(pilot),
     )
     channels = sensors_flown(scenario)

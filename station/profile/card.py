@@ -17,6 +17,7 @@ from station.profile.quantity import (
     Positive,
     Radians,
     RadiansPerMetre,
+    RadiansPerSpeed,
     Seconds,
 )
 from station.profile.shapes import DiscreteGust, Leg, Manoeuvre
@@ -160,13 +161,16 @@ class Pilot(Frozen):
     """Attitude hold: elevator by pitch attitude above the trim's."""
     altitude: Annotated[RadiansPerMetre, Field(ge=0, le=0.05)] = 0.0
     """Altitude hold: elevator by height above the trim's."""
+    speed: Annotated[RadiansPerSpeed, Field(ge=0, le=0.1)] = 0.0
+    """Speed hold by pitch: elevator, trailing edge up, by true airspeed above the trim's, or the leg's. Attitude, which
+    it needs, makes of it speed / attitude of pitch for each m/s."""
     delay: Annotated[Seconds, Field(ge=0, le=0.3)] = 0.04
     """From what is measured to what the actuator is asked for, a multiple of 5 ms."""
 
     @property
     def flies(self) -> bool:
         """Whether it moves the elevator."""
-        return bool(self.pitch_rate or self.attitude or self.altitude)
+        return bool(self.pitch_rate or self.attitude or self.altitude or self.speed)
 
     @property
     def words(self) -> str:
@@ -175,9 +179,20 @@ class Pilot(Frozen):
             (self.pitch_rate, f"pitch damper {self.pitch_rate:g} s"),
             (self.attitude, f"attitude hold {self.attitude:g}"),
             (self.altitude, f"altitude hold {self.altitude:g} rad/m"),
+            (self.speed, f"speed hold {self.speed:g} rad/(m/s)"),
         )
         named = ", ".join(words for gain, words in gains if gain)
         return f"{named}, {1000 * self.delay:g} ms late" if named else "hands off"
+
+    @model_validator(mode="after")
+    def _one_elevator(self) -> Self:
+        if self.altitude and self.speed:
+            raise PydanticCustomError("pilot", "altitude, speed: one elevator holds one of the two; take the other out")
+        if self.speed and not self.attitude:
+            raise PydanticCustomError(
+                "pilot", "speed: it is held by pitch, which attitude holds; write attitude = 0.5 beside it"
+            )
+        return self
 
 
 class Card(Frozen):

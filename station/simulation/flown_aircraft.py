@@ -117,7 +117,7 @@ class FlownAircraft:
             tables,
             vane_constants(aircraft.boom or NO_BOOM, self._dt),
             site(flight, (x, y, z), self._wind),
-            hands(self._pilot, self._trim.alpha, trimmed.trim_height, self._rate_hz),
+            hands(self._pilot, self._trim.alpha, trimmed.trim_height, self._speed, self._rate_hz),
         )
 
 

@@ -176,7 +176,7 @@ class JsbsimFlight:
         self._distance = 0.0
         self._now = self._state()
         self._settle()
-        self._hands = hands(pilot, self._now["theta"], self._now["altitude"])
+        self._hands = hands(pilot, self._now["theta"], self._now["altitude"], flight.speed)
         self._memory = memory_of(np.zeros(eq.LAGS), 1, self._tables, 0.0, self._hands)
 
     def advance(self, n: int) -> dict[str, NDArray[np.float64]]:
@@ -292,7 +292,7 @@ class JsbsimFlight:
             }
             self._inputs["elevator"] += self._tremor.half_steps(_BLOCK // EVERY)[: 2 * _BLOCK : 2]
         pilot, s = self._piloted(), self._now
-        pilot["elevator"] += asked(self._hands, self._memory.asked, k, s["q"], s["theta"], s["altitude"])
+        pilot["elevator"] += asked(self._hands, self._memory.asked, k, s["q"], s["theta"], s["altitude"], s["airspeed"])
         return {n: angle + float(self._inputs[n][at]) for n, angle in pilot.items()}
 
     def _piloted(self) -> dict[str, float]:

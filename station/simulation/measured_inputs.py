@@ -82,7 +82,7 @@ class MeasuredFlight:
             indicial_tables(aircraft),
             vane_constants(aircraft.boom or NO_BOOM, DT),
             site(Flight().model_copy(update={"speed": speed}), aircraft.imu_at(imu)),
-            hands(HANDS_OFF, 0.0, 0.0),
+            hands(HANDS_OFF, 0.0, 0.0, 0.0),
         )
         self._t = inputs.dt * np.arange(len(inputs.elevator))
         fine = np.arange(0.0, self._t[-1] + 2 * DT, DT)

@@ -261,6 +261,17 @@ def record(
     row[_DRIVE] = x[eq.ELEVATOR]
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def held_elevator(hands: Hands, memory: Memory, field: Field, side: float) -> float:
+    """What feedback asks of the elevator at a step, rad; `side`: the sideways velocity through the air mass,
+    m/s: what a side gust adds to the airspeed is less than its sensor's noise."""
+    x, speed = memory.x, hands.speed
+    if hands.by_speed > 0.0:
+        u, w = x[eq.U] + gust_at(field, x[eq.DISTANCE], ALONG), x[eq.W] + gust_at(field, x[eq.DISTANCE], UP)
+        speed = math.sqrt(u * u + side * side + w * w)
+    return asked(hands, memory.asked, memory.marks[DONE], x[eq.Q], x[eq.THETA], x[eq.HEIGHT], speed)
+
+
 STAGES: Final = 4
 
 
@@ -286,7 +297,7 @@ def advance(
     slope, total, trial = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(every * out.shape[0]):
         air = eq.air_at(c, x[eq.HEIGHT])
-        held = asked(flown.hands, memory.asked, marks[DONE], x[eq.Q], x[eq.THETA], x[eq.HEIGHT])
+        held = held_elevator(flown.hands, memory, field, 0.0)
         for i in range(n):
             trial[i] = x[i]
             total[i] = 0.0

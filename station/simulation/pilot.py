@@ -1,7 +1,8 @@
 """The feedback that flies a card's elevator: from what is measured, late and noisy, to what the actuator is asked for.
 
 All the while, gusts too are answered: asked = trim + input + by_rate q + by_attitude (theta - trim) + by_height (h -
-trim), of the instant `delay` ago, held for a tick. The noise of its sensors comes with the input, weighted the same.
+trim) - by_speed (V - wanted), of the instant `delay` ago, held for a tick. The noise of its sensors comes with the
+input, weighted the same.
 """
 
 from __future__ import annotations
@@ -35,20 +36,25 @@ class Hands(NamedTuple):
     by_attitude: float
     by_height: float
     """rad/m"""
+    by_speed: float
+    """rad/(m/s)"""
     delay: int
     """Steps."""
     theta: float
     """Trim, rad."""
     height: float
     """Trim, m."""
+    speed: float
+    """Wanted true airspeed, m/s."""
     held: int
     """Steps that a command is held for: a tick."""
 
 
-def hands(pilot: Pilot, theta: float, height: float, rate_hz: int = RATE_HZ) -> Hands:
-    """`rate_hz`: steps a second."""
-    steps = round(pilot.delay * rate_hz)
-    return Hands(pilot.pitch_rate, pilot.attitude, pilot.altitude, steps, theta, height, rate_hz // TICK_HZ)
+def hands(pilot: Pilot, theta: float, height: float, speed: float, rate_hz: int = RATE_HZ) -> Hands:
+    """`theta`, `height`, `speed`: what is held, rad, m and m/s; `rate_hz`: steps a second."""
+    steps, held = round(pilot.delay * rate_hz), rate_hz // TICK_HZ
+    gains = pilot.pitch_rate, pilot.attitude, pilot.altitude, pilot.speed
+    return Hands(*gains, steps, theta, height, speed, held)
 
 
 def ring(h: Hands) -> Array:
@@ -57,10 +63,11 @@ def ring(h: Hands) -> Array:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def asked(h: Hands, memory: Array, step: int, q: float, theta: float, height: float) -> float:
+def asked(h: Hands, memory: Array, step: int, q: float, theta: float, height: float, speed: float) -> float:
     """What the elevator is asked for at a step beside trim and input, rad; `memory` as `ring` makes it."""
     n = memory.shape[0] - 1
-    memory[1 + step % n] = h.by_rate * q + h.by_attitude * (theta - h.theta) + h.by_height * (height - h.height)
+    wanted = h.by_rate * q + h.by_attitude * (theta - h.theta) + h.by_height * (height - h.height)
+    memory[1 + step % n] = wanted - h.by_speed * (speed - h.speed)
     if step % h.held == 0:
         memory[0] = memory[1 + (step + n - h.delay) % n]
     return float(memory[0])
@@ -68,8 +75,8 @@ def asked(h: Hands, memory: Array, step: int, q: float, theta: float, height: fl
 
 def deviation(pilot: Pilot) -> float:
     """Standard deviation of what its sensors' noise asks of the elevator, rad."""
-    q, theta = STANDARD["q"].noise, STANDARD["theta"].noise
-    return math.hypot(pilot.pitch_rate * q, pilot.attitude * theta, pilot.altitude * HEIGHT_NOISE)
+    q, theta, speed = (STANDARD[name].noise for name in ("q", "theta", "airspeed"))
+    return math.hypot(pilot.pitch_rate * q, pilot.attitude * theta, pilot.altitude * HEIGHT_NOISE, pilot.speed * speed)
 
 
 class Tremor:

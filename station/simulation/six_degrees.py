@@ -40,6 +40,7 @@ from station.simulation.motion import (
     Memory,
     Site,
     at_rest,
+    held_elevator,
     places,
     record,
     remember,
@@ -47,7 +48,6 @@ from station.simulation.motion import (
     stage_rates,
     tip_now,
 )
-from station.simulation.pilot import asked
 from station.simulation.side_flow import (
     AILERON,
     BANK,
@@ -190,7 +190,7 @@ def advance_lateral(
     total = Both(np.zeros(n), np.zeros(SIZE))
     for k in range(out.shape[0]):
         air = eq.air_at(c, x[eq.HEIGHT])
-        held = asked(flown.hands, memory.asked, marks[DONE], x[eq.Q], x[eq.THETA], x[eq.HEIGHT])
+        held = held_elevator(flown.hands, memory, field, y[SIDE])
         # By loops: numba takes seconds to compile the check of two arrays' shapes.
         for i in range(n):
             trial.along[i], total.along[i] = x[i], 0.0
