@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -28,12 +28,13 @@ from station.model.physical_constants import constants, why_not
 from station.numerics import spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.named_state import blank
-from station.profile import NO_BOOM, Aircraft, Card, Pilot
+from station.profile import NO_BOOM, Aircraft, Card, Flight, Pilot
 from station.simulation import airframe as ac
 from station.simulation.boom import second_order, vane_constants
 from station.simulation.distortion import REACH, distortion_filter
 from station.simulation.flown_aircraft import reach, site
-from station.simulation.gusts import STEP, dryden, field_constants, field_start
+from station.simulation.gust_plane import PlaneField, across
+from station.simulation.gusts import STEP, Field, dryden, field_constants, field_start, ramp
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import DT, EVERY
 from station.simulation.pilot import deviation, hands
@@ -84,10 +85,11 @@ def prepare(plan: Plan, case: Case) -> Setup:
     boom = flown.boom or NO_BOOM
     air = Air(
         constants=constants,
-        tables=ac.indicial_tables(flown),
+        tables=ac.indicial_tables(flown, flight.is_plane),
         vane=vane_constants(boom, DT),
         site=site(flight, (0.0, 0.0, 0.0)),
         field=field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
+        plane=plane_of(flight, flown, behind) if flight.is_plane else None,
         behind=behind,
         first=first,
         command=constants.trim_elevator + added + np.zeros_like(half_steps),
@@ -110,6 +112,19 @@ def prepare(plan: Plan, case: Case) -> Setup:
     own = _physical(campaign, known)
     e = _estimation(campaign, known, own is not None)
     return Setup(air, sensors, e, own, points, _whole_records(campaign, known), _for_spectra(plan, case))
+
+
+def plane_of(flight: Flight, flown: Aircraft, behind: float) -> Callable[[int, int], Field]:
+    """What makes a flight's field of a seed, for its first so many points. Raises ProfileError."""
+    parts, begins = across(flown), ramp(flight.speed, flight.gust_start)
+    model = dryden(flight.altitude, flight.gust_sigma)
+
+    def made(seed: int, points: int) -> Field:
+        field = PlaneField(parts, model, flight.spectrum, begins, behind, np.random.SeedSequence(seed))
+        field.cover(-behind, (points + field.now.first - 3) * STEP)
+        return field.now
+
+    return made
 
 
 def _whole_records(campaign: Campaign, known: Aircraft) -> WholeRecords | None:
@@ -184,7 +199,7 @@ def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
 def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[range, Results]]:
     """Fly the seeds, TOGETHER at a time. `quiet`: without turbulence and noise."""
     if quiet:
-        calm = setup.air._replace(field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)), tremor=0.0)
+        calm = setup.air._replace(field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)), plane=None, tremor=0.0)
         silent = setup.sensors._replace(noisy=np.empty(0, dtype=np.int64), noise=np.empty(0))
         setup = replace(setup, air=calm, sensors=silent)
     room = Room.of(setup, TOGETHER)
@@ -262,7 +277,7 @@ class Room:
         """Random numbers are drawn as GustField and Channel draw them: a stream for the field, one for each noisy
         signal."""
         for i, seed in enumerate(seeds):
-            if setup.air.field.sigmas[2] > 0:
+            if setup.air.field.sigmas[2] > 0 and setup.air.plane is None:
                 rng = np.random.default_rng(np.random.SeedSequence(seed))
                 rng.standard_normal(out=self.state[i])
                 rng.standard_normal(out=self.wind[i])

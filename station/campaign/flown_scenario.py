@@ -57,7 +57,7 @@ def flight_of(campaign: Campaign, scenario: Scenario) -> Flight:
     """What the simulation flies."""
     start = campaign.warm_up + scenario.turbulence_start if scenario.turbulence_start > 0 else 0.0
     values = {"speed": scenario.speed, "altitude": scenario.altitude, "gust_sigma": scenario.turbulence}
-    return Flight().model_copy(update={**values, "gust_start": start})
+    return Flight().model_copy(update={**values, "gust_start": start, "field": scenario.field})
 
 
 def manoeuvres_of(campaign: Campaign, scenario: Scenario) -> tuple[Manoeuvre, ...]:

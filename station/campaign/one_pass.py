@@ -9,6 +9,7 @@ is compiled again in each. Arrays are copied by loops: numba takes seconds to co
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -56,6 +57,8 @@ class Air(NamedTuple):
     vane: VaneConstants
     site: Site
     field: FieldConstants
+    plane: Callable[[int, int], Field] | None
+    """The field in its place, of a seed and so many points, where gusts vary across the span."""
     behind: float
     """Where the wake begins, m behind the origin."""
     first: int
@@ -374,7 +377,9 @@ def fly_and_measure(
     """
     truth = np.empty((sensors.ticks + sensors.distortion.shape[0] // 2, len(COLUMNS)))
     field = Field(np.zeros((wind.shape[0], 3)), air.first)
-    if air.field.sigmas[2] > 0.0:
+    if air.plane is not None:
+        field = air.plane(seed, wind.shape[0])
+    elif air.field.sigmas[2] > 0.0:
         fill(air.field, wind, state.copy(), air.first, field.values)
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
     flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)

@@ -88,6 +88,8 @@ class Scenario(Frozen):
     """Above mean sea level."""
     turbulence: Annotated[MetresPerSecond, Field(ge=0), BeforeValidator(_turbulence)] = 0.0
     """Standard deviation of the vertical gust, or calm, light, moderate or severe."""
+    field: Literal["line", "plane"] = "line"
+    """What gusts vary over, as a card's flight has it; the wings stay level."""
     turbulence_start: Annotated[Seconds, Field(ge=0)] = 0.0
     """After the record begins; 0: it was always there."""
     input: str = ""

@@ -51,6 +51,9 @@ def plain(p: Plan, seed: int) -> tuple[MethodEstimate, ...]:
             **{key: getattr(campaign, key) for key in ("warm_up", "low", "high", "step")},
         }
     )
+    if scenario.field == "plane":  # a campaign keeps the wings level, as an aircraft does that cannot roll
+        level = {n: d for n, d in flown.derivatives.items() if n[:2] in ("CL", "CD", "Cm")}
+        flown = flown.model_copy(update={"derivatives": level})
     is_distorted = scenario.alpha.startswith("distorted")
     seconds = (p.ticks + (REACH if is_distorted else 0)) / 50
     shown, truth = fly(flown, {} if scenario.signal_to_noise else sensors_flown(scenario), card, seconds, seed)
@@ -86,6 +89,7 @@ DISTORTION = {"frequency": ["0 Hz", "2 Hz"], "correction": [0.75, 0.9], "lead": 
         ),
         ({"turbulence": "moderate", "turbulence_start": "8 s", "CL_gust": 1.0, "Cm_gust": -0.5}, {"record": "15 s"}),
         ({"turbulence": "severe", "alpha": "perfect", "lift": "steady", "signal_to_noise": 50.0}, {"axes": "body"}),
+        ({"turbulence": "light", "field": "plane"}, {"record": "15 s"}),
         (
             {"turbulence": "light", "pilot": "hold"},
             {"record": "15 s", "pilots": {"hold": {"pitch_rate": "0.5 s", "attitude": 0.5, "altitude": "0.1 deg/m"}}},
