@@ -2,8 +2,8 @@
 
 Nothing is computed here that the simulation and the estimators do not compute: their kernels are called in the order in
 which `simulation.fly` and `estimation.methods.Estimator` call them for frames without gaps, and give the same numbers.
-A record's estimation is one compiled call, a flight some: a call costs ten microseconds, but a kernel that others call
-is compiled again in each. Arrays are copied by loops: numba takes seconds to compile the check of two arrays' shapes.
+A record's estimation is one compiled call, a flight some: a call costs ten microseconds, a kernel that others call is
+compiled again in each. Arrays are copied by loops: numba takes seconds to compile the check of two arrays' shapes.
 """
 
 from __future__ import annotations
@@ -57,12 +57,10 @@ class Air(NamedTuple):
     vane: VaneConstants
     site: Site
     field: FieldConstants
-    plane: Callable[[int, int], Field] | None
-    """The field in its place, of a seed and so many points, where gusts vary across the span."""
+    plane: Callable[[int, int], Field] | None  # in its place, of seed and points, where gusts vary across the span
     behind: float
     """Where the wake begins, m behind the origin."""
-    first: int
-    """Index of the field's first point."""
+    first: int  # index of the field's first point
     command: Array
     """Elevator at steps and half-steps, rad, beside the feedback of `hands`."""
     hands: Hands
@@ -371,15 +369,12 @@ def fly_and_measure(
 ) -> float:
     """One flight of a case, and what its sensors show; returns how far it got, m.
 
-    `seed` of the noise that the feedback hears; state (5,) and wind (points, 5): white noise of unit variance for the
-    field; white (noisy, ticks) for the sensors. Fills shown (ticks, signals) and the angle of attack at the CG,
-    true_alpha (ticks,).
+    `seed` of the noise that the feedback hears; state (5,), wind (points, 5), white (noisy, ticks): white noise of unit
+    variance for field and sensors. Fills shown (ticks, signals) and alpha at the CG, true_alpha (ticks,).
     """
     truth = np.empty((sensors.ticks + sensors.distortion.shape[0] // 2, len(COLUMNS)))
-    field = Field(np.zeros((wind.shape[0], 3)), air.first)
-    if air.plane is not None:
-        field = air.plane(seed, wind.shape[0])
-    elif air.field.sigmas[2] > 0.0:
+    field = air.plane(seed, len(wind)) if air.plane else Field(np.zeros((len(wind), 3)), air.first)
+    if air.plane is None and air.field.sigmas[2] > 0.0:
         fill(air.field, wind, state.copy(), air.first, field.values)
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
     flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)
