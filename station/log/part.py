@@ -13,6 +13,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
@@ -35,6 +36,7 @@ from mcap.records import (
 )
 
 from station.log.disk import Disk
+from station.log.spill import Spill
 
 MAGIC: Final = bytes((137, 77, 67, 65, 80, 48, 13, 10))
 RECORD = struct.Struct("<BQ")
@@ -101,8 +103,8 @@ class PartWriter:
         self._body: list[bytes] = []
         self._first = self._last = 0
         self._compress = zstandard.ZstdCompressor(level=1).compress
-        # As the summary will hold them: made at the end, an hour's would take a second.
-        self._chunk_indexes = bytearray()
+        # As the summary will hold them: made at the end, an hour's would take a second; held, they would be 20 MiB.
+        self._chunk_indexes = Spill(path.parent)
         self._chunk_count = 0
         self._other_indexes: list[McapRecord] = []
         self._counts: dict[int, int] = {}
@@ -222,13 +224,15 @@ class PartWriter:
         self._write(b"".join(out))
         mapped = struct.pack("<" + "HQ" * len(self._open), *places)
         rest = _CHUNK_INDEX.size - RECORD.size + len(mapped) + _CHUNK_INDEX_END.size
-        self._chunk_indexes += b"".join(
-            (
-                _CHUNK_INDEX.pack(
-                    Opcode.CHUNK_INDEX, rest, self._first, self._last, at, RECORD.size + length, len(mapped)
-                ),
-                mapped,
-                _CHUNK_INDEX_END.pack(index_at - begin, CHUNK_MARK, len(packed), len(body)),
+        self._chunk_indexes.add(
+            b"".join(
+                (
+                    _CHUNK_INDEX.pack(
+                        Opcode.CHUNK_INDEX, rest, self._first, self._last, at, RECORD.size + length, len(mapped)
+                    ),
+                    mapped,
+                    _CHUNK_INDEX_END.pack(index_at - begin, CHUNK_MARK, len(packed), len(body)),
+                )
             )
         )
         self._chunk_count += 1
@@ -279,7 +283,7 @@ class PartWriter:
             metadata_count=sum(isinstance(r, MetadataIndex) for r in self._other_indexes),
             schema_count=sum(isinstance(r, Schema) for r in self._records),
         )
-        summary: list[bytes | bytearray] = []
+        summary: list[Iterable[bytes]] = []
         groups = RecordBuilder()
         at = summary_at
         for opcode, group in (
@@ -292,19 +296,18 @@ class PartWriter:
         ):
             if group:
                 SummaryOffset(opcode, at, len(group)).write(groups)
-                summary.append(group)
+                summary.append(group.pieces() if isinstance(group, Spill) else [group])
                 at += len(group)
-        summary.append(_taken(groups))
         crc = 0
-        for piece in (*summary, struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_at, at)):
+        for piece in chain(*summary, [_taken(groups)]):
             crc = zlib.crc32(piece, crc)
-        Footer(summary_at, at, crc).write(end)
-        for piece in (*summary, _taken(end) + MAGIC):
             self._write(piece)
+        crc = zlib.crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_at, at), crc)
+        Footer(summary_at, at, crc).write(end)
+        self._write(_taken(end) + MAGIC)
         if sync:
             self.sync()
         self._close()
-        self._chunk_indexes = bytearray()
 
     def abandon(self) -> None:
         """Close the file as it is."""
@@ -312,6 +315,7 @@ class PartWriter:
 
     def _close(self) -> None:
         self._is_closed = True
+        self._chunk_indexes.close()
         self._disk.close(self._file)
 
     def is_there(self) -> bool:
@@ -327,7 +331,7 @@ class PartWriter:
         """Whether any path leads to this file."""
         return os.fstat(self._file).st_nlink > 0
 
-    def _write(self, data: bytes | bytearray) -> None:
+    def _write(self, data: bytes) -> None:
         done = 0
         try:
             while done < len(data):

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import io
+import math
 import random
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +16,7 @@ from mcap.reader import make_reader
 
 from station.clock import ManualClock
 from station.conventions import SIGNALS, Stream
-from station.log import About, LogWriter, points, read_rows, row_times, table, write_log
+from station.log import About, LogWriter, points, read_rows, row_times, spill, table, write_log
 from station.log.disk import Disk
 from station.profile import load_aircraft
 from station.rows import Code, Event, Frame, LogError, Rows, Sample, Tick
@@ -69,6 +74,40 @@ def test_mcaps_own_reader_finds_as_much(tmp_path: Path, span: tuple[int, int]) -
         theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(["/frame"])]
     assert [row.t_ns for row in read_rows(path, (Frame,), span)] == [t for t in theirs if span[0] <= t <= span[1]]
     assert row_times(path, Frame).tolist() == [ZERO + k * TICK for k in range(1000)]
+
+
+@pytest.mark.parametrize("room", [math.inf, 0, 1000])
+def test_an_index_set_aside_during_the_flight_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: float
+) -> None:
+    """On a disk that has room for it, for none of it, and for the first of it."""
+    files = []
+
+    class Aside(io.FileIO):
+        def write(self, data: Any) -> int:
+            if self.tell() + len(data) > room:
+                super().write(bytes(data)[:10])
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data)
+
+    def one(**_: Any) -> io.FileIO:
+        files.append(tmp_path / f"aside{len(files)}")
+        return Aside(files[-1], "w+")
+
+    monkeypatch.setattr(spill, "MOST_HELD", 300)
+    monkeypatch.setattr(tempfile, "TemporaryFile", one)
+    path = tmp_path / "a.mcap"
+    write_log(path, ABOUT, rows_of(1000))
+    (aside,) = files
+    assert (aside.stat().st_size > 3000) == (room > 3000)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert len(summary.chunk_indexes) == summary.statistics.chunk_count > 10
+        theirs = [m.log_time for _, _, m in make_reader(file).iter_messages(["/frame"])]
+    assert theirs == [ZERO + k * TICK for k in range(1000)]
+    assert row_times(path, Frame).tolist() == theirs
 
 
 @pytest.mark.parametrize("end", [0.4, 0.9, 0.999])
