@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
-from typing import Annotated
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from station.conventions import UNITS, unit_named
@@ -18,7 +20,14 @@ SI_NUMBERS = "si"
 """Validation context for profiles that come from a recording: numbers are SI already."""
 
 
-def quantity(si: str) -> BeforeValidator:
+@dataclass(frozen=True, slots=True)
+class InUnit(BeforeValidator):
+    """Reads a number and a unit of one kind as a number in its SI unit."""
+
+    si: str = ""
+
+
+def quantity(si: str) -> InUnit:
     def parse(value: object, info: ValidationInfo) -> object:
         if info.context == SI_NUMBERS and isinstance(value, (int, float)):
             return value
@@ -44,7 +53,21 @@ def quantity(si: str) -> BeforeValidator:
             )
         return magnitude * known.factor + known.offset
 
-    return BeforeValidator(parse)
+    return InUnit(parse, si=si)
+
+
+def unit_of(field: FieldInfo) -> str:
+    """The unit that a key of a profile is written in; "" for a plain number, a word or a table."""
+    si = next(_found((*field.metadata, field.annotation)), "")
+    return si if not si or si in UNITS else _common_units(si)
+
+
+def _found(annotations: Iterable[Any]) -> Iterator[str]:
+    for part in annotations:
+        if isinstance(part, InUnit):
+            yield part.si
+        else:
+            yield from _found((*getattr(part, "__metadata__", ()), *get_args(part)))
 
 
 def _common_units(si: str) -> str:

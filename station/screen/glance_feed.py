@@ -182,14 +182,23 @@ class GlanceFeed:
         self._socket.close()
 
     def _run(self, board: Board, clock: Clock, put: Callable[[Event], None]) -> None:
+        told = set[str]()
+
+        def shown() -> dict[str, Any] | None:
+            try:
+                return content(board, clock.now_ns())
+            except Exception as error:  # the board changes while it is read, and no page ends a flight
+                why = f"{type(error).__name__}: {error}"
+                if why not in told:
+                    told.add(why)
+                    put(Event(clock.now_ns(), "glance", Code.VIEW, 1, f"glance page: not shown for a moment ({why})"))
+                return None
+
         backoff_s = 1.0
         while True:
             began_ns = clock.now_ns()
             with tempfile.TemporaryFile() as errors:
-                try:
-                    why = self._serve(lambda: content(board, clock.now_ns()), errors)
-                except Exception as error:  # the board changes while it is read; and no page ends a flight
-                    why = f"{type(error).__name__}: {error}"
+                why = self._serve(shown, errors)
             if self._stop.is_set():
                 return
             backoff_s = 1.0 if clock.now_ns() - began_ns > START_NS else min(2 * backoff_s, 30.0)
@@ -198,7 +207,7 @@ class GlanceFeed:
             if self._stop.wait(backoff_s):
                 return
 
-    def _serve(self, shown: Callable[[], dict[str, Any]], errors: IO[bytes]) -> str:
+    def _serve(self, shown: Callable[[], dict[str, Any] | None], errors: IO[bytes]) -> str:
         """Feed one server until it ends or `close`; why it ended."""
         try:
             process = subprocess.Popen(
@@ -220,8 +229,8 @@ class GlanceFeed:
             while process.poll() is None:
                 if self._stop.wait(PERIOD_NS * 1e-9):
                     break
-                if not pending:
-                    pending = self._encoder.encode(shown()) + b"\n"
+                if not pending and (now := shown()) is not None:
+                    pending = self._encoder.encode(now) + b"\n"
                 with contextlib.suppress(BlockingIOError):  # what it has not read grows old there: it is skipped here
                     pending = pending[os.write(pipe.fileno(), pending) :]
         except OSError:

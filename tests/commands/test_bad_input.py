@@ -112,7 +112,11 @@ def test_a_command_that_cannot_be_done(station, log, tmp_path, monkeypatch, code
         ('dbc = "bench.dbc"', 'dbc = "rig.toml"', "rig.toml: not a usable DBC"),
         ('dbc = "bench.dbc"', 'dbc = "none.dbc"', "none.dbc: cannot be read: No such file or directory"),
         ('link = "serial"', 'link = "serail"', "devices[0].link: unknown: serail; did you mean serial?"),
-        ('link = "serial"', 'link = "telepathy"', "devices[0].link: unknown: telepathy\nknown: serial, can, mavlink"),
+        (
+            'link = "serial"',
+            'link = "telepathy"',
+            "devices[0].link: unknown: telepathy\nknown: serial, can, dronecan, mavlink",
+        ),
         (
             'protocol = "boombox"',
             'protocol = "bombox"',

@@ -29,6 +29,7 @@ from drivers.mavlink import MavlinkCodec, MavlinkEncoder
 from drivers.mavlink_messages import TABLE
 from drivers.serial_boombox import BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
 from drivers.serial_gnss import NmeaCodec, UbxCodec, encode_nav_pvt, encode_sentence
+from drivers.serial_lines import LinesCodec
 from drivers.serial_vectornav import VECTORNAV, VectorNavCodec
 from station.convert import IMPORTERS, import_file
 from station.convert.confined import confined
@@ -43,7 +44,9 @@ LONGEST_S: Final = 2.0
 FOREIGN_S: Final = 65.0
 """Of a file from elsewhere: its parser is ended after 60 s of processor time."""
 GROWTH_MIB: Final = 200.0
-LINKS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "can", "dronecan", "mavlink", "mavlink signed")
+LINKS: Final = (
+    "boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "lines", "can", "dronecan", "mavlink", "mavlink signed",
+)  # fmt: skip
 FOREIGN: Final = ("csv", "asc", "mat", "mat compressed", "bin", "ulg")
 NAMES: Final = (*LINKS, "mcap", *FOREIGN)
 KEY: Final = bytes(range(32))
@@ -136,6 +139,7 @@ def links() -> dict[str, Link]:
             VECTORNAV.encode(Reading("IMU", k * 10**7, None, dict.fromkeys(VECTORNAV.fields["IMU"], 0.1 * k)))
             for k in turns
         ]),
+        "lines": Link(LinesCodec, [f"aoa {k}.25,{-k}e-3,7\r\n".encode() for k in turns]),
         "can": Link(can_codec, [
             b"t10082800F6070069525F\r",
             *(encode_slcan(m.definition.frame_id, m.frame[1], bytes([k] * m.definition.length))
