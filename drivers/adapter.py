@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.codec import Codec, Port, Reading, TimeReply
+from drivers.probe_pressures import ProbeReader
 from drivers.protocols import protocol_named
 from drivers.shedding import Shedding
 from drivers.signatures import unread
@@ -93,10 +94,11 @@ class Adapter:
         self._opener = opener
         self._clock = clock
         self._put = put
-        self._streams: dict[str | int, list[tuple[str, _Fields]]] = {}
+        self._streams: dict[str | int, list[tuple[str, _Fields, ProbeReader | None]]] = {}
         for stream in device.streams:
             fields = tuple((channel.field, channel.converter()) for channel in stream.signals.values())
-            self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", fields))
+            probe = ProbeReader(stream) if stream.probe is not None else None
+            self._streams.setdefault(stream.message, []).append((f"{device.name}.{stream.name}", fields, probe))
         self._timelines: dict[int, _Timeline] = {}
         self._seqs: dict[str | int, int] = {}
         self._shedding = Shedding(sum(stream.rate for stream in device.streams))
@@ -219,8 +221,13 @@ class Adapter:
         if seq is not None and reading.seq_wrap:
             last = self._seqs.get(reading.message, seq)
             seq = self._seqs[reading.message] = last + (seq - last) % reading.seq_wrap
-        value_of = reading.fields.get
-        for name, fields in streams:
+        for name, fields, probe in streams:
+            found = reading.fields
+            if probe is not None:
+                found, left_out = probe.read(found)
+                for why in left_out:
+                    self._say(Code.RANGE, detail=f"{name}: {why}")
+            value_of = found.get
             values = tuple([to_si(value_of(field, math.nan)) for field, to_si in fields])
             # A message without one usable value (no fix yet) is as good as none: the stream goes stale.
             if not all(map(math.isnan, values)):
@@ -311,7 +318,7 @@ def check_devices(rig: Rig, rig_file: Path) -> None:
 def _codec(device: Device, rig_dir: Path, rig: str, clock: Clock) -> Codec:
     """Raises ProfileError that says in which `rig`, device and key."""
     try:
-        return _codec_of(device, rig_dir, clock)
+        return _codec_of(device.on_the_wire(), rig_dir, clock)
     except ProfileError as error:
         raise ProfileError(f"{rig}: device {device.name}, {error}") from error
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.codec import Reading
 from drivers.faults import MessageFaults, clock_steps, faults_of, unplugged
+from drivers.probe_pressures import ProbePressures
 from station.conventions import ANGLES_THAT_WRAP
 from station.profile import Card, Channel, Device, StreamProfile
 
@@ -204,6 +205,7 @@ class DeviceScript:
         latest = max((s.latency for group in grouped.values() for s in group), default=0.0)
         self._truth = Truth(self.signals, keep_s=latest + 0.1)
         self._encode = encode
+        self._probes = {m: [ProbePressures(s) for s in group if s.probe is not None] for m, group in grouped.items()}
         # A recording carries its sensors' own noise.
         noise = card.flight.source != "recording"
         seed = (card.flight.seed, index)
@@ -233,7 +235,10 @@ class DeviceScript:
     def encode(self, m: Outgoing) -> bytes:
         """What goes onto the wire, empty if it is lost. To be called once for each message, in order of sending."""
         # A lost message is encoded all the same: it uses up a number where the encoder counts by itself.
-        data = self._encode(m.reading)
+        reading = m.reading
+        for probe in self._probes.get(reading.message, ()):
+            reading = replace(reading, fields=probe.fields_of(reading.fields))
+        data = self._encode(reading)
         if m.garbage:
             data = self._scramble.bytes(len(data))
         return b"" if m.lost else data

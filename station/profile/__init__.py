@@ -40,6 +40,7 @@ from station.profile.files import (
     read_profile,
     to_json,
 )
+from station.profile.probe import PAIRS, PROBE, Curve, Probe
 from station.profile.propulsion import Propeller, ThrustTable
 from station.profile.quantity import (
     Bytes,
@@ -85,6 +86,8 @@ __all__ = [
     "MOVED",
     "NOTHING",
     "NO_BOOM",
+    "PAIRS",
+    "PROBE",
     "Actuator",
     "Aircraft",
     "AlteredAircraft",
@@ -98,6 +101,7 @@ __all__ = [
     "Channel",
     "CommandedLoop",
     "Condition",
+    "Curve",
     "DeclaredSignal",
     "Derivative",
     "Derived",
@@ -136,6 +140,7 @@ __all__ = [
     "Order",
     "Pilot",
     "Positive",
+    "Probe",
     "Profiles",
     "Propeller",
     "Pulse",

@@ -87,6 +87,7 @@ RadiansPerSpeed = Annotated[float, quantity("rad/(m/s)")]
 Kilograms = Annotated[float, quantity("kg")]
 KilogramMetres2 = Annotated[float, quantity("kg m2")]
 Newtons = Annotated[float, quantity("N")]
+Pascals = Annotated[float, quantity("Pa")]
 Bytes = Annotated[float, quantity("byte")]
 Positive = Field(gt=0)
 

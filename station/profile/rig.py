@@ -13,6 +13,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
 from station.conventions import SIGNALS, SURFACES, TICK_HZ, Stream, unit_named
 from station.profile.channel import Channel
 from station.profile.declared import DeclaredSignal, DerivedSignal, Further, faults, further
+from station.profile.probe import PROBE, Probe, wrong_fields
 from station.profile.quantity import Frozen, Hertz, Metres, Positive, Seconds, nearest
 from station.profile.rig_loop import Loop, MeasuredLoop
 
@@ -36,6 +37,22 @@ class StreamProfile(Frozen):
     """Mean length of a gap; 0: each message is lost or not by itself."""
     signals: dict[str, Channel]
     """Which field becomes which signal."""
+    probe: Probe | None = None
+    """Pressures of which flow angles are made."""
+
+    @model_validator(mode="after")
+    def _probed(self) -> Self:
+        if (wrong := wrong_fields(self.signals, self.probe)) is not None:
+            raise PydanticCustomError("probe", "{words}", {"words": wrong})
+        return self
+
+    def on_the_wire(self) -> Self:
+        """As its codec sees it: the ports in place of what the probe makes of them."""
+        if self.probe is None:
+            return self
+        ports = {f"{PROBE}ports.{port}": channel for port, channel in self.probe.ports.items()}
+        kept = {n: c for n, c in self.signals.items() if not c.field.startswith(PROBE)}
+        return self.model_copy(update={"signals": {**kept, **ports}})
 
 
 EMULATED: Final = "emulated"
@@ -54,6 +71,10 @@ class _Device(Frozen):
         if isinstance(raw, dict) and isinstance(raw.get("streams"), list):
             raw = {**raw, "streams": tuple(raw["streams"])}
         return raw
+
+    def on_the_wire(self) -> Self:
+        """As its codec sees it."""
+        return self.model_copy(update={"streams": tuple(s.on_the_wire() for s in self.streams)})
 
 
 class SerialDevice(_Device):
