@@ -17,7 +17,7 @@ from station.profile import CanDevice, Card, Rig, from_json, load_rig, profiles_
 from station.rows import ProfileError
 
 RIGS = profiles_dir() / "rigs"
-NAMES = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed", "vectornav", "dronecan")
+NAMES = ("bench", "boom_serial", "can_only", "mavlink_only", "mixed", "vectornav", "dronecan", "five_hole")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -32,7 +32,7 @@ def test_a_shipped_rig_gives_what_a_card_needs_and_its_codecs_know_it(name: str)
 def test_each_kind_of_link_is_in_a_rig_and_bench_has_all_three() -> None:
     assert {d.link for d in load_rig("bench").devices} == {"serial", "can", "mavlink"}
     protocols = {getattr(d, "protocol", d.link) for name in NAMES for d in load_rig(name).devices}
-    assert protocols == {"boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "can", "dronecan", "mavlink"}
+    assert protocols == {"boombox", "boombox_ascii", "ubx", "nmea", "lines", "vectornav", "can", "dronecan", "mavlink"}
 
 
 def test_vane_and_elevator_of_the_bench_share_a_packet() -> None:
