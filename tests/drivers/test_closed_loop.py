@@ -41,6 +41,8 @@ class Hand:
 
     def __init__(self, channel: str, angle_deg: float) -> None:
         self.angle_deg = angle_deg
+        self.sent: list[tuple[float, float]] = []
+        """When, s, and which angle, deg."""
         self._message = cantools.database.load_file(DBC).get_message_by_name("SURFACES")
         self._bus = can.Bus(interface="udp_multicast", channel=channel, ignore_config=True)
         self._stop, self.silent = threading.Event(), threading.Event()
@@ -54,10 +56,16 @@ class Hand:
             if self.silent.is_set():
                 continue
             # No hand moves it at once, and a pot is never quite still: the station believes neither.
-            at += max(-QUICKEST * 0.005, min(QUICKEST * 0.005, self.angle_deg - at))
-            fields = {"elevator": at + noise.normal(scale=0.02), "stamp": (0.005 * k) % 6.5536, "counter": k % 256}
+            at += max(-QUICKEST * 0.005, min(QUICKEST * 0.005, self.wanted(time.monotonic()) - at))
+            shown = at + noise.normal(scale=0.02)
+            self.sent.append((time.monotonic(), shown))
+            fields = {"elevator": shown, "stamp": (0.005 * k) % 6.5536, "counter": k % 256}
             data = self._message.encode(fields)
             self._bus.send(can.Message(arbitration_id=self._message.frame_id, data=data, is_extended_id=False))
+
+    def wanted(self, now_s: float) -> float:
+        """Where it goes now, deg."""
+        return self.angle_deg
 
     def close(self) -> None:
         self._stop.set()
