@@ -46,6 +46,11 @@ def _imu(data: Topic) -> dict[str, Column]:
     return {s: _column(data, n) for s, n in zip(("p", "q", "r", "ax", "ay", "az"), names, strict=True)}
 
 
+def _angle(signal: str, name: str) -> Callable[[Topic], dict[str, Column]]:
+    """Of an airflow sensor, NaN where it says that it is not valid."""
+    return lambda data: {signal: np.where(_column(data, "valid") > 0, _column(data, name), np.nan)}
+
+
 _TOPICS: Final[tuple[tuple[str, Callable[[Topic], dict[str, Column]]], ...]] = (
     ("sensor_combined", _imu),
     ("vehicle_attitude", _euler),
@@ -55,6 +60,9 @@ _TOPICS: Final[tuple[tuple[str, Callable[[Topic], dict[str, Column]]], ...]] = (
     ("airspeed", _plain(airspeed="true_airspeed_m_s")),
     ("differential_pressure", _plain(dynamic_pressure="differential_pressure_pa")),
     ("vehicle_air_data", _plain(static_pressure="baro_pressure_pa")),
+    # Of PX4's branches with airflow sensors (ETH Zurich's; SENSOR_AIRFLOW_ANGLES over MAVLink).
+    ("airflow_aoa", _angle("alpha_vane", "aoa_rad")),
+    ("airflow_slip", _angle("beta_vane", "slip_rad")),
 )
 """The first topic that gives a signal keeps it. Surfaces are not here: PX4 logs commands, not positions."""
 

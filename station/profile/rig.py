@@ -72,6 +72,14 @@ class _Device(Frozen):
             raw = {**raw, "streams": tuple(raw["streams"])}
         return raw
 
+    @model_validator(mode="after")
+    def _one_probe_per_message(self) -> Self:
+        probed = [s.message for s in self.streams if s.probe is not None]
+        if twice := [m for m in probed if probed.count(m) > 1]:
+            words = "two streams of message {message} have a probe: one of them is enough"
+            raise PydanticCustomError("probe", words, {"message": repr(twice[0])})
+        return self
+
     def on_the_wire(self) -> Self:
         """As its codec sees it."""
         return self.model_copy(update={"streams": tuple(s.on_the_wire() for s in self.streams)})

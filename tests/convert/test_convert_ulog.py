@@ -96,6 +96,19 @@ def test_signs_of_the_quaternion(tmp_path: Path) -> None:
     assert [found.columns[n][0] for n in ("phi", "theta", "psi")] == pytest.approx([0.1, 0.2, -0.3], abs=1e-6)
 
 
+def test_airflow_sensors_give_flow_angles_where_they_are_valid(tmp_path: Path) -> None:
+    rows = [struct.pack("<Qf?", 20_000 * i, 0.01 * i, i != 3) for i in range(1, 6)]
+    slip = [struct.pack("<Qf?", 20_000 * i, -0.02, True) for i in range(1, 6)]
+    path = imported(
+        tmp_path,
+        ulog(("airflow_aoa", "float aoa_rad;bool valid;", rows), ("airflow_slip", "float slip_rad;bool valid;", slip)),
+    )
+    samples = [r for r in read_rows(path) if isinstance(r, Sample)]
+    alpha = [r.values[0] for r in samples if r.stream == "airflow_aoa"]
+    assert alpha == pytest.approx([0.01, 0.02, math.nan, 0.04, 0.05], nan_ok=True)
+    assert [r.values[0] for r in samples if r.stream == "airflow_slip"] == pytest.approx([-0.02] * 5)
+
+
 def test_what_is_no_px4_log_or_holds_nothing_known_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="not a PX4 log"):
         imported(tmp_path, b"nothing of the kind")

@@ -17,7 +17,7 @@ from drivers.emulated_messages import DeviceScript
 from drivers.probe_pressures import ProbePressures, ProbeReader
 from drivers.protocols import protocol_named
 from station.clock import ManualClock
-from station.profile import Rig, StreamProfile, load_card, load_rig, profiles_dir
+from station.profile import Rig, SerialDevice, StreamProfile, load_card, load_rig, profiles_dir
 from station.rows import Code, Event, ProfileError, Rows, Sample
 
 HOLES = math.radians(45)
@@ -224,6 +224,13 @@ def test_a_field_of_a_probe_without_a_probe_and_a_probe_without_a_field_are_refu
         StreamProfile.model_validate(raw)
     with pytest.raises(ValueError, match="no signal is made of it"):
         stream({"ports": THREE, "alpha": {"unit": "deg", "table": knots()}}, beta_vane={"field": "c5", "unit": "deg"})
+
+
+def test_two_probes_in_one_message_are_refused() -> None:
+    device = load_rig("five_hole").devices[0].model_dump()
+    device["streams"] = [device["streams"][0], {**device["streams"][0], "name": "again"}]
+    with pytest.raises(ValueError, match="two streams of message 'probe' have a probe"):
+        SerialDevice.model_validate(device, context="si")
 
 
 def test_a_recorded_rig_keeps_its_probe() -> None:
