@@ -162,7 +162,7 @@ def flown(profiles: Profiles, hand: Damper, a: NDArray[np.float64]) -> tuple[com
         del hand.answered[:]
         t, q = hand.kicked(heard, 6.0)
         late = wires + thought(hand, t, q)
-        worst = max(s["loop"]["worst_late_ms"] for s in said if "loop" in s)
+        worst = max(s["loop"].get("worst_late_ms", 0.0) for s in said if "loop" in s)
     return free, swung(t, q), late, 1e-3 * worst
 
 
