@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -10,7 +10,8 @@ from typing import Final
 from station.conventions import SIGNALS, from_si
 from station.diagnosis import judge
 from station.diagnosis.detectable import Detectable
-from station.diagnosis.diagnosis_result import Effect, Verdict, missed_words
+from station.diagnosis.diagnosis_answer import answer
+from station.diagnosis.diagnosis_result import Effect, missed_words
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.kinematic_diagnosis import KinematicDiagnosis
 from station.diagnosis.pictures import (
@@ -29,19 +30,6 @@ from station.identification.html_page import image, text, write_page
 from station.identification.instrument_pages import kinematic_pages
 
 FILE_NAME: Final = "diagnosis.html"
-_VERDICT: Final[Mapping[Verdict, str]] = {
-    "no_effect": "No effect found: the measured flight agrees with the simulation within noise and gusts.",
-    "effect_found": "The measured flight differs from the simulation, and one explanation fits.",
-    "confounded": "The measured flight differs from the simulation; these manoeuvres do not separate its causes.",
-    "unexplained": "No effect of the catalogue explains all of what differs: what is named below is suspect.",
-}
-_KINEMATIC_VERDICT: Final[Mapping[Verdict, str]] = {
-    "no_effect": "The instruments agree with each other within noise.",
-    "effect_found": "The instruments disagree with each other.",
-    "confounded": "The instruments disagree with each other; this record does not separate the possible causes.",
-}
-
-
 _TOLD: Final = 1.5
 """Prior standard deviations from which a free parameter is worth a line."""
 
@@ -51,23 +39,23 @@ def write_report(
     instruments: Sequence[str] = (),
 ) -> Path:  # fmt: skip
     """Write the page into `folder` as diagnosis.html, with its manoeuvres (`compared`), the sizes that they would show,
-    `more` pieces of HTML, and those of the `instruments` first; returns its path. Raises LogError if it cannot be
+    `more` pieces of HTML, and those of the `instruments`; returns its path. Raises LogError if it cannot be
     written."""
     body = [
         f"<h1>{text(found.aircraft.name)}: measured against simulated</h1>",
-        f'<p class="verdict">{_VERDICT[found.verdict]}</p>',
-        *instruments,
-        effects_table(found.named),
+        f'<p class="verdict">{text(answer(found, found.not_named))}</p>',
+        effects_table(found.named) or _residuals(found),
+        image(measured_and_predicted(shown), "measured and predicted"),
         _unexplained(found),
         _not_named(found),
         _next(found),
         _gain(found),
+        *instruments,
         image(by_record(shown), "error of each manoeuvre, by series"),
         "<h2>What differs, by instrument and model</h2>",
         image(spectra_before_and_after(shown), "spectra of each series"),
-        _residuals(found),
+        _residuals(found) if found.named else "",
         "<h2>In time</h2>",
-        image(measured_and_predicted(shown), "measured and predicted"),
         image(times(shown), "each series over time"),
         *more,
         "<h2>What was tested</h2>",
@@ -85,10 +73,10 @@ def write_kinematic_report(found: KinematicDiagnosis, folder: Path, instruments:
     lines = "".join(f"<li>{text(w)}: {text(y)}</li>" for w, y in found.not_judged.items())
     body = [
         f"<h1>{text(found.aircraft.name)}: what the instruments say of each other</h1>",
-        f'<p class="verdict">{_KINEMATIC_VERDICT[found.verdict]}</p>',
+        f'<p class="verdict">{text(answer(found, of_instruments=True))}</p>',
         "<p>Kinematic part only: without aerodynamic data nothing is simulated.</p>",
-        *instruments,
         effects_table(found.named),
+        *instruments,
         f"<h2>Not judged</h2><ul>{lines}</ul>",
     ]
     for j in found.fitted:

@@ -55,7 +55,7 @@ def qualification_page(flown: Sequence[Flown]) -> list[str]:
     )  # fmt: skip
     return [
         "<h2>Simulated from the measured inputs</h2>",
-        f'<div style="overflow-x:auto"><table><tr>{head}</tr>{"".join(rows)}</table></div>',
+        f'<div class="wide"><table><tr>{head}</tr>{"".join(rows)}</table></div>',
         f'<p class="note">{_NOTE}</p>',
         *(image(over_measured(f), f"{f.record}: simulated over measured") for f in flown if not f.why),
     ]

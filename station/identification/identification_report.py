@@ -15,26 +15,32 @@ from numpy.typing import NDArray
 
 from station.conventions import LATERAL
 from station.estimation.method_table import METHODS
-from station.estimation.results import MethodResult, equations
+from station.estimation.results import MethodResult
 from station.identification.boom_page import boom_page
 from station.identification.drag_page import drag_page
 from station.identification.drag_results import drag_of
+from station.identification.identification_answer import (
+    POINTS,
+    answer,
+    answer_picture,
+    answer_table,
+    is_usable,
+    modelled,
+    rounded,
+)
 from station.identification.handling_pages import derived_page
 from station.identification.handling_qualities import identified_qualities
-from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, write_page
+from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
 from station.identification.identified import Identification
 from station.identification.instrument_lag_page import lag_page
 from station.identification.instrument_pages import input_pages, kinematic_pages
 from station.identification.listing import definitions
 from station.identification.spectra_pages import spectra_pages
 from station.numerics.regression import autocorrelation
-from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
 
 FILE_NAME: Final = "identification.html"
-POINTS: Final = 1500
-"""Of a line in a picture."""
 LAGS_S: Final = 2.0
 """Of the autocorrelation."""
 COLUMNS: Final = 3
@@ -57,6 +63,9 @@ def write_report(found: Identification, folder: Path) -> Path:
     """Write `found` into `folder` as identification.html; returns its path. Raises LogError if it cannot be written."""
     body = [
         f"<h1>{text(found.aircraft.name)}: stability and control derivatives</h1>",
+        f'<p class="verdict">{text(answer(found))}</p>',
+        answer_table(found, groups(found)),
+        _answer_picture(found),
         _summary(found),
         *(lag_page(found.instruments) if found.instruments is not None else []),
         "<h2>Estimates</h2>",
@@ -95,6 +104,12 @@ def _fitted(found: Identification) -> tuple[str, Array | None]:
     return "", None
 
 
+def _answer_picture(found: Identification) -> str:
+    """The fit of the method shown; empty where none has one."""
+    method, alpha = _fitted(found)
+    return answer_picture(found, method, alpha) if alpha is not None else ""
+
+
 def _gives_sideslip(method: str) -> bool:
     """Whether a method gives lateral derivatives with the vane's sideslip, which the record has."""
     return METHODS[method].lateral and METHODS[method].angle == "steady"
@@ -128,10 +143,6 @@ def _rows(found: Identification, names: Sequence[str]) -> dict[str, MethodResult
     return {m: r for m, r in found.methods.items() if any(p.name in names for p in r.parameters)}
 
 
-def _is_usable(result: MethodResult, p: ParamEstimate) -> bool:
-    return p.status is Status.ESTIMATED and result.status == "ok"
-
-
 def _estimates(found: Identification, names: Sequence[str]) -> str:
     return image(estimates_figure(found, names), "Derivatives by method with two standard errors")
 
@@ -155,7 +166,7 @@ def _estimates_of(panel: Panel, name: str, methods: dict[str, MethodResult], rec
         p = result.parameter(name)
         if p is None or not math.isfinite(p.value):
             continue
-        good = _is_usable(result, p)
+        good = is_usable(result, p)
         colour = BLUE if method == recommended else INK if good else FAINT
         error = 2 * p.sd if math.isfinite(p.sd) else None
         panel.errorbar(p.value, y, xerr=error, fmt="o" if good else "x", color=colour, ms=4, lw=1.2)
@@ -175,27 +186,13 @@ def _estimates_of(panel: Panel, name: str, methods: dict[str, MethodResult], rec
     without_frame(panel, "top", "right", "left")
 
 
-def without_frame(panel: Panel, *sides: str) -> None:
-    for side in sides:
-        panel.spines[side].set_visible(False)
-
-
 def _fits(found: Identification, method: str, alpha: Array, only: Sequence[str] | None = None) -> list[str]:
     """Measured and modelled coefficients of a method's equations, residuals and their autocorrelation beside.
 
     `alpha` (n,): what the method regresses on. `only`: of the equations with these derivatives. Empty where the method
     has no values.
     """
-    record, result = found.record, found.methods[method]
-    shown = []
-    for equation in equations(record, found.axes):
-        known = [result.parameter(n) for n in equation.parameters]
-        values = np.array([p.value if p else math.nan for p in known])
-        if np.isfinite(values).all() and (only is None or equation.parameters[0] in only):
-            x = equation.regressors.copy()
-            if equation.parameters[0].endswith("_alpha"):
-                x[:, 0] = alpha
-            shown.append((equation.name, equation.measured, x @ values))
+    record, shown = found.record, modelled(found, method, alpha, only)
     if not shown:
         return []
     figure = Figure(figsize=(10, 2.6 * len(shown)), layout="constrained", dpi=120)
@@ -275,15 +272,15 @@ def estimates_table(found: Identification, names: Sequence[str]) -> str:
             if p is None or not math.isfinite(p.value):
                 cells.append(f'<td class="faint" title="{text(p.why if p else "")}">–</td>')
                 continue
-            style = "" if _is_usable(result, p) else f' class="faint" title="{text(p.why)}"'
-            cells.append(f"<td{style}>{_rounded(p.value, p.sd)}</td>")
+            style = "" if is_usable(result, p) else f' class="faint" title="{text(p.why)}"'
+            cells.append(f"<td{style}>{rounded(p.value, p.sd)}</td>")
         chosen = ' class="chosen"' if method == found.recommended else ""
         rows.append(f"<tr{chosen}><td>{text(method)}</td>{''.join(cells)}</tr>")
-        beside = {p.name: p for p in result.quasi_steady if _is_usable(result, p)}
+        beside = {p.name: p for p in result.quasi_steady if is_usable(result, p)}
         if beside.keys() & set(names):
-            cells = [f"<td>{_rounded(beside[n].value, beside[n].sd) if n in beside else '–'}</td>" for n in names]
+            cells = [f"<td>{rounded(beside[n].value, beside[n].sd) if n in beside else '–'}</td>" for n in names]
             rows.append(f"<tr><td>{text(method)}, quasi-steady</td>{''.join(cells)}</tr>")
-    return f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
+    return f'<div class="wide"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
 
 
 def _refusals(found: Identification) -> str:
@@ -296,14 +293,6 @@ def _refusals(found: Identification) -> str:
         f"pictures show ± 2 standard errors. Bold: recommended. Grey: not usable; point at it for the reason."
         f"{meaning}</p>{why}"
     )
-
-
-def _rounded(value: float, error: float) -> str:
-    """The value to the second significant digit of its error."""
-    if not (math.isfinite(error) and error > 0):
-        return f"{value:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
 def _consistency(found: Identification) -> str:
@@ -321,7 +310,7 @@ def _consistency(found: Identification) -> str:
         f"<h2>Do the methods differ by the angle of attack alone?</h2><p>Each against {text(found.consistency.base)}: "
         "an error of the angle of attack, α' = t_α α + t_q q c/2V + t_δe δe, changes lift and moment derivatives by "
         "the same three numbers; where these differ, the methods differ by something else.</p>"
-        f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}<th>agree</th></tr>{"".join(rows)}</table></div>'
+        f'<div class="wide"><table><tr><th>method</th>{head}<th>agree</th></tr>{"".join(rows)}</table></div>'
     )
 
 

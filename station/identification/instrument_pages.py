@@ -172,7 +172,7 @@ def _structures(found: Mapping[str, Comparison] | str | None) -> list[str]:
             )
     return [
         f"<h2>{head}</h2>",
-        '<div style="overflow-x:auto"><table><tr><th>structure</th><th>regressors</th><th>residual</th>'
+        '<div class="wide"><table><tr><th>structure</th><th>regressors</th><th>residual</th>'
         f"<th>prediction error</th><th>p of the F-test</th></tr>{''.join(lines)}</table></div>",
         '<p class="note">Residual and prediction error over the measured coefficient, rms, 0.1 to 2 Hz; prediction: '
         "fitted to one half, tested on the other. Bold: selected by F-test and prediction. eq65: own slopes for motion "

@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, write_page
-from station.identification.identification_report import without_frame
+from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
 from station.numerics.random_effects import NORMAL_95
 from station.programme.calibration import Calibration
 from station.programme.calibration_listing import WORDS, interval_of, named, shown, unit_of, value_of
@@ -61,7 +60,7 @@ def _constants(made: Calibration) -> str:
             f"<td>{shown(c, c.before):+.3g}</td>{words}</tr>"
         )
     head = "".join(f"<th>{h}</th>" for h in ("", "value ± sd", "95 %", "unit", "profile", "key of the profile"))
-    return f'<div style="overflow-x:auto"><table><tr>{head}</tr>{"".join(rows)}</table></div>'
+    return f'<div class="wide"><table><tr>{head}</tr>{"".join(rows)}</table></div>'
 
 
 def _figure(height: float) -> Figure:
@@ -183,4 +182,4 @@ def _runs(made: Calibration) -> str:
         for h in ("recording", "run", "s", "airspeed, m/s", "track, °", "bank, °", "mass, kg", "shown - true, m/s",
                   "angle left, °")
     )  # fmt: skip
-    return f'<div style="overflow-x:auto"><table><tr>{head}</tr>{"".join(rows)}</table></div>'
+    return f'<div class="wide"><table><tr>{head}</tr>{"".join(rows)}</table></div>'

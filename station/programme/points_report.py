@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL
-from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, write_page
-from station.identification.identification_report import without_frame
+from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
 from station.identification.spectra_pages import spectra_pages
 from station.numerics.random_effects import Pooled
 from station.programme.air_of_flight import air_of
@@ -126,7 +125,7 @@ def _baseline(made: Programme) -> Iterator[str]:
         rows.append(f"<tr class='chosen'><td>pooled, {called}</td>{cells}</tr>")
         cells = "".join(f"<td>{_scatter(values.get(n))}</td>" for n in LONGITUDINAL)
         rows.append(f"<tr class='faint'><td>scatter between points</td>{cells}</tr>")
-    yield f'<div style="overflow-x:auto"><table><tr><th></th>{head}</tr>{"".join(rows)}</table></div>'
+    yield f'<div class="wide"><table><tr><th></th>{head}</tr>{"".join(rows)}</table></div>'
     if baseline.points:
         yield (
             f'<p class="note">By {text(baseline.method)}; pooled by random effects (restricted maximum '
@@ -158,7 +157,7 @@ def _point(made: Programme, place: int, point: FlownPoint) -> Iterator[str]:
         chosen = ' class="chosen"' if name == best else ""
         rows.append(f"<tr{chosen}><td>{text(name)}</td>{cells}</tr>")
     head = "".join(f"<th>{n}</th>" for n in LONGITUDINAL)
-    yield f'<div style="overflow-x:auto"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
+    yield f'<div class="wide"><table><tr><th>method</th>{head}</tr>{"".join(rows)}</table></div>'
     if refused:
         yield f"<p class='note'>Not applicable:</p><ul class='note'>{''.join(refused)}</ul>"
 
