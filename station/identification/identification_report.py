@@ -19,6 +19,9 @@ from station.estimation.results import MethodResult
 from station.identification.boom_page import boom_page
 from station.identification.drag_page import drag_page
 from station.identification.drag_results import drag_of
+from station.identification.handling_pages import derived_page
+from station.identification.handling_qualities import identified_qualities
+from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
 from station.identification.identification_answer import (
     POINTS,
     answer,
@@ -28,9 +31,6 @@ from station.identification.identification_answer import (
     modelled,
     rounded,
 )
-from station.identification.handling_pages import derived_page
-from station.identification.handling_qualities import identified_qualities
-from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
 from station.identification.identified import Identification
 from station.identification.instrument_lag_page import lag_page
 from station.identification.instrument_pages import input_pages, kinematic_pages

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import html
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from station.estimation.published.cross_spectra import VaneSpectra
 from station.identification.analysis import identify
+from station.identification.identification_answer import answer
 from station.identification.identification_report import write_report
 from station.identification.request import Request
 from station.log import Table
 from station.profile import Aircraft, Geometry, Inertia
-from station.rows import LogError
+from station.rows import LogError, Status
 
 AIRCRAFT = Aircraft(
     name="<glider>",
@@ -74,7 +77,7 @@ def test_report_is_self_contained_and_says_what_was_found(tmp_path: Path) -> Non
     found = identify(flown, AIRCRAFT, Request(["I", "II", "III", "sidpac", "oe"], log="flight.mcap"))
     path = write_report(found, tmp_path / "report")
     tags = read(path)
-    assert len(tags.sources) == 2
+    assert len(tags.sources) == 3
     assert all(s.startswith("data:image/png;base64,") for s in tags.sources)
     text = " ".join(tags.text)
     assert "<glider>" in text
@@ -82,11 +85,37 @@ def test_report_is_self_contained_and_says_what_was_found(tmp_path: Path) -> Non
     p = found.methods["I"].parameter("CL_alpha")
     assert p is not None
     shown = re.findall(r"(-?[\d.]+) ± ([\d.]+)", text)[0]
-    assert abs(float(shown[0]) - p.value) < 0.1 * p.sd
-    assert float(shown[1]) == pytest.approx(p.sd, rel=0.06)
+    best = found.methods[found.recommended or ""].parameter("CL_alpha")
+    assert best is not None
+    assert abs(float(shown[0]) - best.value) < 0.1 * best.sd
+    assert float(shown[1]) == pytest.approx(2 * best.sd, rel=0.06)
+    assert f"{p.value:.3g}"[:4] in text
     assert "III: calm air" in text
     assert "oe: the record has no theta" in text
     assert path.stat().st_size < 600_000
+
+
+def test_the_page_begins_with_a_sentence_that_holds_the_derivatives_flown(tmp_path: Path) -> None:
+    """Those that `record` is made with lie within three of the standard errors quoted; a derivative that is not
+    estimated is said so."""
+    found = identify(record(), AIRCRAFT, Request(["I", "II"]))
+    page = write_report(found, tmp_path).read_text()
+    said = re.findall(r'<p class="verdict">(.*?)</p>', page)
+    assert said == [html.escape(answer(found))]
+    assert page.index("verdict") < page.index("<table") < page.index("<img")
+    quoted = dict(re.findall(r"(C\w_\w+) (-?[\d.]+ ± [\d.]+)", said[0]))
+    for name, true in {"CL_alpha": 5.5, "Cm_alpha": -1.3, "Cm_q": -30.0, "Cm_de": -1.7}.items():
+        value, twice = map(float, quoted[name].split(" ± "))
+        assert abs(value - true) < 1.5 * twice, name
+    best = found.methods[found.recommended or ""]
+    lost = [
+        msgspec.structs.replace(p, status=Status.UNESTIMATED, why="x") if p.name == "Cm_q" else p
+        for p in best.parameters
+    ]
+    known = {**found.methods, found.recommended or "": replace(best, parameters=tuple(lost))}
+    poorer = answer(replace(found, methods=known, hint="is <glider> the aircraft recorded? no"))
+    assert "not estimated: Cm_q; SUSPECT" in poorer
+    assert "Cm_q -" not in poorer
 
 
 def test_a_report_without_any_estimate_says_why(tmp_path: Path) -> None:
