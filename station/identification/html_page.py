@@ -35,10 +35,10 @@ th:first-child,td:first-child,.words{text-align:left}td:not(.words){white-space:
 img{filter:invert(.9) hue-rotate(180deg)}}
 @page{size:A4;margin:14mm 12mm 16mm}
 @media print{
-:root{color-scheme:light}body{font-size:9.5pt;max-width:none;margin:0;padding:0}
+:root{color-scheme:light;font-size:9.5pt}body{font-size:1rem;max-width:none;margin:0;padding:0}
 h1,h2,summary{break-after:avoid}img,tr,li,p{break-inside:avoid}p{orphans:3;widows:3}thead{display:table-header-group}
 img{display:block;max-height:235mm;object-fit:contain;object-position:left}
-table{font-size:7.5pt;break-inside:avoid}th,td{padding:.12rem .3rem}td:not(.words){white-space:normal}
+table{font-size:7.5pt;break-inside:avoid}th,td{padding:.12rem .3rem}.wide td:not(.words){white-space:normal}
 .wide{overflow:visible}details::details-content{content-visibility:visible;height:auto}}
 """
 """Pictures are drawn on white; the dark page is of the grey that their inversion makes of it, colours kept."""

@@ -1,4 +1,4 @@
-"""The report's section on the instruments: every instrument's lag, scale and zero against the others, as a table and a picture."""
+"""The report's section on instruments: every one's lag, scale and zero against the others, as a table and a picture."""
 
 from __future__ import annotations
 
