@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from station.commands.common import judged, there
+from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, DONE, check_json, say, write_json
 from station.log import metadata
 from station.profile import load_aircraft
@@ -23,6 +24,7 @@ def calibrate(
     aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the first recording's")] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
+    pdf: Pdf = False,
 ) -> int:
     """Position error, vane zero, upwash, place and lag, and zeros of attitude and accelerometers, pooled over runs.
 
@@ -38,6 +40,7 @@ def calibrate(
     for path in logs:
         there(path)
     check_json(as_json)
+    check_pdf(pdf, report)
     if write_profile is not None and write_profile.exists():
         raise UsageError(f"{write_profile}: is there already: a written profile never replaces a file; name another")
     subject = load_aircraft(aircraft) if aircraft else metadata(logs[0]).about.aircraft
@@ -50,7 +53,7 @@ def calibrate(
     if report is not None:
         from station.programme.calibration_report import write_report  # and with it matplotlib
 
-        say(str(write_report(made, report)))
+        told(write_report(made, report), pdf)
     if as_json is not None:
         write_json(to_json(made), as_json)
     if as_json != "-":

@@ -17,6 +17,7 @@ from rich.console import Console
 from station.api.diagnosing import Diagnosed
 from station.api.diagnosing import diagnose as solve
 from station.commands.common import there
+from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, DONE, check_json, say, write_json
 from station.diagnosis.diagnosis_result import partly_judged, summary
 from station.identification.instrument_table import print_table
@@ -38,6 +39,7 @@ def diagnose(
     aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
+    pdf: Pdf = False,
     write_profile: Annotated[
         Path | None,
         typer.Option(
@@ -49,6 +51,7 @@ def diagnose(
     for path in (*logs, *(hold_out or [])):
         there(path)
     check_json(as_json)
+    check_pdf(pdf, report)
     if write_profile is not None and write_profile.exists():
         raise UsageError(f"{write_profile}: is there already: a written profile never replaces a file; name another")
     made = solve(logs, hold_out or [], aircraft=aircraft, progress=lambda words: say(f"  {words}"))
@@ -58,7 +61,7 @@ def diagnose(
     if report is not None:
         say("  drawing the report")
         with _rrd_beside(made, report):
-            say(str(made.report(report)))
+            told(made.report(report), pdf)
     if write_profile is not None:
         say(str(made.write_profile(write_profile)))
     if as_json is not None:

@@ -10,6 +10,7 @@ import typer
 
 from station.commands.common import LogPath, judged, there
 from station.commands.long_work import shown
+from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, check_json, say, write_json
 
 
@@ -29,12 +30,14 @@ def identify(
     aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
+    pdf: Pdf = False,
 ) -> int:
     """Identify the derivatives of a recording, by every method and with honest errors."""
     from station.api.identifying import identify as solve
     from station.identification.listing import print_estimates
 
     check_json(as_json)
+    check_pdf(pdf, report)
     names = [name for text in method or ["all"] for name in text.replace(",", " ").split()]
     with shown(f"identifying {log.name}"):
         made = solve(
@@ -44,7 +47,7 @@ def identify(
     if found.hint:
         say(f"station: {found.hint}")
     if report is not None:
-        say(str(made.report(report)))
+        told(made.report(report), pdf)
     if as_json is not None:
         write_json(made.json(), as_json)
     if as_json != "-":

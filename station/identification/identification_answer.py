@@ -83,7 +83,8 @@ def answer_table(found: Identification, groups: Sequence[Sequence[str]]) -> str:
     best = found.methods.get(found.recommended or "")
     if best is None:
         return ""
-    tables, whys = [], {}
+    tables: list[str] = []
+    whys: dict[str, str] = {}
     for names in groups:
         own = [p for n in names if (p := best.parameter(n)) is not None]
         if not own:
