@@ -178,6 +178,7 @@ def altered(tmp_path: Path, old: str, new: str) -> str:
     with pytest.raises(ProfileError) as caught:
         check_devices(load_rig(str(path)), path)
     assert str(path) in str(caught.value)
+    assert "it is {" not in str(caught.value), "a whole table says nothing"
     return str(caught.value)
 
 
