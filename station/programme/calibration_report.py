@@ -19,6 +19,8 @@ from station.programme.calibration_listing import WORDS, interval_of, named, sho
 Array = NDArray[np.float64]
 
 FILE_NAME: Final = "calibration.html"
+QUOTED: Final = ("airspeed_error", "vane_zero", "upwash", "vane_delay")
+"""Constants in the sentence: what a calibration flight is flown for; all are in the table."""
 
 
 def write_report(made: Calibration, folder: Path) -> Path:
@@ -26,13 +28,14 @@ def write_report(made: Calibration, folder: Path) -> Path:
     logs = ", ".join(p.name for p in made.logs)
     body = [
         f"<h1>{text(made.aircraft.name)}: calibration flight</h1>",
-        f'<p class="note">{text(logs)}</p>',
-        *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
+        f'<p class="verdict">{text(answer(made))}</p>',
         _constants(made),
         "<h2>Position error</h2>",
         _position_error(made),
         '<p class="note">Airspeed shown less true airspeed, by GNSS velocity less wind; each point a block of four '
         "seconds, its scatter gusts along the path. Band: 95 %.</p>",
+        f'<p class="note">Recordings: {text(logs)}</p>',
+        *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
         "<h2>Vane</h2>",
         _vane(made),
         '<p class="note">Vane, pitch rate taken out, over the angle of attack of the path; left: with the line found, '
@@ -46,6 +49,17 @@ def write_report(made: Calibration, folder: Path) -> Path:
         _runs(made),
     ]
     return write_page(f"Calibration: {made.aircraft.name}", body, folder / FILE_NAME)
+
+
+def answer(made: Calibration) -> str:
+    """One sentence to quote: position error, vane zero, upwash and lag with their errors, and which are not told."""
+    wanted = [made.constants[n] for n in QUOTED if n in made.constants]
+    told = [f"{named(made, c)} {value_of(c)} {unit_of(c)}".rstrip() for c in wanted if c.is_told]
+    lost = [named(made, c) for c in wanted if not c.is_told]
+    said = f"{', '.join(told)} (± standard error)" if told else "nothing could be calibrated"
+    low, high = made.speeds
+    missing = f"; NOT calibrated: {', '.join(lost)}" if lost else ""
+    return f"{made.aircraft.name}, {low:.0f} to {high:.0f} m/s: {said}{missing}."
 
 
 def _constants(made: Calibration) -> str:

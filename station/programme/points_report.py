@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 FILE_NAME: Final = "points.html"
 GREEN: Final = "#009e73"
 """Of the baseline's points."""
+QUOTED: Final = 3
+"""Changed points in the sentence; all are in the table."""
 DRAWN: Final = 6000
 """Values of a line in a picture."""
 
@@ -41,8 +43,9 @@ def write_report(made: Programme, folder: Path) -> Path:
     """Write points.html into `folder`; returns its path. Raises LogError if it cannot be written."""
     body = [
         f"<h1>{text(made.aircraft.name)}: test points</h1>",
-        *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
+        f'<p class="verdict">{text(answer(made))}</p>',
         _points(made),
+        *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
         *(part for flight in made.flights for part in _air(made, flight)),
         *_baseline(made),
         *(part for place, point in enumerate(made.points) for part in _point(made, place, point)),
@@ -52,6 +55,31 @@ def write_report(made: Programme, folder: Path) -> Path:
         "estimated.</p>",
     ]
     return write_page(f"Test points: {made.aircraft.name}", body, folder / FILE_NAME)
+
+
+def answer(made: Programme) -> str:
+    """One sentence to quote: what has changed where, where nothing significant has, and what could not be used."""
+    changed, same, unused = [], [], []
+    for place, p in enumerate(made.points):
+        if p.title in made.baseline.points:
+            continue
+        words = ", ".join(significant(made.change(place)))
+        if p.why or not any(c.is_known for c in made.change(place).values()):
+            unused.append(p.name)
+        elif words:
+            changed.append(f"{p.name}: {words}")
+        else:
+            same.append(p.name)
+    count = len(made.baseline.points)
+    against = f"the baseline of {count} point{'s' * (count > 1)}" if count else "the profile (no baseline flown)"
+    more = len(changed) - QUOTED
+    said = "; ".join(changed[:QUOTED]) + (f"; and {more} more in the table" if more > 0 else "")
+    clauses = [f"{made.aircraft.name}, changed against {against}: {said or 'nothing significant'} (95 %)"]
+    if same:
+        clauses.append(f"no significant change: {', '.join(same)}")
+    if unused:
+        clauses.append(f"no change could be told: {', '.join(unused)}")
+    return "; ".join(clauses) + "."
 
 
 def _points(made: Programme) -> str:

@@ -92,7 +92,11 @@ def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -
     errors = made.instruments["airspeed"]
     assert errors.gain * speed + errors.bias - speed == pytest.approx(constants["airspeed_error"]["estimate"])
     assert made.calibrated.vane_zero_sd == pytest.approx(constants["vane_zero"]["std_error"])
-    assert (tmp_path / "report" / "calibration.html").stat().st_size > 50_000
+    shown = (tmp_path / "report" / "calibration.html").read_text()
+    assert len(shown) > 50_000
+    sentence = shown.partition('<p class="verdict">')[2].partition("</p>")[0]
+    assert "alpha vane, zero +0." in sentence
+    assert "NOT calibrated" not in sentence
     with pytest.raises(UsageError, match="never replaces"):
         calibrate([programme], profile, None, None, None)
 

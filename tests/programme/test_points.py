@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +119,13 @@ def test_the_command(station, log: Path, tmp_path: Path) -> None:
     percent = said["points"][2]["methods"]["split"]["change_percent"]["CL_alpha"]
     assert percent["ci95"][0] < percent["estimate"] < percent["ci95"][1]
     assert -30 < percent["estimate"] < -10
-    assert (page / "points.html").read_text().count("<img") == 6  # the flight's air, two of its vane, and three points
+    shown = (page / "points.html").read_text()
+    assert shown.count("<img") == 6  # the flight's air, two of its vane, and three points
+    sentence = shown.partition('<p class="verdict">')[2].partition("</p>")[0]
+    assert "changed against the baseline of 2 points: three: " in sentence
+    low, high = map(float, re.findall(r"Cm_de -\d+ % \((-\d+) to (-\d+)\)", sentence)[0])
+    assert low < -15 < high  # as flown
+    assert "no change could be told: short" in sentence
 
 
 def test_a_recording_without_points_is_one(station, log: Path, tmp_path: Path) -> None:
