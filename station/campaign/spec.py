@@ -307,6 +307,8 @@ def load_plan(name: str) -> Plan:
             raise wrong("input", f"no inputs.{scenario.input}{nearest(scenario.input, known)}")
         if scenario.pilot and scenario.pilot not in campaign.pilots:
             raise wrong("pilot", f"no pilots.{scenario.pilot}{nearest(scenario.pilot, campaign.pilots)}")
+        if scenario.pilot and campaign.pilots[scenario.pilot].moved - {"elevator"}:
+            raise wrong(f"pilots.{scenario.pilot}", "a campaign's wings are level: leave bank, heading and dampers out")
         if not scenario.input and len(known) > 1:
             raise wrong("flight.input", f"missing: which of {', '.join(known)}?")
         if scenario.alpha.startswith("distorted") and campaign.distortion is None:

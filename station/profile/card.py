@@ -152,7 +152,7 @@ class TestPoint(Frozen):
 
 
 class Pilot(Frozen):
-    """Feedback from what is measured to the elevator, all the flight long: gusts are answered too. Without a gain,
+    """Feedback from what is measured to the surfaces, all the flight long: gusts are answered too. Without a gain,
     hands off. Its sensors have the noise of a good installation."""
 
     pitch_rate: Annotated[Seconds, Field(ge=0, le=5)] = 0.0
@@ -164,13 +164,31 @@ class Pilot(Frozen):
     speed: Annotated[RadiansPerSpeed, Field(ge=0, le=0.1)] = 0.0
     """Speed hold by pitch: elevator, trailing edge up, by true airspeed above the trim's, or the leg's. Attitude, which
     it needs, makes of it speed / attitude of pitch for each m/s."""
+    roll_rate: Annotated[Seconds, Field(ge=0, le=5)] = 0.0
+    """Roll damper: aileron, to the left, by roll rate."""
+    bank: float = Field(default=0.0, ge=0, le=5)
+    """Bank hold: aileron by bank beyond level, or beyond that which heading asks for, in place of slow ailerons."""
+    heading: float = Field(default=0.0, ge=0, le=5)
+    """Heading hold: bank, 20 deg at most, by what the heading, the flight's or the leg's, is ahead; it needs bank."""
+    yaw_rate: Annotated[Seconds, Field(ge=0, le=5)] = 0.0
+    """Yaw damper: rudder by yaw rate beyond that of a level turn with the bank that there is."""
     delay: Annotated[Seconds, Field(ge=0, le=0.3)] = 0.04
     """From what is measured to what the actuator is asked for, a multiple of 5 ms."""
 
     @property
     def flies(self) -> bool:
-        """Whether it moves the elevator."""
-        return bool(self.pitch_rate or self.attitude or self.altitude or self.speed)
+        """Whether it moves any surface."""
+        return bool(self.moved)
+
+    @property
+    def moved(self) -> frozenset[str]:
+        """The surfaces that it moves."""
+        gains = {
+            "elevator": self.pitch_rate or self.attitude or self.altitude or self.speed,
+            "aileron": self.roll_rate or self.bank,
+            "rudder": self.yaw_rate,
+        }
+        return frozenset(surface for surface, gain in gains.items() if gain)
 
     @property
     def words(self) -> str:
@@ -180,9 +198,21 @@ class Pilot(Frozen):
             (self.attitude, f"attitude hold {self.attitude:g}"),
             (self.altitude, f"altitude hold {self.altitude:g} rad/m"),
             (self.speed, f"speed hold {self.speed:g} rad/(m/s)"),
+            (self.roll_rate, f"roll damper {self.roll_rate:g} s"),
+            (self.bank, f"bank hold {self.bank:g}"),
+            (self.heading, f"heading hold {self.heading:g}"),
+            (self.yaw_rate, f"yaw damper {self.yaw_rate:g} s"),
         )
         named = ", ".join(words for gain, words in gains if gain)
         return f"{named}, {1000 * self.delay:g} ms late" if named else "hands off"
+
+    @model_validator(mode="after")
+    def _bank_for_heading(self) -> Self:
+        if self.heading and not self.bank:
+            raise PydanticCustomError(
+                "pilot", "heading: it is held by bank, which bank holds; write bank = 0.5 beside it"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_elevator(self) -> Self:
@@ -240,13 +270,13 @@ class Card(Frozen):
     limits: Limits = Limits()
     """What must not be exceeded."""
     pilot: Pilot = Pilot()
-    """What moves the elevator beside the manoeuvres."""
+    """What moves the surfaces beside the manoeuvres."""
     faults: tuple[Fault, ...] = ()
     """What emulated devices do wrong."""
 
     @property
     def flown(self) -> str:
-        """Who moves the elevator beside the manoeuvres, to be added to a sentence; nothing where nobody does."""
+        """Who moves surfaces beside the manoeuvres, to be added to a sentence; nothing where nobody does."""
         return f", flown with {self.pilot.words}" if self.pilot.flies else ""
 
     @property
@@ -280,4 +310,6 @@ class Card(Frozen):
             raise PydanticCustomError("band", "high must be above low")
         if self.pilot.flies and self.flight.source == "recording":
             raise PydanticCustomError("pilot", "a recording is flown as it is: no [pilot] moves its elevator")
+        if self.pilot.moved - {"elevator"} and self.flight.source == "jsbsim":
+            raise PydanticCustomError("pilot", "JSBSim's aircraft has a pilot of its own for wings and heading")
         return self

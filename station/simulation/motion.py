@@ -23,7 +23,7 @@ from station.simulation.boom import (
     upwash_step,
 )
 from station.simulation.gusts import ALONG, SIDEWAYS, UP, Field, gust_at
-from station.simulation.pilot import RATE_HZ, Hands, asked, ring
+from station.simulation.pilot import RATE_HZ, Hands, asked, ring, rings
 from station.simulation.stalling import BRIEF, attached
 
 DT: Final = 1.0 / RATE_HZ
@@ -112,6 +112,8 @@ class Memory(NamedTuple):
     """(6,)."""
     asked: NDArray[np.float64]
     """pilot.ring's."""
+    across: NDArray[np.float64]
+    """pilot.rings'."""
 
 
 def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: float, hands: Hands) -> Memory:
@@ -127,6 +129,7 @@ def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: flo
         np.zeros(3),
         np.array([0.0, 0.0, surface, math.atan2(x[eq.W], x[eq.U]), 0.0, 1.0]),
         ring(hands),
+        rings(hands),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.conventions import TICK_HZ
+from station.conventions import G0, TICK_HZ
 from station.profile import Pilot
 from station.simulation.sensors import STANDARD
 
@@ -29,7 +29,7 @@ _STREAM: Final = 4
 
 
 class Hands(NamedTuple):
-    """What is asked of the elevator, by the trim that it holds."""
+    """What is asked of the surfaces, by the trim that is held."""
 
     by_rate: float
     """s"""
@@ -38,6 +38,13 @@ class Hands(NamedTuple):
     """rad/m"""
     by_speed: float
     """rad/(m/s)"""
+    by_roll: float
+    """s, of the aileron,"""
+    by_bank: float
+    by_heading: float
+    """of the bank,"""
+    by_yaw: float
+    """and of the rudder, s."""
     delay: int
     """Steps."""
     theta: float
@@ -54,12 +61,18 @@ def hands(pilot: Pilot, theta: float, height: float, speed: float, rate_hz: int 
     """`theta`, `height`, `speed`: what is held, rad, m and m/s; `rate_hz`: steps a second."""
     steps, held = round(pilot.delay * rate_hz), rate_hz // TICK_HZ
     gains = pilot.pitch_rate, pilot.attitude, pilot.altitude, pilot.speed
-    return Hands(*gains, steps, theta, height, speed, held)
+    across = pilot.roll_rate, pilot.bank, pilot.heading, pilot.yaw_rate
+    return Hands(*gains, *across, steps, theta, height, speed, held)
 
 
 def ring(h: Hands) -> Array:
     """What `asked` remembers: what is asked for now, and of each of the last steps; nothing yet."""
     return np.zeros(2 + h.delay)
+
+
+def rings(h: Hands) -> Array:
+    """What `asked_across` remembers, of aileron and rudder."""
+    return np.zeros((2, 2 + h.delay))
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -73,6 +86,28 @@ def asked(h: Hands, memory: Array, step: int, q: float, theta: float, height: fl
     return float(memory[0])
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def asked_across(
+    h: Hands, memory: Array, step: int, p: float, r: float, bank: float, wanted: float
+) -> tuple[float, float]:
+    """What aileron and rudder are asked for at a step beside inputs, rad, of a bank of which so much is `wanted`;
+    `memory` as `rings` makes it. A positive aileron rolls left, a positive rudder yaws left."""
+    n = memory.shape[1] - 1
+    memory[0, 1 + step % n] = h.by_roll * p + h.by_bank * (bank - wanted)
+    memory[1, 1 + step % n] = h.by_yaw * (r - G0 * math.sin(bank) / h.speed)
+    if step % h.held == 0:
+        for i in range(2):
+            memory[i, 0] = memory[i, 1 + (step + n - h.delay) % n]
+    return memory[0, 0], memory[1, 0]
+
+
+def deviations_across(pilot: Pilot) -> tuple[float, float]:
+    """As `deviation`, of aileron and rudder."""
+    p, r, phi, psi = (STANDARD[name].noise for name in ("p", "r", "phi", "psi"))
+    aileron = math.hypot(pilot.roll_rate * p, pilot.bank * phi, pilot.bank * pilot.heading * psi)
+    return aileron, pilot.yaw_rate * r
+
+
 def deviation(pilot: Pilot) -> float:
     """Standard deviation of what its sensors' noise asks of the elevator, rad."""
     q, theta, speed = (STANDARD[name].noise for name in ("q", "theta", "airspeed"))
@@ -82,11 +117,12 @@ def deviation(pilot: Pilot) -> float:
 class Tremor:
     """What the noise of the feedback's sensors adds to the command, in pieces of the flight, held for a tick each."""
 
-    def __init__(self, sd: float, seed: int, rate_hz: int = RATE_HZ) -> None:
-        """`sd` as `deviation` gives it; it depends on the flight's `seed` only. `rate_hz`: steps a second."""
+    def __init__(self, sd: float, seed: int, rate_hz: int = RATE_HZ, surface: int = 0) -> None:
+        """`sd` as `deviation` gives it; it depends on the flight's `seed` and the number of the surface only.
+        `rate_hz`: steps a second."""
         self._sd = sd
         self._held = rate_hz // TICK_HZ
-        self._rng = np.random.default_rng([seed, 0, _STREAM])
+        self._rng = np.random.default_rng([seed, 0, _STREAM, surface] if surface else [seed, 0, _STREAM])
         self._last = np.empty(0)
 
     def half_steps(self, ticks: int) -> Array:

@@ -48,6 +48,7 @@ from station.simulation.motion import (
     stage_rates,
     tip_now,
 )
+from station.simulation.pilot import asked_across
 from station.simulation.side_flow import (
     AILERON,
     BANK,
@@ -69,7 +70,7 @@ from station.simulation.side_flow import (
     side_air,
     side_flow,
 )
-from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, gusts_of, tremor
+from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, gusts_of, tremor, tremors_across
 from station.simulation.trigonometry import sine_cosine
 
 LATERAL_TRUTH: Final = ("beta", *COEFFICIENTS, "v_gust", "p_gust", "r_gust", "beta_fin")
@@ -88,6 +89,15 @@ class Both(NamedTuple):
 
     along: NDArray[np.float64]
     across: NDArray[np.float64]
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _wanted_bank(side: Lateral, by_heading: float, turned: float) -> float:
+    """Of a turn its own, otherwise by what the heading is off, rad."""
+    bank = side.bank
+    if math.isnan(bank):
+        bank = min(max(by_heading * (side.turn - turned), -MOST_BANK), MOST_BANK)
+    return bank
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -137,9 +147,7 @@ def add_lateral(
         wanted = min(max(wanted, -travel), travel)
         dy[AILERON + i] = min(max((wanted - y[AILERON + i]) / lag, -rate), rate)
     # A positive aileron rolls left.
-    bank = side.bank
-    if math.isnan(bank):
-        bank = min(max(side.hold_heading * (side.turn - y[TURN]), -MOST_BANK), MOST_BANK)
+    bank = _wanted_bank(side, side.hold_heading, y[TURN])
     dy[HELD] = (side.hold_bank * (y[BANK] - bank) - y[HELD]) / HOLD_LAG
     return seen
 
@@ -190,6 +198,8 @@ def advance_lateral(
     total = Both(np.zeros(n), np.zeros(SIZE))
     for k in range(out.shape[0]):
         air = eq.air_at(c, x[eq.HEIGHT])
+        banked = _wanted_bank(side, flown.hands.by_heading, y[TURN])
+        across = asked_across(flown.hands, memory.across, marks[DONE], y[ROLL], y[YAW], y[BANK], banked)
         held = held_elevator(flown.hands, memory, field, y[SIDE])
         # By loops: numba takes seconds to compile the check of two arrays' shapes.
         for i in range(n):
@@ -202,7 +212,7 @@ def advance_lateral(
             flow, gust, entry = stage_rates(
                 flown, memory, field, air, trial.along, commands[0, at] + held, met.speed, slope.along
             )
-            surfaces = (commands[1, at], commands[2, at])
+            surfaces = (commands[1, at] + across[0], commands[2, at] + across[1])
             seen = add_lateral(c, side, flown.site.heading, trial, surfaces, met, slope, flow)
             if stage == 0:
                 marks[AT_TAIL], marks[AT_FIN] = entry, at_fin
@@ -246,7 +256,9 @@ class LateralSimulation:
         """As Simulation's; `hold` also levels the wings. Raises ProfileError."""
         self.aircraft = FlownAircraft(aircraft, flight, imu_position, hold, pilot, seed=seed)
         self._tremor = tremor(flight, pilot, seed)
-        self._hold = hold
+        self._across = tremors_across(flight, pilot, seed)
+        self._shakes: NDArray[np.float64] = np.empty((2, 0))
+        self._hold = hold = hold and not pilot.bank
         self._apart = flight.is_plane
         self.lateral = lateral_constants(self.aircraft.now, hold, apart=self._apart)
         self._manoeuvres = tuple(manoeuvres)
@@ -306,6 +318,7 @@ class LateralSimulation:
         """Commands and gusts for a block of steps."""
         if number != self._block:
             self._trimmed = self._begun.trim_elevator + self._tremor.half_steps(BLOCK // EVERY)
+            self._shakes = np.stack([t.half_steps(BLOCK // EVERY) for t in self._across])
             self._command(number)
             self._block = number
         s = float(self._memory.x[eq.DISTANCE])
@@ -318,3 +331,4 @@ class LateralSimulation:
         unasked = np.stack([surface_input(self._manoeuvres, half_steps, s) for s in SURFACES])
         self._commands = unasked + np.stack([surface_input(self._asked, half_steps, s) for s in SURFACES])
         self._commands[0] += self._trimmed
+        self._commands[1:] += self._shakes

@@ -43,7 +43,7 @@ def source_of(
     place = aircraft.imu_at(imu_position)
     if card.flight.source == "jsbsim":
         return JsbsimFlight(aircraft, card.flight, card.manoeuvres, place, seed, card.pilot)
-    rolls = card.flight.is_plane and has_lateral(aircraft)
+    rolls = (card.flight.is_plane and has_lateral(aircraft)) or card.pilot.moved - {"elevator"}
     if rolls or card.goes_places or any(m.surface != "elevator" for m in card.inputs):
         return LateralSimulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)
     return Simulation(aircraft, card.flight, card.manoeuvres, place, seed, pilot=card.pilot)

@@ -23,7 +23,7 @@ from station.simulation.manoeuvres import surface_input
 from station.simulation.motion import COLUMNS, DONE, advance, at_rest
 from station.simulation.side_flow import AILERON, RUDDER, SIZE, TURN, has_lateral, lateral_constants
 from station.simulation.six_degrees import LATERAL_COLUMNS, advance_lateral
-from station.simulation.three_degrees import SPEED_MARGIN, gusts_of, tremor
+from station.simulation.three_degrees import SPEED_MARGIN, gusts_of, tremor, tremors_across
 
 _BLOCK_S: Final = 1.0
 """Of test inputs, made together."""
@@ -49,7 +49,7 @@ class SteppedFlight:
         self._dt = 1.0 / rate_hz
         self.aircraft = FlownAircraft(aircraft, flight, imu_position, "thrust" not in outside, card.pilot, rate_hz)
         flown = self.aircraft.flown
-        self._levels = "aileron" not in outside
+        self._levels = "aileron" not in outside and not card.pilot.bank
         self.is_lateral = has_lateral(self.aircraft.now)
         self.columns = LATERAL_COLUMNS if self.is_lateral else COLUMNS
         self._apart = flight.is_plane
@@ -67,6 +67,7 @@ class SteppedFlight:
         """Where what is moved from outside is in trim."""
         self._manoeuvres, self._asked = tuple(card.manoeuvres), tuple[Manoeuvre, ...]()
         self._tremor, self._shakes = tremor(flight, card.pilot, None, rate_hz), np.empty(0)
+        self._across, self._swayed = tremors_across(flight, card.pilot, None, rate_hz), np.empty((2, 0))
         self._block_steps = round(_BLOCK_S * rate_hz)
         self._added: NDArray[np.float64] | None = None
 
@@ -116,6 +117,7 @@ class SteppedFlight:
         number, offset = divmod(step, self._block_steps)
         if offset == 0:
             self._shakes = self._tremor.half_steps(round(_BLOCK_S * TICK_HZ))
+            self._swayed = np.stack([t.half_steps(round(_BLOCK_S * TICK_HZ)) for t in self._across])
         if offset == 0 or self._added is None:
             half_steps = np.arange(2 * self._block_steps + 1, dtype=np.float64) + 2 * number * self._block_steps
             times = half_steps * (0.5 * self._dt)
@@ -125,6 +127,7 @@ class SteppedFlight:
         if "elevator" not in self._outside:
             commands[0] += self._begun.trim_elevator + self._shakes[2 * offset : 2 * offset + 3]
             commands[0] += self.aircraft.retrimmed
+        commands[1:] += self._swayed[:, 2 * offset : 2 * offset + 3]
         for i, surface in enumerate(SURFACES):
             if surface not in self._outside:
                 continue
@@ -150,8 +153,8 @@ def _check(aircraft: Aircraft, card: Card, outside: Collection[str], measured: b
             f"aircraft {aircraft.name}: derivatives: no lateral ones (CY_beta, Cl_p, ...), and {lateral[0]} comes from "
             "outside"
         )
-    if "elevator" in outside and card.pilot.flies:
-        raise ProfileError(f"card {card.name}: [pilot]: the elevator comes from outside: one of the two can move it")
+    if both := sorted(card.pilot.moved & set(outside)):
+        raise ProfileError(f"card {card.name}: [pilot]: the {both[0]} comes from outside: one of the two can move it")
     moved = {m.surface for m in card.manoeuvres} & set(outside)
     if measured and moved:
         raise ProfileError(

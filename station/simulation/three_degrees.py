@@ -20,7 +20,7 @@ from station.simulation.legs import without_legs
 from station.simulation.longitudinal import DISTANCE
 from station.simulation.manoeuvres import elevator_input
 from station.simulation.motion import COLUMNS, DONE, DT, EVERY, Flown, advance, at_rest
-from station.simulation.pilot import RATE_HZ, Tremor, deviation
+from station.simulation.pilot import RATE_HZ, Tremor, deviation, deviations_across
 
 BLOCK: Final = 400
 """Steps whose elevator commands are made together."""
@@ -126,6 +126,12 @@ class Simulation:
 def tremor(flight: Flight, pilot: Pilot, seed: int | None, rate_hz: int = RATE_HZ) -> Tremor:
     """The noise of the feedback's sensors; `seed` in place of the flight's; `rate_hz`: steps a second."""
     return Tremor(deviation(pilot), flight.seed if seed is None else seed, rate_hz)
+
+
+def tremors_across(flight: Flight, pilot: Pilot, seed: int | None, rate_hz: int = RATE_HZ) -> tuple[Tremor, Tremor]:
+    """The same, of aileron and rudder."""
+    own, (aileron, rudder) = flight.seed if seed is None else seed, deviations_across(pilot)
+    return Tremor(aileron, own, rate_hz, 1), Tremor(rudder, own, rate_hz, 2)
 
 
 def gusts_of(flight: Flight, flown: FlownAircraft, seed: int | None) -> GustField | PlaneField:
