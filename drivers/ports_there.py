@@ -42,7 +42,7 @@ def permission_lacking(device: str) -> str:
 
 
 def _group(device: str) -> str:
-    """Who may open a device, by name where that is known."""
+    """Who may open a device; Debian's group for serial ports where the system does not say."""
     try:
         return Path(device).group()
     except (OSError, KeyError, NotImplementedError):

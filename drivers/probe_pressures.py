@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from station.conventions import GAS_CONSTANT, from_si, to_si
-from station.profile import PAIRS, PROBE, Probe, StreamProfile
+from station.profile import PAIRS, PROBE, Probe, StreamProfile, own_ratio
 
 _EMULATED_PRESSURE: Final = 1000.0
 """Dynamic pressure of an emulated probe of which the rig maps none, Pa: ratios do not depend on it."""
@@ -44,7 +44,7 @@ class ProbeReader:
         made = dict.fromkeys(("alpha", "beta", "dynamic_pressure", "airspeed"), math.nan)
         a, b = (ratios.get(name, 0.0) for name in ("alpha", "beta"))
         for name, curve in self._probe.curves.items():
-            own = "beta" if name == "beta" else "alpha"
+            own = own_ratio(name)
             if not why.keys() & {"reference", *curve.over(own)}:
                 made[name] = curve.at(ratios.get(own, 0.0), a, b)
         made["dynamic_pressure"] *= reference

@@ -40,7 +40,7 @@ from station.profile.files import (
     read_profile,
     to_json,
 )
-from station.profile.probe import PAIRS, PROBE, Curve, Probe
+from station.profile.probe import PAIRS, PROBE, Curve, Probe, own_ratio
 from station.profile.propulsion import Propeller, ThrustTable
 from station.profile.quantity import (
     Bytes,
@@ -167,6 +167,7 @@ __all__ = [
     "load_rig",
     "nearest",
     "nearest_or_all",
+    "own_ratio",
     "profiles_dir",
     "quantity",
     "read_profile",

@@ -165,7 +165,7 @@ class Probe(Frozen):
             if unit is None or unit.si != wanted:
                 example = "deg" if name in PAIRS else "1"
                 _refuse(f"{name}: unit {curve.unit!r} does not fit: it is one of {example!r}'s kind")
-            for ratio in (*curve.over(_own(name)), *((name,) if name in PAIRS else ())):
+            for ratio in (*curve.over(own_ratio(name)), *((name,) if name in PAIRS else ())):
                 self._check_pair(name, ratio)
         self._check_ranges()
         self._check_shape()
@@ -182,7 +182,7 @@ class Probe(Frozen):
         """The calibrated range of each ratio that a curve depends on."""
         found = {}
         for ratio, given in (("alpha", self.alpha_ratio), ("beta", self.beta_ratio)):
-            using = [(n, c) for n, c in self.curves.items() if ratio in c.over(_own(n))]
+            using = [(n, c) for n, c in self.curves.items() if ratio in c.over(own_ratio(n))]
             ends = [(c.table[0][0], c.table[-1][0]) for _, c in using if c.table is not None]
             ends += [given] if given is not None else []
             if using and ends:
@@ -220,7 +220,7 @@ class Probe(Frozen):
 
     def _check_ranges(self) -> None:
         for name, curve in self.curves.items():
-            for ratio in curve.over(_own(name)):
+            for ratio in curve.over(own_ratio(name)):
                 if curve.polynomial is not None and getattr(self, f"{ratio}_ratio") is None:
                     _refuse(f"{name}: give {ratio}_ratio = [lowest, highest]: how far its polynomial was calibrated")
         for ratio, (low, high) in self.ratios.items():
@@ -232,7 +232,7 @@ class Probe(Frozen):
         ranges = self.ratios
         along = {name: _grid(*ranges.get(name, (0.0, 0.0))) for name in PAIRS}
         for name, curve in self.curves.items():
-            own = _own(name)
+            own = own_ratio(name)
             for other in along["beta" if own == "alpha" else "alpha"]:
                 pairs = [(x, other) if own == "alpha" else (other, x) for x in along[own]]
                 found = [curve.at(x, a, b) for x, (a, b) in zip(along[own], pairs, strict=True)]
@@ -258,8 +258,8 @@ class Probe(Frozen):
                 )
 
 
-def _own(name: str) -> str:
-    """The ratio of a curve's table."""
+def own_ratio(name: str) -> str:
+    """The ratio that a curve's table is over, "alpha" or "beta"."""
     return "beta" if name == "beta" else "alpha"
 
 
