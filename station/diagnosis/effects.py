@@ -46,8 +46,6 @@ VELOCITY: Final = ("v_north", "v_east", "v_down")
 ACCELEROMETER: Final = ("ax", "az")
 IMU: Final = ("q", "theta", "ax", "az")
 PITOT: Final = ("dynamic_pressure", "airspeed")
-WITHOUT_AERODYNAMICS: Final = frozenset(("alpha_vane", *IMU, *VELOCITY))
-"""Signals that are compared with each other without any aerodynamics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,11 +138,6 @@ class Term:
     def of_vane(self) -> bool:
         """Whether it is an error of what the alpha vane shows."""
         return self.target == "alpha_vane" and not self.aerodynamic
-
-    @property
-    def kinematic_check(self) -> bool:
-        """Whether instruments can confirm it among themselves, without any aerodynamics."""
-        return not self.aerodynamic and set(self.target.split()) <= WITHOUT_AERODYNAMICS
 
 
 def _has_indicial_lift(a: Aircraft) -> bool:
