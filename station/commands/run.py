@@ -6,7 +6,6 @@ import gc
 import os
 import sys
 import threading
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -127,7 +126,8 @@ class _Flight:
         self._glance, self._auto = glance, auto
         self.viewer.brief = lambda: brief(self.board, self.clock.now_ns())
         self.failure: list[BaseException] = []
-        self.done_after_ns: deque[int] = deque(maxlen=TIMED_TICKS)
+        # Filled, so that its memory is taken before the flight and not by it.
+        self.done_after_ns = np.full(TIMED_TICKS, -1, dtype=np.int64)
         self.ticks = self.slots = 0
         """Ticks flown, and how many there should have been."""
         for adapter in self.adapters:
@@ -192,7 +192,7 @@ class _Flight:
         self.board.recording(self.writer.path, self.writer.bytes_written, self.viewer.dropped, self.viewer.behind_s)
 
     def _note_time(self, beat: live.Beat, _: Sequence[Rows]) -> None:
-        self.done_after_ns.append(self.clock.now_ns() - beat.tick.t_ns)
+        self.done_after_ns[self.ticks % TIMED_TICKS] = self.clock.now_ns() - beat.tick.t_ns
         self.ticks, self.slots = self.ticks + 1, beat.tick.k + 1
 
     def _mark(self, note: str) -> None:
@@ -200,8 +200,8 @@ class _Flight:
 
     def verdict(self) -> int:
         """Say how the flight went; the exit code."""
-        if self.done_after_ns:
-            middle, late, worst = np.percentile(np.array(self.done_after_ns) * 1e-6, [50, 99, 100])
+        if self.ticks:
+            middle, late, worst = np.percentile(self.done_after_ns[: self.ticks] * 1e-6, [50, 99, 100])
             say(
                 f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); "
                 f"{self.slots - self.ticks} missed"
