@@ -28,6 +28,7 @@ from station.flight.emulators import Emulated, emulators, loop_words, streams_fl
 from station.flight.guide import Guide, table_of
 from station.flight.point_marks import Points
 from station.flight.preparing import Preparation
+from station.flight.tick_times import TickTimes
 from station.flight.verdict import Option
 from station.log import About, WriterThread
 from station.numerics.atmosphere import atmosphere
@@ -40,8 +41,6 @@ from station.screen.rerun_feed import View
 if TYPE_CHECKING:
     from drivers.surface_tap import SurfaceTap
 
-TIMED_TICKS = 90_000
-"""Half an hour of ticks, whose timing is told at the end."""
 FIRST_WITHIN_S = 1.0
 """A screen waits no longer for devices."""
 
@@ -126,10 +125,9 @@ class _Flight:
         self._glance, self._auto = glance, auto
         self.viewer.brief = lambda: brief(self.board, self.clock.now_ns())
         self.failure: list[BaseException] = []
-        # Filled, so that its memory is taken before the flight and not by it.
-        self.done_after_ns = np.full(TIMED_TICKS, -1, dtype=np.int64)
-        self.ticks = self.slots = 0
-        """Ticks flown, and how many there should have been."""
+        self.times = TickTimes()
+        self.slots = 0
+        """How many ticks there should have been."""
         for adapter in self.adapters:
             adapter.start()
             stack.callback(adapter.stop)
@@ -192,27 +190,23 @@ class _Flight:
         self.board.recording(self.writer.path, self.writer.bytes_written, self.viewer.dropped, self.viewer.behind_s)
 
     def _note_time(self, beat: live.Beat, _: Sequence[Rows]) -> None:
-        self.done_after_ns[self.ticks % TIMED_TICKS] = self.clock.now_ns() - beat.tick.t_ns
-        self.ticks, self.slots = self.ticks + 1, beat.tick.k + 1
+        self.times.note(self.clock.now_ns() - beat.tick.t_ns)
+        self.slots = beat.tick.k + 1
 
     def _mark(self, note: str) -> None:
         self.bus.put(Event(self.clock.now_ns(), "operator", Code.MARK, 1, note))
 
     def verdict(self) -> int:
         """Say how the flight went; the exit code."""
-        if self.ticks:
-            middle, late, worst = np.percentile(self.done_after_ns[: self.ticks] * 1e-6, [50, 99, 100])
-            say(
-                f"ticks done after {middle:.2f} ms (median), {late:.2f} ms (p99), {worst:.1f} ms (worst); "
-                f"{self.slots - self.ticks} missed"
-            )
+        if timing := self.times.words():
+            say(f"{timing}; {self.slots - self.times.ticks} missed")
         for words in loop_words(self.emulated.loop):
             say(words)
         say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
         return judge(self._shortcomings())
 
     def _shortcomings(self) -> list[str]:
-        missed, lost = self.slots - self.ticks, self.writer.rows_lost + self.bus.dropped
+        missed, lost = self.slots - self.times.ticks, self.writer.rows_lost + self.bus.dropped
         lost += sum(adapter.blocks_lost for adapter in self.adapters)
         found = []
         if self.writer.failed:
