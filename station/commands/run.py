@@ -54,6 +54,12 @@ def run(
     view: Annotated[ViewMode, typer.Option(help="Rerun viewer")] = ViewMode.web,
     as_json: Annotated[bool, typer.Option("--json", help="one JSON line a second on stdout")] = False,
     auto: Annotated[bool, typer.Option("--auto", help="the card's steps one by one without keys, then end")] = False,
+    forgetting: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="in place of the card's: live estimates forget in so long", min=20, callback=finite
+        ),
+    ] = None,
     glance: Annotated[bool, typer.Option("--glance", help="a page for a second screen, on loopback")] = False,
     serve: Annotated[
         str | None,
@@ -65,6 +71,9 @@ def run(
 ) -> int:
     """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
     profiles = load(card)
+    if forgetting is not None:  # in the recorded card too: a replay forgets alike
+        own = profiles.card.model_copy(update={"forgetting": forgetting})
+        profiles = profiles.model_copy(update={"card": own})
     say(f"card {profiles.card.name}: {profiles.aircraft.name} on rig {profiles.rig.name}{profiles.card.flown}")
     # Unlike collecting it, freezing what the imports leave costs nothing; and a collection would stop the loop.
     gc.disable()

@@ -58,6 +58,7 @@ def log(tmp_path_factory):
         (2, "inf is not a number of seconds", ("check", "--seconds", "inf")),
         (2, "inf is not a number of seconds", ("simulate", "bench", "-o", "{out}", "--duration", "inf")),
         (2, "--duration", ("run", "--duration", "-5")),
+        (2, "--forgetting", ("run", "--forgetting", "5")),
         (2, "--seed", ("simulate", "bench", "-o", "{out}", "--seed", "-1")),
         (2, "--speed: 'nan'", ("replay", "{flight}", "--speed", "nan")),
         (2, "imported record has no ticks", ("replay", "{log}")),
