@@ -127,11 +127,14 @@ def test_a_flight_without_its_devices_says_so_in_its_last_line(tmp_path):
     (tmp_path / "rig.toml").write_text(rig)
     (tmp_path / "card.toml").write_text('name = "card"\naircraft = "twin_otter"\nrig = "rig.toml"\n')
     words = ["run", str(tmp_path / "card.toml"), "--view", "none", "--duration", "2", "--log", str(tmp_path / "logs")]
+    words += ["--forgetting", "45"]  # which the recording holds, for replays to forget alike
     done = subprocess.run([sys.executable, "-m", "station", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 3
     why = done.stderr.splitlines()[-1]
     assert why.startswith("station: degraded: never all streams at once: ")
     assert "boom.vanes" in why
+    (log,) = (tmp_path / "logs").glob("*.mcap")
+    assert metadata(log).about.card.forgetting == 45
 
 
 def test_recordings_are_never_overwritten(station, flight, tmp_path):
