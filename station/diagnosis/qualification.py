@@ -94,11 +94,27 @@ def qualified(records: Sequence[Record], before: Aircraft, after: Aircraft) -> l
         return list(pool.map(lambda r: _flown(r, before, after), records))
 
 
+def flown_beside(record: Record, aircraft: Aircraft) -> Flown:
+    """One manoeuvre beside one aircraft, and what the short period's tolerances say. Raises ProfileError for one
+    that cannot be flown."""
+    t, measured = _measured(record)
+    shown = simulated(record, _loaded(aircraft, record, *_loading(record, aircraft))).shown
+    return Flown(record.name, t, measured, shown, shown, (_short_period(t, measured, shown, shown),))
+
+
+def _measured(record: Record) -> tuple[Array, Mapping[str, Array]]:
+    return np.asarray(record.dt * np.arange(record.n)), {name: record.signals[name] for name in COMPARED}
+
+
+def _loading(record: Record, aircraft: Aircraft) -> tuple[float, float]:
+    """Mass and pitch inertia of the record, as shares of the profile's."""
+    own = aircraft.inertia
+    return (record.mass or own.mass) / own.mass, (record.iyy or own.iyy or 1.0) / (own.iyy or 1.0)
+
+
 def _flown(record: Record, before: Aircraft, after: Aircraft) -> Flown:
-    t = np.asarray(record.dt * np.arange(record.n))
-    measured = {name: record.signals[name] for name in COMPARED}
-    mass = (record.mass or before.inertia.mass) / before.inertia.mass
-    iyy = (record.iyy or before.inertia.iyy or 1.0) / (before.inertia.iyy or 1.0)
+    t, measured = _measured(record)
+    mass, iyy = _loading(record, before)
     try:
         first = simulated(record, _loaded(before, record, mass, iyy))
         second = simulated(record, _loaded(after, record, mass, iyy), first)

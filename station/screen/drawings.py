@@ -65,7 +65,7 @@ def step_drawing(step: StepBrief) -> Drawing:
         strips.append(Strip(np.array([[x[0], middle], [x[-1], middle]]), AXIS, 1.0))
         strips.append(Strip(np.column_stack((x, middle - scale * drawn)), DRAWN, 1.5))
         strips += [
-            Strip(part, FLOWN, 3.0) for part in _unbroken(x, middle - scale * np.clip(flown, -1.2 * peak, 1.2 * peak))
+            Strip(part, FLOWN, 3.0) for part in unbroken(x, middle - scale * np.clip(flown, -1.2 * peak, 1.2 * peak))
         ]
         labels.append(Label(x[-1] - 70, middle - 0.42 * height, f"{picture.surface} ±{peak:.1f}°"))
     if 0 < step.since_s < step.length_s:
@@ -74,7 +74,7 @@ def step_drawing(step: StepBrief) -> Drawing:
     return Drawing(tuple(strips), tuple(labels))
 
 
-def _unbroken(x: Array, y: Array) -> Iterator[Array]:
+def unbroken(x: Array, y: Array) -> Iterator[Array]:
     """Runs of what is known, two points at least."""
     known = np.isfinite(y)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], known, [False])).astype(int)))

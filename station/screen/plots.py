@@ -127,6 +127,7 @@ STATES: Final[Mapping[str, Mapping[str, int]]] = {
         "severe": 0xB03030FF,
     },
     "derivatives": {"none estimated": 0x606060FF, "some estimated": 0x2F6F9FFF, "all estimated": 0x1E8A68FF},
+    "model": {"inside": 0x1E8A68FF, "outside": 0xB03030FF, "not simulated": 0x606060FF},
     "test_point": {},
 }
 
@@ -183,6 +184,8 @@ class Setup(msgspec.Struct, frozen=True):
     open_page: bool = False
     signals: tuple[tuple[str, int, str], ...] = ()
     """What the rig declares or derives: name, column in a frame, unit to show."""
+    simulated: bytes = b""
+    """What the page simulates beside the flight (simulation_beside.given); empty where no profile is known."""
 
 
 class Batch(msgspec.Struct, frozen=True):

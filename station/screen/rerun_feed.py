@@ -31,6 +31,7 @@ from station.screen import plots
 from station.screen.brief import Brief
 from station.screen.plots import Batch, Setup
 from station.screen.signal_plots import signals_of
+from station.screen.simulation_beside import given
 
 if TYPE_CHECKING:
     from station.profile import Profiles
@@ -333,4 +334,5 @@ def setup_for(
         class_limits=Thresholds().at(speed, noise, 1.0 / TICK_HZ),
         open_page=open_page,
         signals=signals_of(profiles.rig) if profiles else (),
+        simulated=given(profiles) if profiles else b"",
     )

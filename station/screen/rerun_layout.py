@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from station.screen import lateral_plots, live_spectra, plots, signal_plots
+from station.screen import lateral_plots, live_spectra, plots, signal_plots, simulation_beside
 from station.screen.answer_tiles import HEIGHT, WIDTH
 from station.screen.drawings import HIGH, WIDE
 from station.screen.ground_track import SIDE
@@ -24,6 +24,7 @@ POINTS: Final = "points"
 TRACK: Final = "track"
 ATTITUDE: Final = "attitude"
 SPECTRA: Final = "spectra"
+MODEL: Final = "model"
 EVENTS: Final = "events"
 ALARMS, INFORMATIONS = f"{EVENTS}/alarms", f"{EVENTS}/informations"
 KEY: Final = "key"
@@ -57,6 +58,7 @@ def layout(shown: Shown) -> rrb.Blueprint:
             _now(shown),
             _flight(),
             _derivatives(shown),
+            *_model(shown.setup),
             *_lateral(shown.setup),
             *_signals(shown.setup),
             _air(),
@@ -119,6 +121,22 @@ def _derivatives(shown: Shown) -> rrb.Vertical:
         row_shares=[9, 1],
         name="Derivatives",
     )
+
+
+def _model(setup: Setup) -> list[rrb.Vertical]:
+    """The aircraft simulated from what was measured, over it; nothing where no profile is known."""
+    import rerun.blueprint as rrb
+
+    if not setup.simulated:
+        return []
+    return [
+        rrb.Vertical(
+            _drawing(MODEL, "Model against measured", (-90, WIDE + 20), (-70, simulation_beside.HIGH + 30)),
+            rrb.StateTimelineView(origin="state", contents=["state/model", "state/test_point"], name="Over the flight"),
+            row_shares=[5, 1],
+            name="Model",
+        )
+    ]
 
 
 def _lateral(setup: Setup) -> list[rrb.Vertical]:

@@ -37,6 +37,7 @@ from station.screen.plots import Batch, Plot, Points, Setup
 from station.screen.point_table import point_markdown
 from station.screen.rerun_feed import LENGTH, START_NS, page_address
 from station.screen.rerun_layout import TIMELINE, Shown, entity
+from station.screen.simulation_beside import SimulationBeside
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -69,6 +70,7 @@ class Page:
         self._board.accuracy, self._board.derivatives = setup.accuracy, setup.derivatives
         self._bold = self._board.recommended
         self._gate, self._track, self._spectra = EventGate(), GroundTrack(), LiveSpectra()
+        self._simulation = SimulationBeside(setup.simulated, waits=not is_live)
         self._derivatives = self._of_derivatives()
         self._links = plots.link_plots(setup)
         self._held: dict[plots.Path, list[Points]] = {}
@@ -189,9 +191,16 @@ class Page:
             self._draw(layout.STEP, step_drawing(step))
 
     def _draw_flight(self, rows: Batch, newest_ns: int) -> None:
-        """Track, attitude and spectra."""
+        """Track, attitude, spectra and simulation."""
         import rerun as rr
 
+        self._simulation.take(rows.frames, rows.start_ns)
+        beside = self._simulation.drawing()
+        if beside is not None:
+            # As with the tiles, a browser keeps the newest alone.
+            self._draw(layout.MODEL, beside[0], static=self._is_live)
+            if self._changed("state/model", beside[1]):
+                self._log_state("model", beside[1])
         self._spectra.take(rows.alphas)
         spectra = self._spectra.drawing(newest_ns)
         if spectra is not None:
@@ -228,13 +237,12 @@ class Page:
         import rerun as rr
 
         strips, labels = drawing.strips, drawing.labels
-        if strips:
-            lines = rr.LineStrips2D(
-                [strip.points for strip in strips],
-                colors=np.array([strip.colour for strip in strips], dtype=np.uint32),
-                radii=rr.Radius.ui_points([strip.width / 2 for strip in strips]),
-            )
-            self._recording.log(f"{where}/lines", lines, static=static)
+        lines = rr.LineStrips2D(
+            [strip.points for strip in strips],
+            colors=np.array([strip.colour for strip in strips], dtype=np.uint32),
+            radii=rr.Radius.ui_points([strip.width / 2 for strip in strips]),
+        )
+        self._recording.log(f"{where}/lines", lines, static=static)  # no lines take away those that were there
         if labels:
             words = rr.Points2D(
                 [(label.x, label.y) for label in labels],
