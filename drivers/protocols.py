@@ -47,6 +47,7 @@ PROTOCOLS: Final[Mapping[str, str]] = {
     "nmea": "drivers.serial_gnss:NMEA",
     "lines": "drivers.serial_lines:LINES",
     "vectornav": "drivers.serial_vectornav:VECTORNAV",
+    "msp": "drivers.serial_msp:MSP",
 }
 """The station's own: name in a rig -> its row, written as entry points are. It is loaded with its libraries, some of
 which take long, only where a rig names it."""

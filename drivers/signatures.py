@@ -118,7 +118,8 @@ SIGNATURES: Final[Mapping[str, Signature]] = MappingProxyType(
         "nmea": Signature("NMEA 0183", _lines(rb"\$[A-Z]{2}[A-Z]{3},"), "nmea"),
         "mavlink": Signature("MAVLink", _mavlink),
         "slcan": Signature("a CAN adapter that speaks slcan", _slcan),
-        "msp": Signature("MSP, as of Betaflight and iNav", _msp),
+        "msp": Signature("an iNav angle-of-attack sensor's MSP", _readings("msp"), "msp"),
+        "msp_other": Signature("MSP, as of Betaflight and iNav", _msp),
         "lines": Signature("lines of numbers", _numbers, "lines"),
     }
 )
@@ -128,7 +129,7 @@ _TO_WRITE: Final = {
     "mavlink": 'link = "mavlink", url = the port',
     "slcan": 'link = "can" or "dronecan", interface = "slcan", channel = the port',
     "vectornav_text": 'switch on a binary output in the device, protocol = "vectornav"',
-    "msp": "set the port to MAVLink telemetry in the flight controller",
+    "msp_other": "set the port to MAVLink telemetry in the flight controller",
 }
 
 

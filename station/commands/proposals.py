@@ -21,6 +21,10 @@ from station.rows import UsageError
 SHIPPED: Final = ("mavlink_only", "mixed", "boom_serial", "vectornav", "dronecan")
 """Rigs that between them map each protocol's usual messages."""
 ALSO: Final[Mapping[tuple[str, str | int], Mapping[str, Channel]]] = {
+    ("msp", "AOA"): {
+        "alpha_vane": Channel(field="aoa", unit="deg"),
+        "beta_vane": Channel(field="sideslip", unit="deg"),
+    },
     ("mavlink", "ATTITUDE"): {
         "p": Channel(field="rollspeed", unit="rad/s"),
         "q": Channel(field="pitchspeed", unit="rad/s"),
@@ -158,7 +162,7 @@ def _asked(
 
 def _name(found: Heard, taken: Sequence[str]) -> str:
     base = {"mavlink": "autopilot", "dronecan": "bus", "ubx": "gnss", "nmea": "gnss", "vectornav": "ins"}.get(
-        found.protocol, "vane" if found.protocol == "lines" else "boom"
+        found.protocol, "vane" if found.protocol in ("lines", "msp") else "boom"
     )
     return next(n for n in (base, *(f"{base}{i}" for i in range(2, 100))) if n not in taken)
 

@@ -91,7 +91,7 @@ class SerialDevice(_Device):
     link: Literal["serial"]
     """The kind of link."""
     protocol: str
-    """boombox, boombox_ascii, ubx, nmea, vectornav, lines, or one of an installed package (drivers/README.md)."""
+    """boombox, boombox_ascii, ubx, nmea, vectornav, lines, msp, or one of an installed package (drivers/README.md)."""
     port: str
     """A port's path, "usb:SERIAL" for the USB adapter with that serial number under whatever path, or "emulated"."""
     baud: int | None = Field(default=None, gt=0)

@@ -58,6 +58,10 @@ READINGS = {
         Reading, st.just("INS"), st.integers(0, 2**63), st.none(),
         st.fixed_dictionaries({"PosLla.latitude": finite, "VelNed.north": finite, "VelNed.down": finite}),
     ),
+    "msp": st.builds(
+        Reading, st.just("AOA"), st.none(), st.none(),
+        st.fixed_dictionaries({"aoa": st.integers(-900, 900).map(lambda n: n / 10), "sideslip": st.just(0.0)}),
+    ),
 }  # fmt: skip
 READINGS["boombox_ascii"] = READINGS["boombox"]
 

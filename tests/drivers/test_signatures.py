@@ -49,9 +49,10 @@ WIRES: Final[dict[str, bytes]] = {
     "mavlink": heartbeats(2),
     "slcan": encode_slcan(0x100, False, bytes(8)) * 300,
     "lines": b"1.25,3.5,-7.0\r\n" * 600,
-    "msp": b"$M<\x00\x6c\x6c" * 200,
+    "msp": sent("msp", "AOA", "aoa"),
+    "msp_other": b"$M<\x00\x6c\x6c" * 200,
 }
-CODECS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "lines")
+CODECS: Final = ("boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "lines", "msp")
 
 
 def box(protocol: str) -> SerialDevice:
