@@ -25,6 +25,12 @@ TRACK: Final = "track"
 ATTITUDE: Final = "attitude"
 SPECTRA: Final = "spectra"
 MODEL: Final = "model"
+AWAITED: Final = {
+    SPECTRA: "spectra after half a minute of valid alpha without a gap",
+    MODEL: "simulated after the first 20 s",
+    TRACK: "no position yet",
+}
+"""What drawings say before they are drawn."""
 EVENTS: Final = "events"
 ALARMS, INFORMATIONS = f"{EVENTS}/alarms", f"{EVENTS}/informations"
 KEY: Final = "key"

@@ -28,7 +28,7 @@ from station.screen.answer_tiles import PALETTE, tiles
 from station.screen.answers import hms
 from station.screen.attitude import airframe, attitude
 from station.screen.brief import Brief, brief
-from station.screen.drawings import Drawing, key_drawing, step_drawing
+from station.screen.drawings import HIGH, WIDE, Drawing, Label, key_drawing, step_drawing
 from station.screen.event_groups import EventGate
 from station.screen.ground_track import GroundTrack
 from station.screen.live_spectra import LiveSpectra
@@ -106,6 +106,10 @@ class Page:
         self._recording.log(layout.ANSWERS, rr.AnnotationContext(palette), static=True)
         self._log_key()
         self._words(layout.POINTS, point_markdown((), (), 0))
+        for where, words in layout.AWAITED.items():
+            self._draw(
+                where, Drawing((), (Label(WIDE / 2, HIGH / 2, words),)), static=self._is_live and where == layout.MODEL
+            )
         self._recording.log(layout.ATTITUDE, rr.ViewCoordinates.FRD, static=True)
         wings, colours = airframe()
         self._recording.log(
