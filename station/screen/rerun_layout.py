@@ -137,7 +137,7 @@ def _model(setup: Setup) -> list[rrb.Vertical]:
         return []
     return [
         rrb.Vertical(
-            _drawing(MODEL, "Model against measured", (-90, WIDE + 20), (-70, simulation_beside.HIGH + 30)),
+            _drawing(MODEL, "Model against measured", (-90, WIDE + 20), (-95, simulation_beside.HIGH + 30)),
             rrb.StateTimelineView(origin="state", contents=["state/model", "state/test_point"], name="Over the flight"),
             row_shares=[5, 1],
             name="Model",

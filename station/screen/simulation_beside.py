@@ -36,7 +36,7 @@ LIVE_EVERY_NS: Final = 2_000_000_000
 SECONDS: Final = 20.0
 """As recent_flight.SECONDS, which brings numba: not for the page's start."""
 PANEL: Final = 120.0
-GAP: Final = 22.0
+GAP: Final = 34.0
 PANELS: Final = (
     ("alpha_vane", "alpha vane [deg]", math.degrees(1.0)),
     ("q", "q [deg/s]", math.degrees(1.0)),
@@ -111,13 +111,13 @@ def beside_drawing(found: Beside) -> Drawing:
     """A panel a signal, time to the right; what it comes to above."""
     title = f"the {SECONDS:.0f} s to {hms(float(found.t_s[-1]))}, {_verdict(found)}"
     colour = _NONE if found.why else _GOOD if found.inside else _BAD
-    labels = [Label(WIDE / 2, -62.0, title, colour)]
+    labels = [Label(WIDE / 2, -84.0, title, colour)]
     if found.why:
         return Drawing((), tuple(labels))
     labels += [
-        Label(WIDE * 0.15, -32.0, "measured", MEASURED),
-        Label(WIDE * 0.5, -32.0, "simulated from measured inputs", SIMULATED),
-        Label(WIDE * 0.85, -32.0, "tolerance", TOLERANCE),
+        Label(WIDE * 0.15, -54.0, "measured", MEASURED),
+        Label(WIDE * 0.5, -54.0, "simulated from measured inputs", SIMULATED),
+        Label(WIDE * 0.85, -54.0, "tolerance", TOLERANCE),
     ]
     strips: list[Strip] = []
     x = np.asarray(WIDE * (found.t_s - found.t_s[0]) / (found.t_s[-1] - found.t_s[0]))
@@ -126,7 +126,7 @@ def beside_drawing(found: Beside) -> Drawing:
         more, named = _panel(found, name, scale, x, top)
         strips += more
         labels += named
-        labels.append(Label(WIDE / 2, top + 2, f"{words}: worst {found.worst[name]:.2f} of the tolerance"))
+        labels.append(Label(WIDE / 2, top - 28, f"{words}: worst {found.worst[name]:.2f} of the tolerance"))
     first, last = (hms(float(t)) for t in (found.t_s[0], found.t_s[-1]))
     labels += [Label(20.0, HIGH + 4, first), Label(WIDE - 20, HIGH + 4, last)]
     return Drawing(tuple(strips), tuple(labels))
