@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
 
+import msgspec
+
 from station.rows import Code
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True, gc=False):
     """One message of a device, values in the units of the wire: NaN for none, infinite beyond what it can carry.
 
     `message` is what the rig calls it. `t_device_ns` is the device's own time; where it is counted in a field that

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -237,7 +238,7 @@ class DeviceScript:
         # A lost message is encoded all the same: it uses up a number where the encoder counts by itself.
         reading = m.reading
         for probe in self._probes.get(reading.message, ()):
-            reading = replace(reading, fields=probe.fields_of(reading.fields))
+            reading = msgspec.structs.replace(reading, fields=probe.fields_of(reading.fields))
         data = self._encode(reading)
         if m.garbage:
             data = self._scramble.bytes(len(data))

@@ -33,6 +33,8 @@ FIELDS: Final = tuple(f"v{i}" for i in range(120))
 _HEADER: Final = struct.Struct("<BBI")
 _CRC: Final = struct.Struct("<H")
 _LONGEST_PACKET: Final = 256
+_LAYOUTS: Final = {8 + 2 * n: struct.Struct(f"<BBI{n}hH") for n in range(_LONGEST_PACKET // 2 - 3)}
+"""Of a whole packet, by its length."""
 _LONGEST_LINE: Final = 1024
 
 
@@ -50,13 +52,15 @@ def _read_packet(piece: bytes) -> Sequence[Reading] | None:
         packet = cobs.decode(piece)
     except cobs.DecodeError:
         return None
-    body = packet[:-2]
-    if len(body) < _HEADER.size or len(body) % 2 or crc16.ibm_3740(body) != _CRC.unpack(packet[-2:])[0]:
+    layout = _LAYOUTS.get(len(packet))
+    if layout is None:
         return None
-    message, seq, t_us = _HEADER.unpack_from(body)
-    counts = struct.unpack_from(f"<{(len(body) - _HEADER.size) // 2}h", body, _HEADER.size)
-    is_plain = counts and min(counts) > -_MOST and max(counts) < _MOST
-    return (_reading(message, seq, t_us, counts, float if is_plain else _value),)
+    message, seq, t_us, *counts, crc = layout.unpack(packet)
+    if crc16.ibm_3740(packet[:-2]) != crc:
+        return None
+    if counts and (min(counts) <= -_MOST or max(counts) >= _MOST):
+        counts = [_value(count) for count in counts]
+    return (_reading(message, seq, t_us, counts),)
 
 
 def _value(count: float) -> float:
@@ -66,12 +70,8 @@ def _value(count: float) -> float:
     return math.copysign(math.inf, count) if abs(count) == _MOST else float(count)
 
 
-def _reading(
-    message: int, seq: int, t_us: int, counts: Sequence[float], value: Callable[[float], float] = _value
-) -> Reading:
-    """`value` makes a field of a count."""
-    fields = dict(zip(FIELDS, map(value, counts), strict=False))
-    return Reading(message, t_us * 1000, seq, fields, WRAP_NS, SEQ_WRAP)
+def _reading(message: int, seq: int, t_us: int, counts: Sequence[float]) -> Reading:
+    return Reading(message, t_us * 1000, seq, dict(zip(FIELDS, counts, strict=False)), WRAP_NS, SEQ_WRAP)
 
 
 class BoomboxAsciiCodec(CutCodec):
@@ -95,7 +95,7 @@ def _read_line(line: bytes) -> Sequence[Reading] | None:
         return None
     if not all(0 <= n < limit for n, limit in zip(numbers, (256, SEQ_WRAP, WRAP_US), strict=True)):
         return None
-    return (_reading(*numbers, counts),)
+    return (_reading(*numbers, [_value(count) for count in counts]),)
 
 
 def encode_packet(message: int, seq: int, t_us: int, counts: Sequence[float]) -> bytes:

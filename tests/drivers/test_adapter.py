@@ -17,6 +17,7 @@ import serial
 from drivers.adapter import Adapter, open_devices
 from drivers.codec import Codec, Reading, TimeReply
 from drivers.mavlink import MavlinkCodec, MavlinkEncoder
+from drivers.protocols import protocol_named
 from drivers.serial_boombox import BoomboxCodec, encode_packet
 from station.clock import ManualClock, SystemClock
 from station.profile import CanDevice, MavlinkDevice, Rig, SerialDevice, load_rig, profiles_dir
@@ -115,10 +116,12 @@ def boom(**vanes: object) -> SerialDevice:
     )
 
 
-def play(steps: Sequence[tuple[float, bytes]], codec: Codec | None = None) -> tuple[Rowsink, Script]:
+def play(
+    steps: Sequence[tuple[float, bytes]], codec: Codec | None = None, device: SerialDevice | None = None
+) -> tuple[Rowsink, Script]:
     clock = ManualClock(10**12)
     sink, port = Rowsink(), Script(clock, steps)
-    adapter = Adapter(boom(), codec or BoomboxCodec(), lambda: port, clock, sink.put)
+    adapter = Adapter(device or boom(), codec or BoomboxCodec(), lambda: port, clock, sink.put)
     adapter.start()
     assert port.played.wait(PATIENCE_S)
     adapter.stop()
@@ -158,6 +161,22 @@ def test_a_silence_longer_than_the_wrap_is_counted_in_full() -> None:
     assert first is not None
     assert second is not None
     assert second - first == pytest.approx(silence_s * 1e9, abs=2_000)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "rate_hz", "apart_ns"), [("boombox", 1000, 5_000_000), ("boombox", 200, 0), ("lines", 1000, 0)]
+)
+def test_a_fast_link_that_stamps_its_messages_is_read_every_5_ms(protocol: str, rate_hz: int, apart_ns: int) -> None:
+    """One read a message would take the interpreter from the loop; without stamps its time is the message's."""
+    message, field = (1, "v0") if protocol == "boombox" else ("line", "c0")
+    data = encode_packet(1, 0, 5_000, [300]) if protocol == "boombox" else b"300\n"
+    stream = {"name": "vanes", "message": message, "rate": f"{rate_hz} Hz"}
+    stream["signals"] = {"alpha_vane": {"field": field, "unit": "deg", "slope": 0.005}}
+    device = boom().model_dump() | {"protocol": protocol, "streams": [stream]}
+    sink, _ = play([(0.0, data)] * 20, protocol_named(protocol).codec(), SerialDevice.model_validate(device))
+    times = [s.t_ns for s in sink.samples()]
+    assert len(times) == 20
+    assert {b - a for a, b in itertools.pairwise(times)} == {apart_ns}
 
 
 @pytest.mark.parametrize("step_s", [-2.0, 2.0])
