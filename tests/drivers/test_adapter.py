@@ -164,19 +164,21 @@ def test_a_silence_longer_than_the_wrap_is_counted_in_full() -> None:
 
 
 @pytest.mark.parametrize(
-    ("protocol", "rate_hz", "apart_ns"), [("boombox", 1000, 5_000_000), ("boombox", 200, 0), ("lines", 1000, 0)]
+    ("protocol", "rate_hz", "reads"), [("boombox", 1000, 6), ("boombox", 200, 20), ("lines", 1000, 20)]
 )
-def test_a_fast_link_that_stamps_its_messages_is_read_every_5_ms(protocol: str, rate_hz: int, apart_ns: int) -> None:
-    """One read a message would take the interpreter from the loop; without stamps its time is the message's."""
+def test_a_fast_link_that_stamps_its_messages_is_read_every_5_ms(protocol: str, rate_hz: int, reads: int) -> None:
+    """One read a message would take the interpreter from the loop; without stamps its time is the message's. Nothing
+    stays behind on a link that hands out a message a read, as CAN and UDP do."""
     message, field = (1, "v0") if protocol == "boombox" else ("line", "c0")
     data = encode_packet(1, 0, 5_000, [300]) if protocol == "boombox" else b"300\n"
     stream = {"name": "vanes", "message": message, "rate": f"{rate_hz} Hz"}
     stream["signals"] = {"alpha_vane": {"field": field, "unit": "deg", "slope": 0.005}}
     device = boom().model_dump() | {"protocol": protocol, "streams": [stream]}
-    sink, _ = play([(0.0, data)] * 20, protocol_named(protocol).codec(), SerialDevice.model_validate(device))
+    steps = 5 * [*4 * [(0.001, data)], (0.0, b"")]  # the first message tells whether it is stamped
+    sink, _ = play(steps, protocol_named(protocol).codec(), SerialDevice.model_validate(device))
     times = [s.t_ns for s in sink.samples()]
     assert len(times) == 20
-    assert {b - a for a, b in itertools.pairwise(times)} == {apart_ns}
+    assert len(set(times)) == reads
 
 
 @pytest.mark.parametrize("step_s", [-2.0, 2.0])
