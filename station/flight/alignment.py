@@ -13,7 +13,6 @@ done, `hold` the frames, which are then empty, and `begin` them when it is.
 from __future__ import annotations
 
 import math
-import struct
 from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Final
@@ -21,9 +20,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import ANGLES_THAT_WRAP, CLOCK_LAW, TICK_HZ, TICK_NS, Signal, Stream
+from station.conventions import ANGLES_THAT_WRAP, CLOCK_LAW, TICK_HZ, Stream
 from station.flight.derived_signals import DerivedSignals
-from station.flight.timebase import ClockMap
+from station.flight.stream_buffer import SLOW_SHARE, Buffer
 from station.profile import NOTHING, Further
 from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
 
@@ -35,64 +34,15 @@ PENDING: Final = 128
 """Samples that wait for a frame before they are sorted in by themselves."""
 LATE_NS: Final = 50_000_000
 SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
-STUCK_AFTER_S: Final = 0.25
-NOISE_JUMP: Final = 8.0
-"""Standard deviations of noise that two samples may differ by without it being a jump."""
 REPEAT_NS: Final = 500_000_000
 """Like events of one source are told at once and then counted, at most one row in this time."""
-SLOW_SHARE: Final = 0.8
 NAN: Final = math.nan
-
-
-class _Buffer:
-    """Recent samples of one stream and what is wrong with it now."""
-
-    def __init__(
-        self, index: int, stream: Stream, signals: Mapping[str, Signal], noise: Mapping[str, float], law: int
-    ) -> None:
-        self.index = index
-        self.stream = stream
-        self.pack = struct.Struct(f"qq{len(stream.signals)}d").pack_into
-        known = [signals[name] for name in stream.signals]
-        self.limits = (
-            tuple(signal.low for signal in known),
-            tuple(signal.high for signal in known),
-            tuple(signal.max_rate for signal in known),
-            tuple(NOISE_JUMP * noise.get(name, 0.0) for name in stream.signals),
-        )
-        """Of each signal: least and greatest value, rate, and noise in a jump."""
-        self.period_ns = round(1e9 / stream.rate_hz)
-        # A stamp counted in steps is half a step early against the floor of arrivals, whether it is cut or rounded:
-        # the floor is where cutting took nothing, or where rounding added half a step.
-        self.latency_ns = round((stream.latency_s - 0.5 * stream.stamp_resolution_s) * 1e9)
-        self.stale_ns = round(stream.stale_after_s * 1e9)
-        self.bridge_ns = max(round(2.5 * self.period_ns), 50_000_000)
-        """Longest gap between samples that may be interpolated over."""
-        self.clock = ClockMap(self.period_ns, index * 3 * TICK_NS, law)
-        self.arrivals: deque[int] = deque()
-        can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
-        self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
-        self.same = 0
-        self.suspect_until = [0] * len(stream.signals)
-        self.last_values: tuple[float, ...] | None = None
-        self.last_t_ns = 0
-        self.last_seq: int | None = None
-        self.last_arrival_ns: int | None = None
-        self.first_arrival_ns: int | None = None
-        self.count = 0
-        self.gaps = 0
-        self.late_until = 0
-        self.window_ns = max(400_000_000, 6 * self.period_ns)
-        """Over which the rate is counted."""
-        self.few = SLOW_SHARE * self.window_ns / self.period_ns - 1
-        self.active: dict[Code, int] = {}
-        """Conditions that hold, and since when."""
 
 
 class _Interpolation:
     """Samples in rings, sorted by time, and their values at one instant: the compiled part."""
 
-    def __init__(self, buffers: list[_Buffer], column: Mapping[str, int]) -> None:
+    def __init__(self, buffers: list[Buffer], column: Mapping[str, int]) -> None:
         """`column` of each measured signal."""
         from station.flight import rings  # brings numba
 
@@ -113,13 +63,13 @@ class _Interpolation:
         # Compiled now: no tick of a flight has to.
         self.at(0, np.zeros(len(buffers), dtype=np.bool_))
 
-    def add(self, buffer: _Buffer, t_ns: int, values: tuple[float, ...]) -> None:
+    def add(self, buffer: Buffer, t_ns: int, values: tuple[float, ...]) -> None:
         if self._waiting == PENDING:
             self._sort_in()
         buffer.pack(self._pending.data, self._waiting * self._row_bytes, buffer.index, t_ns, *values)
         self._waiting += 1
 
-    def forget(self, buffer: _Buffer) -> None:
+    def forget(self, buffer: Buffer) -> None:
         """A stream's samples so far count no more."""
         self._sort_in()
         self._rings.first[buffer.index] = self._rings.kept[buffer.index]
@@ -149,15 +99,15 @@ class Aligner:
         """`noise`: standard deviation of each signal, SI; a stream with a noisy signal that repeats itself is stuck.
         `clock_law`: that of the recording which is replayed. `further`: what the rig declares."""
         known = further.signals
-        self._buffers = {s.name: _Buffer(i, s, known, noise, clock_law) for i, s in enumerate(streams)}
+        self._buffers = {s.name: Buffer(i, s, known, noise, clock_law) for i, s in enumerate(streams)}
         self._derived = DerivedSignals(further) if further.derived else None
         self._columns = {name: i for name, i in further.index.items() if i < len(known) - len(further.derived)}
         self._nothing = (NAN,) * len(known), (NAN,) * len(known), (int(Quality.MISSING),) * len(known)
         self._interpolation: _Interpolation | None = None
-        self._early: deque[tuple[_Buffer, int, tuple[float, ...]]] | None = None
+        self._early: deque[tuple[Buffer, int, tuple[float, ...]]] | None = None
         """Samples that wait for `begin`, while frames are held."""
         self._is_stuck = np.zeros(len(self._buffers), dtype=np.bool_)
-        self._by_device: dict[str, list[_Buffer]] = {}
+        self._by_device: dict[str, list[Buffer]] = {}
         for buffer in self._buffers.values():
             self._by_device.setdefault(buffer.stream.device, []).append(buffer)
         self._events: list[Event] = []
@@ -185,9 +135,10 @@ class Aligner:
         if type(row) is Sample:
             buffer = self._buffers.get(row.stream)
             if buffer is not None:
-                self._take(buffer, row)
+                buffer.waiting.append(row)
         elif isinstance(row, TimeSync):
             for buffer in self._by_device.get(row.device, ()):
+                self._take(buffer)
                 buffer.clock.exchange(row.offset_ns, row.round_trip_ns, row.t_ns)
         elif isinstance(row, Event):
             if row.code is Code.CRC:
@@ -204,6 +155,8 @@ class Aligner:
         if self._start_ns is None:
             self._start_ns = tick_ns
         for buffer in self._buffers.values():
+            if buffer.waiting:
+                self._take(buffer)
             self._watch(buffer, tick_ns)
         if self._early is not None:
             frame = Frame(t_ns, k, *self._nothing)
@@ -226,57 +179,85 @@ class Aligner:
 
     # --- samples in
 
-    def _take(self, buffer: _Buffer, row: Sample) -> None:
-        name = buffer.stream.name
-        if row.t_device_ns is None:
-            t_ns = row.t_ns
-        else:
-            was = buffer.clock.state
-            mapped = buffer.clock.update(row.t_device_ns, row.t_ns)
-            t_ns = mapped.t_ns
+    def _take(self, buffer: Buffer) -> None:
+        """All that waits of one stream: when each was measured, what is lost between them, what cannot be true."""
+        rows, buffer.waiting = buffer.waiting, []
+        times: list[int] = []
+        kept = 0
+        for begin, end in buffer.reads(rows):
+            arrival_ns, device_ns = rows[end - 1].t_ns, rows[end - 1].t_device_ns
+            if device_ns is None:
+                times.append(arrival_ns - buffer.latency_ns)
+                continue
+            mapped = buffer.clock.update(device_ns, arrival_ns)
             if mapped.stepped:
-                self._count(row.t_ns, name, Code.CLOCK_STEP, 1, "device clock jumped; synchronising again")
-                if self._early is not None:
-                    self._early = deque((s for s in self._early if s[0] is not buffer), self._early.maxlen)
-                else:
-                    self._made().forget(buffer)
-                buffer.last_values = None
+                self._keep(buffer, rows[kept:begin], times[kept:])
+                kept = begin
+                self._forget(buffer, arrival_ns)
             elif mapped.jump_ns:
                 jumped = f"device clock jumped by {-1e-6 * mapped.jump_ns:.1f} ms and is followed"
-                self._count(row.t_ns, name, Code.CLOCK_STEP, 1, jumped)
+                self._count(arrival_ns, buffer.stream.name, Code.CLOCK_STEP, 1, jumped)
             if mapped.late_ns > LATE_NS:
-                buffer.late_until = row.t_ns + REPEAT_NS
-            if buffer.clock.state != was:
-                self._events.append(Event(row.t_ns, name, Code.CLOCK_STATE, 1, buffer.clock.state))
-        t_ns -= buffer.latency_ns
-        buffer.count += 1
-        buffer.last_arrival_ns = row.t_ns
-        if buffer.first_arrival_ns is None:
-            buffer.first_arrival_ns = row.t_ns
-        buffer.arrivals.append(row.t_ns)
-        self._check_sequence(buffer, row)
-        values = self._check_values(buffer, row, t_ns)
-        if self._early is not None:
-            self._early.append((buffer, t_ns, values))
-        else:
-            self._made().add(buffer, t_ns, values)
+                buffer.late_until = arrival_ns + REPEAT_NS
+            if buffer.clock.state != buffer.clock_state:
+                buffer.clock_state = buffer.clock.state
+                self._events.append(Event(arrival_ns, buffer.stream.name, Code.CLOCK_STATE, 1, buffer.clock_state))
+            shift_ns = mapped.t_ns - buffer.latency_ns - device_ns
+            times += [shift_ns + (row.t_device_ns or 0) for row in rows[begin:end]]
+        self._keep(buffer, rows[kept:], times[kept:])
 
-    def _check_sequence(self, buffer: _Buffer, row: Sample) -> None:
-        if row.seq is None:
+    def _forget(self, buffer: Buffer, t_ns: int) -> None:
+        """What has come so far counts no more: its clock has leapt."""
+        self._count(t_ns, buffer.stream.name, Code.CLOCK_STEP, 1, "device clock jumped; synchronising again")
+        if self._early is not None:
+            self._early = deque((s for s in self._early if s[0] is not buffer), self._early.maxlen)
+        else:
+            self._made().forget(buffer)
+        buffer.last_values = None
+
+    def _keep(self, buffer: Buffer, rows: list[Sample], times: list[int]) -> None:
+        if not rows:
             return
-        if buffer.last_seq is not None:
-            gap = row.seq - buffer.last_seq - 1
-            if gap > 0:
+        buffer.count += len(rows)
+        buffer.last_arrival_ns = rows[-1].t_ns
+        if buffer.first_arrival_ns is None:
+            buffer.first_arrival_ns = rows[0].t_ns
+        buffer.arrivals += [row.t_ns for row in rows]
+        self._check_sequence(buffer, rows)
+        kept = zip(times, self._check_values(buffer, rows, times), strict=True)
+        if self._early is not None:
+            self._early += [(buffer, t_ns, values) for t_ns, values in kept]
+        else:
+            add = self._made().add
+            for t_ns, values in kept:
+                add(buffer, t_ns, values)
+
+    def _check_sequence(self, buffer: Buffer, rows: list[Sample]) -> None:
+        last = buffer.last_seq
+        for row in rows:
+            if row.seq is None:
+                continue
+            if last is not None and (gap := row.seq - last - 1) > 0:
                 buffer.gaps += gap
                 self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
-        buffer.last_seq = row.seq
+            last = row.seq
+        buffer.last_seq = last
 
-    def _check_values(self, buffer: _Buffer, row: Sample, t_ns: int) -> tuple[float, ...]:
+    def _check_values(self, buffer: Buffer, rows: list[Sample], times: list[int]) -> list[tuple[float, ...]]:
         """The values with those that cannot be true as NaN."""
-        values = row.values
-        last = buffer.last_values
+        given = [row.values for row in rows]
         if buffer.stuck_count_at:
-            buffer.same = buffer.same + 1 if values == last else 0
+            last = buffer.last_values
+            for values in given:
+                buffer.same = buffer.same + 1 if values == last else 0
+                last = values
+        if buffer.finds_nothing(given, times):
+            buffer.last_values, buffer.last_t_ns = given[-1], times[-1]
+            return given
+        return [self._check(buffer, *each) for each in zip(rows, times, strict=True)]
+
+    def _check(self, buffer: Buffer, row: Sample, t_ns: int) -> tuple[float, ...]:
+        values, last = row.values, buffer.last_values
         masked: list[float] | None = None
         dt = max((t_ns - buffer.last_t_ns) * 1e-9, 0.5e-9 * buffer.period_ns)
         low, high, max_rate, jitter = buffer.limits
@@ -304,7 +285,7 @@ class Aligner:
 
     # --- health
 
-    def _watch(self, buffer: _Buffer, now_ns: int) -> None:
+    def _watch(self, buffer: Buffer, now_ns: int) -> None:
         arrived_ns, active, arrivals = buffer.last_arrival_ns, buffer.active, buffer.arrivals
         never = arrived_ns is None
         silent_ns = now_ns - ((self._start_ns or now_ns) if arrived_ns is None else arrived_ns)
@@ -325,7 +306,7 @@ class Aligner:
         if slow is not (Code.SLOW in active):
             self._turn(now_ns, buffer, Code.SLOW, f"below {SLOW_SHARE:.0%} of {buffer.stream.rate_hz:g} Hz")
 
-    def _turn(self, t_ns: int, buffer: _Buffer, code: Code, detail: str) -> None:
+    def _turn(self, t_ns: int, buffer: Buffer, code: Code, detail: str) -> None:
         """Tell that a condition begins, or that it ends."""
         since_ns = buffer.active.pop(code, None)
         if since_ns is None:

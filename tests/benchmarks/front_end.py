@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import cProfile
 import gc
+import math
 import os
 import pstats
 import sys
@@ -65,7 +66,9 @@ class Box:
         """What it has sent since the last call."""
         count = int(t_ns * self._rate) // 10**9
         packets = [
-            encode_packet(i, n, round(n * 1e6 / self._rate), ((n * 7 + i) % 900, (n * 13) % 800 - 400, n % 500))
+            encode_packet(
+                i, n, round(n * 1e6 / self._rate), [500 * math.sin(n * w / self._rate + i) for w in (3, 9, 6)]
+            )
             for n in range(self._sent, count)
             for i in range(len(self.device.streams))
         ]
