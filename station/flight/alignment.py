@@ -155,8 +155,7 @@ class Aligner:
         if self._start_ns is None:
             self._start_ns = tick_ns
         for buffer in self._buffers.values():
-            if buffer.waiting:
-                self._take(buffer)
+            self._take(buffer)
             self._watch(buffer, tick_ns)
         if self._early is not None:
             frame = Frame(t_ns, k, *self._nothing)
@@ -182,6 +181,8 @@ class Aligner:
     def _take(self, buffer: Buffer) -> None:
         """All that waits of one stream: when each was measured, what is lost between them, what cannot be true."""
         rows, buffer.waiting = buffer.waiting, []
+        if not rows:
+            return
         times: list[int] = []
         kept = 0
         for begin, end in buffer.reads(rows):

@@ -1,5 +1,6 @@
 """Frames and stream health, with streams whose truth is a closed form."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from station.conventions import SIGNAL_INDEX, TICK_NS, Stream
 from station.flight.alignment import Aligner
-from station.rows import Code, Quality, Sample
+from station.rows import Code, Quality, Sample, TimeSync
 
 S = 1_000_000_000
 ALPHA, Q = SIGNAL_INDEX["alpha_vane"], SIGNAL_INDEX["q"]
@@ -58,6 +59,45 @@ def test_interpolated_frame_is_the_signal_at_the_frames_time():
         assert frame.age_s[ALPHA] == 0.0
         assert frame.quality[ALPHA] == Quality.FRESH
     assert not events
+
+
+@pytest.mark.parametrize("law", [2, 3])
+@pytest.mark.parametrize("leap_s", [0.0, 5.0, -5.0])
+def test_samples_of_one_read_are_where_they_were_measured(law, leap_s):
+    """1 kHz, read every 5 ms; the device's clock leaps between two samples of a read, at 3.003 s."""
+    clock = lambda t: 1000.0 + t + (leap_s if t > 3.0025 else 0.0)  # noqa: E731
+    rows = sampled("boom.vanes", 1000, 5, device=clock, journey=lambda t: math.ceil(t / 0.005 - 1e-6) * 0.005 - t)
+    assert len({r.t_ns for r in rows}) == 1001
+    aligner = Aligner([stream(rate=1000.0)], {}, law)
+    frames, events = fly(aligner, [*rows, TimeSync(S, "boom", -1000 * S, 10**9)], 5)
+    curvature = 0.1 * (2 * math.pi * 0.8) ** 2
+    leapt = range(round(2.9 * 50), round(3.5 * 50)) if leap_s else ()
+    for frame in frames[10:]:
+        if frame.k not in leapt:
+            # 21 samples at 0 to +-10 ms: their mean square is 3.7e-5 s2.
+            assert frame.values[ALPHA] == pytest.approx(wave(frame.t_ns / S), abs=1.05 * curvature / 2 * 3.7e-5)
+            assert frame.quality[ALPHA] == Quality.FRESH
+    assert sum(e.count for e in events if e.code is Code.CLOCK_STEP) == (leap_s != 0)
+
+
+def test_a_value_that_cannot_be_true_is_found_among_many():
+    """20 samples a tick are looked at together first: what is found in them is what is found one by one."""
+    rows = sampled("boom.vanes", 1000, 4, noise=1e-3)
+    for i, value in ((1507, 4.0), (2009, wave(2.009) + 0.5), (3013, math.nan)):
+        rows[i] = Sample(rows[i].t_ns, rows[i].stream, None, i, (value,))
+    noise, one_by_one = {"alpha_vane": 1e-3}, []
+    frames, events = fly(Aligner([stream(rate=1000.0)], noise), rows, 4)
+    singly = Aligner([stream(rate=1000.0)], noise)
+    fly_each = iter(rows)
+    for k in range(200):
+        for row in itertools.islice(fly_each, 1 if k == 0 else 20):
+            singly.accept(row)
+            singly.accept(TimeSync(row.t_ns, "boom", 0, 10**9))  # what waits is taken
+        frame, new, _ = singly.frame(k, k * TICK_NS, (k - 3) * TICK_NS)
+        assert frame.values == pytest.approx(frames[k].values, nan_ok=True, abs=0.0)
+        one_by_one += new
+    assert [e.code for e in events] == [e.code for e in one_by_one]
+    assert {Code.RANGE, Code.JUMP} <= {e.code for e in events}
 
 
 def test_samples_that_waited_for_a_frame_are_as_good_as_those_of_each_tick():
