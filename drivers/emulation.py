@@ -23,7 +23,6 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.closed_loop import fly_closed
 from drivers.emulated_device import flown_signals, heed_signals, serve_device
 from drivers.emulated_messages import TRUTH_HZ
 from drivers.surface_tap import SurfaceTap
@@ -142,9 +141,10 @@ def _fly(
 def _source(profiles: Profiles, recording: Recording | None) -> Source:
     if recording is not None:
         return Playback(recording)
-    from station.simulation.sortie import check_air, installed
 
     def simulation() -> Source:
+        from station.simulation.sortie import installed
+
         made = installed(profiles.aircraft, profiles.rig, profiles.card)
         return _Begun(made, made.advance(CHUNK))
 
@@ -157,7 +157,10 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
     flight = profiles.card.flight
     begins = AlteredAircraft(profiles.aircraft, flight.truth).at(0.0)
     constants(begins, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown,
-    check_air(begins, flight)  # and for one that cannot in this air
+    if flight.is_plane:
+        from station.simulation.sortie import check_air
+
+        check_air(begins, flight)  # and for one that cannot in this air
     return _Awaited(LevelFlight(begins, flight, emulated_signals(profiles.rig)), simulation)
 
 
@@ -339,6 +342,8 @@ def _processes(
         if profiles.rig.loop is None:
             children.append(_Child(_fly, "flight", profiles, recording, after=(truth,), foreign=foreign))
         else:
+            from drivers.closed_loop import fly_closed
+
             children.append(_Child(fly_closed, "flight", profiles, tap, after=(truth,), foreign=foreign))
         for ours, _ in truth:
             ours.close()

@@ -31,8 +31,7 @@ from station.flight.preparing import Preparation
 from station.flight.tick_times import TickTimes
 from station.flight.verdict import Option
 from station.log import About, WriterThread
-from station.numerics.atmosphere import atmosphere
-from station.profile import CanDevice, Order, Profiles, Rig
+from station.profile import CanDevice, Order, Profiles, Rig, Step
 from station.rows import MISSED_SHARE, Code, Event, Rows, UsageError
 from station.screen.brief import brief
 from station.screen.glance_feed import GlanceFeed
@@ -239,22 +238,27 @@ def guide_of(
     auto: bool,
 ) -> Guide:
     """Who leads through the card's steps, with a better input at hand where one can be predicted."""
+    options = [better_inputs(profiles, step) for step in profiles.card.steps]
+    return Guide(profiles.card, profiles.aircraft, board, points, put, ask, options, auto=auto)
+
+
+def better_inputs(profiles: Profiles, step: Step) -> dict[str, Option]:
+    """For each derivative that the step is judged by, an input that tells more of it, where one can be predicted."""
+    # Here: their imports take longer than a station without steps needs for its first bytes.
     from station.identification.input_ranking import better_input
+    from station.numerics.atmosphere import atmosphere
     from station.numerics.regression import NotIdentifiable
 
-    card, aircraft = profiles.card, profiles.aircraft
-    options: list[dict[str, Option]] = []
-    for step in card.steps:
-        speed = step.condition.speed or card.flight.speed
-        height = card.flight.altitude if step.condition.altitude is None else step.condition.altitude
-        density = aircraft.air_density or atmosphere(height)[2]
-        own = table_of(step).surfaces.get("elevator", np.empty(0))
-        found = {}
-        for name in (n for n in step.accept if n in LONGITUDINAL):
-            with suppress(NotIdentifiable):
-                found[name] = Option(*better_input(aircraft, speed, density, name, own))
-        options.append(found)
-    return Guide(card, aircraft, board, points, put, ask, options, auto=auto)
+    flight, aircraft = profiles.card.flight, profiles.aircraft
+    height = flight.altitude if step.condition.altitude is None else step.condition.altitude
+    density = aircraft.air_density or atmosphere(height)[2]
+    own = table_of(step).surfaces.get("elevator", np.empty(0))
+    found = {}
+    for name in (n for n in step.accept if n in LONGITUDINAL):
+        with suppress(NotIdentifiable):
+            speed = step.condition.speed or flight.speed
+            found[name] = Option(*better_input(aircraft, speed, density, name, own))
+    return found
 
 
 def surface_tap(stack: ExitStack, profiles: Profiles) -> SurfaceTap | None:

@@ -165,7 +165,3 @@ class Bending:
         out = np.empty(count)
         _sweep(self._constants, self._state, u, out)
         return out
-
-
-def bends(aircraft: Aircraft) -> bool:
-    return aircraft.boom is not None and bool(aircraft.boom.flexure or aircraft.boom.tip_load)

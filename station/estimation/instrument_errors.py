@@ -24,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, BRIDGED_S, MAX_AGE_S, SIGNAL_INDEX, SIGNALS, TICK_HZ, from_si
-from station.estimation.bending import COLUMNS, Bending, bends
+from station.estimation.bending import COLUMNS, Bending
 from station.numerics.angles import wrap
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.indicial import lagged
@@ -260,7 +260,7 @@ def known(aircraft: Aircraft) -> Known:
             errors[name] = kept
             words.append(f"{name} " + ", ".join(_said(name, k, v) for k, v in kept if v != getattr(_NOTHING, k)))
     boom = aircraft.boom
-    if boom is not None and bends(aircraft):
+    if boom is not None and aircraft.bends:
         by = [f"{from_si(boom.flexure, 'deg/g'):+.3g} deg/g"] if boom.flexure else []
         by += [f"{100 * boom.tip_load:+.3g} % of the flow angle per kPa"] if boom.tip_load else []
         mode = f", swinging at {boom.mode_frequency:.3g} Hz" if boom.mode_frequency else ""
@@ -344,7 +344,7 @@ class Corrector:
         self._out = np.empty((3, len(errors)))
         self._waiting: deque[Frame] = deque()
         self._start_ns: int | None = None
-        self._bending = Bending(aircraft, imu_position, dt) if bends(aircraft) else None
+        self._bending = Bending(aircraft, imu_position, dt) if aircraft.bends else None
         # Compiled now: no tick of a flight has to.
         self._step(0.0, 0.0)
 
@@ -389,6 +389,6 @@ def corrector(
     aircraft: Aircraft, noise: Mapping[str, float], imu_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Corrector | None:
     """What undoes a profile's instrument errors and its boom's bending in flight; None where it states neither."""
-    if not known(aircraft).errors and not bends(aircraft):
+    if not known(aircraft).errors and not aircraft.bends:
         return None
     return Corrector(aircraft, noise, imu_position=imu_position)

@@ -70,4 +70,4 @@ def compile_kernels(profiles: Profiles, part: str) -> None:
     simple = tuple(name for name in LIVE if name != "physical")
     Estimator(aircraft, card, place, noise, simple).warm_up()
     Disagreement(aircraft, place, noise).warm_up()
-    Corrector(aircraft, {})  # whether or not this aircraft needs it
+    corrector(aircraft, noise, place)

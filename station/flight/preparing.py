@@ -22,10 +22,12 @@ from station.clock import Clock
 from station.conventions import Stream
 from station.flight.alignment import Aligner
 from station.flight.loop import ESTIMATORS, FRAMES, Chain
-from station.profile import Profiles, load_card
+from station.profile import Aircraft, Profiles, load_card
 from station.rows import Code, Event, Rows
 
 NICE: Final = 10
+NICE_FRAMES: Final = 5
+"""Frames are the smaller part, and wanted first."""
 SETTLE_S: Final = 0.3
 """The first rows are to be recorded and shown before anything else wants the processor."""
 
@@ -78,7 +80,7 @@ class Preparation:
         if self._stopping.wait(SETTLE_S):
             return
         profiles = self._profiles
-        done = _mark(self._card)
+        done = _mark(self._card, profiles.aircraft)
         children = {} if done.exists() else {part: self._compiling(part) for part in (FRAMES, "signals", "physical")}
         try:
             if not self._has_ended(children.get(FRAMES)):
@@ -117,14 +119,17 @@ class Preparation:
         self._put(Event(self._clock.now_ns(), part, code, 1, detail))
 
 
-def _mark(card: str) -> Path:
-    """The file that says that a flight of this card has filled the cache."""
-    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}"
+def _mark(card: str, aircraft: Aircraft) -> Path:
+    """The file that says that a flight of this card has filled the cache; an aircraft whose instrument errors are
+    undone needs more kernels than one without."""
+    more = "-corrected" if aircraft.instruments or aircraft.bends else ""
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}{more}"
 
 
 def compile_part(card: str, part: str) -> None:
     """Fill the cache with the kernels of a part: FRAMES, "signals" or "physical"."""
-    os.nice(NICE)
+    os.nice(NICE_FRAMES if part == FRAMES else NICE)
+    gc.set_threshold(100_000, *gc.get_threshold()[1:])  # compiling makes objects that last: a tenth of its time
     profiles = load_card(card)
     if part == FRAMES:
         Aligner(profiles.rig.streams(), profiles.rig.noise_si(), further=profiles.rig.further).begin()

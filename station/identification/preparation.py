@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.estimation.bending import Bending, bends
+from station.estimation.bending import Bending
 from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import Corrector, known
 from station.identification.cleaning import cleaned
@@ -145,7 +145,7 @@ def corrected(
         return table
     dt = max(float(np.median(np.diff(table.t_s))), SHORTEST_STEP_S)
     made = _undone(table, aircraft, noise, dt) if known(aircraft).errors else table
-    if not bends(aircraft) or "alpha_vane" not in made.columns or not len(made.t_s):
+    if not aircraft.bends or "alpha_vane" not in made.columns or not len(made.t_s):
         return made
     vane = Bending(aircraft, imu_position, dt).sweep(made.columns)
     lost = np.isnan(vane)

@@ -380,6 +380,11 @@ class Aircraft(Frozen):
                 )
         return self
 
+    @property
+    def bends(self) -> bool:
+        """Whether its boom does."""
+        return self.boom is not None and bool(self.boom.flexure or self.boom.tip_load)
+
     def imu_at(self, stated: tuple[float, float, float]) -> tuple[float, float, float]:
         """Where the imu is from the CG, body axes, m, by the rig's statement and what is known beyond it."""
         return (stated[0] + self.imu_offset[0], stated[1] + self.imu_offset[1], stated[2] + self.imu_offset[2])

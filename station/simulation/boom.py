@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from station.profile import Boom
 from station.simulation.trigonometry import arctangent
@@ -72,6 +71,8 @@ class VaneConstants(NamedTuple):
 
 def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
     """The system of that natural frequency (Hz) and damping ratio, sampled every `dt` seconds."""
+    from scipy.linalg import expm
+
     wn = 2 * math.pi * frequency
     m = np.zeros((4, 4))
     m[:2, :2] = dt * np.array([[0.0, 1.0], [-(wn**2), -2 * damping * wn]])

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from station.conventions import SIGNALS, unit_named
 from station.profile import DeclaredSignal, Formula, Rig, nearest
 from station.rows import ProfileError
-from station.simulation.motion import TRUTH
-from station.simulation.six_degrees import LATERAL_TRUTH
+from station.simulation.truth import LATERAL_TRUTH, TRUTH
 
 Array = NDArray[np.float64]
 

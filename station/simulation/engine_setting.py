@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from station.profile import Propeller, ThrustTable
 
@@ -23,6 +22,8 @@ def engine_setting(engine: Propeller | ThrustTable, thrust: Array, speed: Array,
     if len(engine.altitudes) == 1:
         given = [np.interp(v, engine.speeds, plane[0]) for plane in planes]
     else:
+        from scipy.interpolate import RegularGridInterpolator
+
         at = np.column_stack([h, v])
         given = [np.asarray(RegularGridInterpolator((engine.altitudes, engine.speeds), plane)(at)) for plane in planes]
     known = np.array(given)

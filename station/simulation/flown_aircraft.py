@@ -15,12 +15,9 @@ from station.profile import NO_BOOM, Aircraft, AlteredAircraft, Flight, Pilot
 from station.rows import ProfileError
 from station.simulation.airframe import Trim, constants, find_trim, indicial_tables
 from station.simulation.boom import vane_constants
-from station.simulation.legs import Legs, WalkingWind
+from station.simulation.legs import ORIGIN, Legs, WalkingWind
 from station.simulation.motion import Flown, Site
 from station.simulation.pilot import RATE_HZ, hands
-
-ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
-"""Latitude and longitude where every simulated flight begins, rad."""
 
 RENEWED_S: Final = 0.1
 """Between two states of the aircraft: ice that builds up within a minute grows by 0.2 %."""

@@ -25,8 +25,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from station.profile import Aircraft, DiscreteGust
 from station.rows import ProfileError
@@ -200,6 +198,8 @@ class Filters(NamedTuple):
 def filters(parts: Across, length_u: float, length_w: float, ratio: float, kind: str) -> Filters:
     """Made once for all flights in air of the same scale lengths, for a vertical gust of unit variance; `ratio`: of the
     standard deviation of the horizontal ones to it."""
+    from scipy.interpolate import CubicSpline
+
     model = Dryden(length_u, length_u, length_w, ratio, ratio, 1.0)
     longest = max(model.length_u, model.length_w)
     points = max(2 * _BLOCK, 2 ** math.ceil(math.log2(_MEMORY * longest / STEP)))
@@ -242,6 +242,8 @@ def in_a_plane(gusts: Sequence[DiscreteGust], speed: float, parts: Across) -> tu
 
 def _behind_response(parts: Across, values: Array) -> Array:
     """A gust, straight between points, behind the response of the wing's lift."""
+    from scipy.signal import lfilter
+
     out = values.copy()
     for a, b in zip(parts.amplitudes, parts.rates, strict=True):
         steps = STEP * b / parts.chord

@@ -16,7 +16,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gamma, kv
 
 Array = NDArray[np.float64]
 
@@ -54,6 +53,8 @@ class CrossSpectra(NamedTuple):
 
 def cross_spectra(kind: Kind, length: float, kappa: Array, abreast: Array) -> CrossSpectra:
     """kappa (k,), rad/m; abreast (m,), of either sign, m; each (k, m). `length`: L, m."""
+    from scipy.special import gamma, kv
+
     n, a = kind.exponent, kind.rate / length
     q = np.sqrt(a * a + kappa[:, None] ** 2)
     eta = np.maximum(np.abs(abreast)[None, :], _CLOSE / q)

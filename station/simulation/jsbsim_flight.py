@@ -20,14 +20,15 @@ from station.rows import ProfileError
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import HOLD_HEIGHT, HOLD_LAG, HOLD_SPEED, indicial_tables
 from station.simulation.boom import vane_constants
-from station.simulation.flown_aircraft import ORIGIN, elevator_backlash, site
+from station.simulation.flown_aircraft import elevator_backlash, site
 from station.simulation.gusts import dryden_of, gust_at
-from station.simulation.legs import without_legs
+from station.simulation.legs import ORIGIN, without_legs
 from station.simulation.manoeuvres import surface_input
-from station.simulation.motion import DONE, DT, EVERY, FLOWN, TRUTH, memory_of, tip_now
+from station.simulation.motion import DONE, DT, EVERY, FLOWN, memory_of, tip_now
 from station.simulation.pilot import asked, hands
 from station.simulation.sensors import lagged
 from station.simulation.three_degrees import HANDS_OFF, line_of, tremor
+from station.simulation.truth import TRUTH
 
 MODEL: Final = "DHC6"
 FINER: Final = 4

@@ -15,6 +15,8 @@ import numpy as np
 
 from station.profile import Flight, Leg, Manoeuvre, Order
 
+ORIGIN: Final = (math.radians(41.4), math.radians(-81.9))
+"""Latitude and longitude where every simulated flight begins, rad."""
 BANK: Final = math.radians(20.0)
 """Of a turn: rate one (3 deg/s) at 70 m/s."""
 _STREAM: Final = 5

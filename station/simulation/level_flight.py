@@ -13,7 +13,7 @@ from station.numerics.atmosphere import atmosphere
 from station.profile import Aircraft, Flight, Order
 from station.simulation.airframe import find_trim
 from station.simulation.declared_signals import EmulatedSignals
-from station.simulation.flown_aircraft import ORIGIN
+from station.simulation.legs import ORIGIN
 
 
 class LevelFlight:

@@ -25,15 +25,12 @@ from station.simulation.boom import (
 from station.simulation.gusts import ALONG, SIDEWAYS, UP, Field, gust_at
 from station.simulation.pilot import RATE_HZ, Hands, asked, ring, rings
 from station.simulation.stalling import BRIEF, attached
+from station.simulation.truth import TRUTH
 
 DT: Final = 1.0 / RATE_HZ
 """Of a step where nothing from outside is in the loop, s."""
 EVERY: Final = RATE_HZ // TICK_HZ
 
-TRUTH: Final = ("alpha", "alpha_inertial", "alpha_gust", "w_gust", "u_gust", "CL", "Cm", "elevator_drive", "az_boom")
-"""What no sensor shows: angle of attack at the CG and its parts from motion and gust (rad), the gust at the CG (m/s,
-updraught and headwind positive), the aerodynamic coefficients about the CG, the angle (rad) that drives the
-elevator's surface through its backlash: where the sensor is; and the specific force down (m/s2) at the boom's tip."""
 FLOWN: Final = tuple(name for name in SIGNALS if name not in ENGINE_SIGNALS)
 """Signals that every simulated flight has; an engine's come with the profile's engine (engine_setting.py)."""
 COLUMNS: Final = (*FLOWN, *TRUTH)

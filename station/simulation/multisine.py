@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from station.rows import ProfileError
 
@@ -73,6 +72,8 @@ def interleaved(wanted: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
 @lru_cache(maxsize=64)
 def wave(harmonics: tuple[int, ...]) -> Wave:
     """Sum of sines of these harmonics with a small relative peak factor, from zero upwards."""
+    from scipy.optimize import minimize
+
     numbers = np.array(harmonics)
     n = len(numbers)
     points = 16 * int(numbers[-1])

@@ -52,7 +52,6 @@ from station.simulation.pilot import asked_across
 from station.simulation.side_flow import (
     AILERON,
     BANK,
-    COEFFICIENTS,
     EAST,
     HELD,
     HOLD_LAG,
@@ -72,10 +71,8 @@ from station.simulation.side_flow import (
 )
 from station.simulation.three_degrees import BLOCK, HANDS_OFF, SPEED_MARGIN, gusts_of, tremor, tremors_across
 from station.simulation.trigonometry import sine_cosine
+from station.simulation.truth import LATERAL_TRUTH
 
-LATERAL_TRUTH: Final = ("beta", *COEFFICIENTS, "v_gust", "p_gust", "r_gust", "beta_fin")
-"""What no sensor shows: sideslip at the CG, rad, the lateral coefficients, the gust at the CG from the right, m/s,
-gusts as rates of roll and yaw, rad/s, and the fin's sideslip where it is flown apart, rad."""
 LATERAL_COLUMNS: Final = (*COLUMNS, *LATERAL_TRUTH)
 
 _P, _R, _AX, _AY, _AZ, _PHI, _PSI = places("p", "r", "ax", "ay", "az", "phi", "psi")

@@ -52,6 +52,27 @@ def test_help_brings_in_nothing_heavy():
     assert not loaded & {"numpy", "numba", "scipy", "pydantic", "matplotlib", "rerun", "pyarrow"}
 
 
+def test_a_flight_begins_without_what_it_needs_later():
+    """First bytes within 2 s: nothing that takes seconds to import comes before the devices speak. numba alone may,
+    for the level flight that they speak of."""
+    code = """
+import sys
+import station.commands.run as run
+from station.profile import load_card
+profiles = load_card("bench")
+run.guide_of(profiles, run.Board(profiles, run.SystemClock()), None, None, None, auto=False)
+print(*sys.modules)
+from drivers.emulation import _source
+assert _source(profiles, None)._now.advance(1)  # by itself: advance would begin to compile
+print(*sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    station, devices = (set(line.split()) for line in done.stdout.splitlines()[-2:])
+    assert not station & {"numba", "scipy", "rerun", "pymavlink.dialects", "matplotlib", "pyarrow", "cantools"}
+    heavy = ("optimize", "signal", "stats", "interpolate", "integrate")
+    assert not devices & {"pymavlink.dialects", *(f"scipy.{name}" for name in heavy)}
+
+
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [

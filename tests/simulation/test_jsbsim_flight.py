@@ -14,7 +14,8 @@ from station.profile import Instrument, load_aircraft, load_card
 from station.rows import ProfileError
 from station.simulation import fly
 from station.simulation.jsbsim_flight import JsbsimFlight, trimmed
-from station.simulation.motion import DT, FLOWN, TRUTH
+from station.simulation.motion import DT, FLOWN
+from station.simulation.truth import TRUTH
 
 CARD = load_card("jsbsim")
 SLUG_FT2 = 1.3558179483

@@ -11,8 +11,9 @@ from scipy.signal import butter, sosfilt
 from station.conventions import SIGNALS
 from station.profile import Aircraft, Card, Flight, load_aircraft, load_rig
 from station.simulation import Simulation, fly
-from station.simulation.motion import DT, FLOWN, TRUTH
+from station.simulation.motion import DT, FLOWN
 from station.simulation.sensors import STANDARD
+from station.simulation.truth import TRUTH
 
 FT = 0.3048
 
