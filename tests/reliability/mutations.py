@@ -39,6 +39,8 @@ from station.rows import LogError, Rows
 from tests.reliability.endings import about, tick_rows
 from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
 
+BATCH_S: Final = 20
+"""Of processor time for a hundred such files, which take a second or two: one that hangs is not waited for twice."""
 LONGEST_S: Final = 2.0
 """Of processor time for one input of some kilobytes: a hang, and not a machine that is slow."""
 FOREIGN_S: Final = 65.0
@@ -250,7 +252,7 @@ def fly_files(kind: str, data: bytes, flown: Flown, seed: int, work: Path) -> It
     while True:
         batch = [mutated(data, noise) for _ in range(BATCH)]
         try:
-            found = confined(path, lambda batch=batch: [one(content) for content in batch])  # type: ignore[misc]
+            found = confined(path, lambda batch=batch: [one(content) for content in batch], BATCH_S)  # type: ignore[misc]
         except LogError:
             found = []
         # Did one of them end the child? Then each in a child of its own, as a user's import.

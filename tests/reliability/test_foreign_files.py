@@ -167,6 +167,15 @@ def test_a_time_beyond_64_bits_is_an_error_of_the_file(tmp_path: Path) -> None:
         import_file(path, tmp_path / "a.mcap", AIRCRAFT, (DATAFLASH,))
 
 
+def test_a_message_without_a_length_is_told_at_once(tmp_path: Path) -> None:
+    """pymavlink stands still at it, for the 60 s that a parser may take."""
+    data = dataflash([1_000_000, 1_020_000])
+    path = tmp_path / "a.bin"
+    path.write_bytes(data[:93] + b"\0" + data[94:])
+    with pytest.raises(LogError, match="damaged at byte 89: it describes a message of 0 bytes"):
+        read_dataflash(path)
+
+
 def test_a_profile_of_5000_letters_is_a_short_error() -> None:
     with pytest.raises(ProfileError, match="more than 200 letters") as error:
         load_aircraft("a" * 5000)
