@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from station.api.flown_recording import Recording
+from station.api.page_printing import check_printable, print_page
 from station.api.words_as_html import Picture, heading, lines
 from station.convert.jsbsim_aircraft import SUFFIX, write_jsbsim
 from station.diagnosis.checks import Checked, checked
@@ -109,16 +110,25 @@ class Diagnosed:
             raise UsageError("the kinematic part simulates nothing: its pictures are in its report")
         return Picture(measured_and_predicted(compared(self.whole.found)))
 
-    def report(self, folder: Path | str) -> Path:
-        """Write the page with pictures, as `--report` does without its Rerun recording; returns its path."""
+    def report(self, folder: Path | str, *, pdf: bool = False) -> Path:
+        """Write the page with pictures, as `--report` does without its Rerun recording, and with `pdf` print it beside;
+        returns the page's path. Raises LogError, and UsageError where nothing prints."""
+        if pdf:
+            check_printable()
+        page = self._write_page(Path(folder))
+        if pdf:
+            print_page(page)
+        return page
+
+    def _write_page(self, folder: Path) -> Path:
         from station.diagnosis.diagnosis_report import write_kinematic_report, write_report
         from station.diagnosis.pictures import compared
 
         if self.whole is None:
             assert self.kinematic is not None
-            return write_kinematic_report(self.kinematic, Path(folder), self.pages())
+            return write_kinematic_report(self.kinematic, folder, self.pages())
         found, readings = self.whole.found, self.whole.readings
-        return write_report(found, compared(found), self.whole.sizes, Path(folder), readings.page(), self.pages())
+        return write_report(found, compared(found), self.whole.sizes, folder, readings.page(), self.pages())
 
     def pages(self) -> list[str]:
         """The report's section on the instruments of each recording."""

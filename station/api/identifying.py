@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from station.api.flown_recording import Recording
+from station.api.page_printing import check_printable, print_page
 from station.api.words_as_html import Picture, heading, lines
 from station.log import Point, metadata, points, table
 from station.profile import Aircraft, load_aircraft
@@ -79,11 +80,17 @@ class Identified:
             raise UsageError(f"{self.found.log}: no lateral derivatives: no aileron or rudder moves")
         return Picture(estimates_figure(self.found, every[int(lateral)]))
 
-    def report(self, folder: Path | str) -> Path:
-        """Write the page with pictures, as `--report` does; returns its path. Raises LogError."""
+    def report(self, folder: Path | str, *, pdf: bool = False) -> Path:
+        """Write the page with pictures, as `--report` does, and with `pdf` as `--pdf` prints it beside; returns the
+        page's path. Raises LogError, and UsageError where nothing prints."""
         from station.identification.identification_report import write_report
 
-        return write_report(self.found, Path(folder))
+        if pdf:
+            check_printable()
+        page = write_report(self.found, Path(folder))
+        if pdf:
+            print_page(page)
+        return page
 
     def __repr__(self) -> str:
         start, end = self.found.interval_s

@@ -24,6 +24,7 @@ from station.numerics.random_effects import Pooled
 from station.programme.air_of_flight import air_of
 from station.programme.changes import CALM, OWN, Change, compared, estimates, recommended
 from station.programme.flown_points import FlownPoint
+from station.programme.histories_overlaid import histories_overlaid
 from station.programme.points_listing import rounded
 from station.programme.programme import Flight, Programme, likeness, significant
 from station.rows import ParamEstimate, Status
@@ -48,6 +49,7 @@ def write_report(made: Programme, folder: Path) -> Path:
         *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
         *(part for flight in made.flights for part in _air(made, flight)),
         *_baseline(made),
+        *histories_overlaid(made),
         *(part for place, point in enumerate(made.points) for part in _point(made, place, point)),
         '<p class="note">Estimate ± 2 standard errors, per radian, rates normalised with q c/2V. Change against the '
         "baseline in per cent with its 95 % interval, which holds the baseline's own error and the scatter between its "

@@ -10,8 +10,9 @@ import pytest
 from browser import chromium
 from matplotlib.figure import Figure
 
-from station.commands import printing
-from station.commands.printing import check_pdf, print_page
+from station.api import page_printing as printing
+from station.api.page_printing import print_page
+from station.commands.printing import check_pdf
 from station.identification.html_page import image, write_page
 from station.rows import LogError, UsageError
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from programme_flights import flown
 from station.identification.flown_inputs import inputs_of
 from station.log import table
 from station.profile import load_aircraft
+from station.programme.histories_overlaid import history, pairs
 from station.programme.programme import Programme, programme
 
 METHODS = ("II", "III", "split", "physical")
@@ -103,6 +105,33 @@ def test_an_elevator_that_rests_has_no_inputs(log: Path) -> None:
     assert inputs_of(record) == ()
 
 
+def test_a_point_is_laid_over_its_like_from_the_first_input_on(made: Programme) -> None:
+    """The doublets at 8 and at 68 s: the same input, so the elevators agree as far as their noise; with 20 % less lift
+    slope and 15 % less elevator the pitch rates do not."""
+    (point, like), (short, _) = pairs(made)
+    assert (point.name, like.name) == ("three", "one")
+    assert history(short) is None
+    mine, its = history(point), history(like)
+    assert mine is not None
+    assert its is not None
+    assert mine.noise["q"] > 0
+    t = np.arange(-1.0, 6.0, 0.02)
+    a, b = ({n: np.interp(t, x.t_s, v) - np.interp(-1.0, x.t_s, v) for n, v in x.values.items()} for x in (mine, its))
+    assert np.ptp(a["elevator"] - b["elevator"]) < 0.3 * np.ptp(b["elevator"])
+    assert np.ptp(a["q"]) < 0.97 * np.ptp(b["q"])
+
+
+def test_the_same_point_of_another_flight_goes_before_the_baseline(made: Programme) -> None:
+    first, second = made.flights[0], replace(made.flights[0], path=Path("second.mcap"))
+    again = [replace(p, log="second.mcap") for p in made.points]
+    both = replace(made, flights=(first, second), points=(*made.points, *again))
+    named = [(p.name, p.log == "second.mcap", other.name, other.log) for p, other in pairs(both)]
+    log = str(first.path)
+    assert ("three", True, "three", log) in named
+    assert ("one", True, "one", log) in named
+    assert ("three", False, "one", log) in named
+
+
 def test_the_command(station, log: Path, tmp_path: Path) -> None:
     """JSON to a file, a page, a table; exit code 3 for the point that cannot be used."""
     where, page = tmp_path / "points.json", tmp_path / "report"
@@ -120,7 +149,8 @@ def test_the_command(station, log: Path, tmp_path: Path) -> None:
     assert percent["ci95"][0] < percent["estimate"] < percent["ci95"][1]
     assert -30 < percent["estimate"] < -10
     shown = (page / "points.html").read_text()
-    assert shown.count("<img") == 6  # the flight's air, two of its vane, and three points
+    assert shown.count("<img") == 7  # the flight's air, two of its vane, three points, one over a baseline's
+    assert "Elevator, angle of attack, pitch rate and acceleration of three (iced; calm) over one" in shown
     sentence = shown.partition('<p class="verdict">')[2].partition("</p>")[0]
     assert "changed against the baseline of 2 points: three: " in sentence
     low, high = map(float, re.findall(r"Cm_de -\d+ % \((-\d+) to (-\d+)\)", sentence)[0])
