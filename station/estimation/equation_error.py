@@ -191,8 +191,9 @@ def _scores(x: Complex, z: Complex, theta: Array, inverse: Array, score: Array) 
 
 
 @njit(cache=True)
-def _score_products(score: Array, share: float, cloud: Array) -> None:
-    """Sum of products over lines up to the grid's dependence apart (Newey and West) -> `cloud` (n, n)."""
+def newey_west(score: Array, share: float, cloud: Array) -> None:
+    """Products of `score` (lines, n) over lines up to the grid's dependence apart (Newey and West), added to `cloud`
+    (n, n). `share`: of independent lines."""
     lines, n = score.shape
     lags = min(max(math.ceil(1.5 / share), 2), 12)
     for lag in range(lags + 1):
@@ -256,7 +257,7 @@ def fit(x: Complex, z: Complex, ridge: Array, independent: float, sums: Sums, cl
 
     score, cloud = np.zeros((lines, n)), np.zeros((n, n))
     _scores(x, z, theta, inverse, score)
-    _score_products(score, share, cloud)
+    newey_west(score, share, cloud)
     for i in range(n):
         carry(sums.scores[i], cloud[i], close)
     residual = _residual_energy(m, rhs, ridge, theta, extent[ENERGY])

@@ -2,16 +2,18 @@
 
     CY = CY_beta beta + CY_p p b/2V + CY_r r b/2V + CY_da da + CY_dr dr,   Cl and Cn alike
 
-    II:     beta = vane/H_v - r x/V + p z/V
-    split:  beta = beta_i + (that - beta_i) e^(-s x/V)
+    II:          beta = vane/H_v - r x/V + p z/V
+    split:       beta = beta_i + (that - beta_i) e^(-s x/V)
+    split+gust:  split's, the fin meeting the gust later (side_gust.py), by what the surfaces make of the motion
 
 with H_v the vane's own dynamics and x, z its place; sideslip has no upwash in the profile. beta_i is the inertial
-sideslip: the rest is the side gust, which reaches the CG x/V after the vane. It reaches the fin later still, which
-neither corrects. Both are made in the time domain: factors of a transform that ends while the air still moves would err
-by what is cut off at its ends, and derivatives from gusts alone by a fifth. II may be wrong by its distance from
-split, split by a tenth of that (attitude and mean wind are never quite known), and their errors say so. Per radian,
-body axes, moments about the CG. The recursive transform (spectra.py) and least squares with its standard errors
-(equation_error.py) are those of the longitudinal equations.
+sideslip: the rest is the side gust, which reaches the CG x/V after the vane. Both are made in the time domain: factors
+of a transform that ends while the air still moves would err by what is cut off at its ends, and derivatives from gusts
+alone by a fifth. The gusts' gradient across the span rolls and yaws the aircraft, and its answer misleads least squares
+(input_instruments.py): II and split may be wrong by their distance from split+gust; II also by its distance from
+split, and split by a tenth of that (attitude and mean wind are never quite known). Per radian, body axes, moments about
+the CG. The recursive transform (spectra.py) and least squares with its standard errors (equation_error.py) are those of
+the longitudinal equations.
 
 Source: Klein and Morelli 2006, equations 3.37 and 5.99-5.101 (coefficients), 10.6 (lever arm), section 11.3.
 """
@@ -21,34 +23,41 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, LATERAL, SIGNAL_INDEX, SIGNALS, TICK_NS
+from station.estimation import input_instruments as instruments
 from station.estimation.acceptance import EXCITED, MIN_PERIODS, UNSOLVED, of_equation, of_estimate, worded
 from station.estimation.derivatives import SLACK_S
-from station.estimation.equation_error import Fitted, Sums, fit, no_sums, nothing_fitted
+from station.estimation.equation_error import Fitted, nothing_fitted
+from station.estimation.lateral_spectra import (
+    CHANNELS,
+    EQUATIONS,
+    LATE,
+    PARAMETERS,
+    SURFACES,
+    ByInput,
+    Spectra,
+)
+from station.estimation.side_gust import SideGust
 from station.model.airframe_error import relative_errors
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.differentiation import central
-from station.numerics.lagrange import cubic
 from station.numerics.regression import attenuation
 from station.numerics.second_order import inverse_terms
-from station.numerics.spectra import Transform, central_difference_factor, grid
+from station.numerics.spectra import central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import Frame, ParamEstimate, Quality, Status
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 MEASURED: Final = ("beta_vane", "p", "r", "ay", "aileron", "rudder", "q")
 """Signals that must be of the frame's own time."""
-EQUATIONS: Final = ("CY", "Cl", "Cn")
-SURFACES: Final = ("aileron", "rudder")
 MOTIONS: Final = {"beta": "sideslip", "p": "roll rate", "r": "yaw rate"}
 SPOKEN: Final = (*MOTIONS.values(), *SURFACES)
 """The regressors in words."""
@@ -56,18 +65,16 @@ REGRESSORS: Final = ("beta_vane", "p", "r", "aileron", "rudder")
 ATTENUATED: Final = 0.2
 """Share of noise in what a regressor has beyond the others, above which its derivative is noise's."""
 LACKING_S: Final = 1.0
-PARAMETERS: Final = 5
 GUST_IN_MOTION: Final = 0.1
 """Share of the side gust that split may take for motion, or motion for it."""
 SETTLED: Final = 3
 """Consecutive frames with all signals: the angular accelerations are central differences."""
 
-# What a transform holds: beta, p b/2V, r b/2V, aileron, rudder, CY, Cl, Cn.
-CHANNELS: Final = PARAMETERS + 3
-RING: Final = 128
-"""Side gusts kept, ticks."""
-METHODS: Final = ("II", "split")
-"""In the order of Lateral's spectra."""
+METHODS: Final = ("II", "split", "split+gust")
+NO_INERTIA: Final = "the aircraft profile gives no ixx, iyy and izz"
+OF_SURFACES: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0])
+MEAN_S: Final = 30.0
+"""Over which airspeed, dynamic pressure and attitude are averaged."""
 # One row of the history that a tick's coefficients are made from.
 _BETA, _P, _R, _AY, _AILERON, _RUDDER, _Q, _V, _QBAR, _MASS, _BETA_I, _ROW = range(12)
 # constants
@@ -115,105 +122,6 @@ def sides(constant: Array, history: Array, dt: float, row: Array, out: Array) ->
     return True
 
 
-@njit(cache=True)
-def carried(ring: Array, count: int, gust: float, lag: float) -> float:
-    """The gust `lag` ticks ago, cubic between ticks; NaN from before the first. `count`: how many came before `gust`,
-    which is put into `ring` (RING,)."""
-    n = ring.shape[0]
-    ring[count % n] = gust
-    back = min(max(math.ceil(lag), 2), n - 3)
-    if count < back + 1:
-        return math.nan
-    a, b, c, d = [ring[(count - back + k) % n] for k in (-1, 0, 1, 2)]
-    return float(cubic(a, b, c, d, back - lag))
-
-
-@njit(cache=True)
-def fit_equations(
-    spectrum: Complex,
-    derivative: Array,
-    ridge: Array,
-    independent: float,
-    close: bool,
-    past: Sums,
-    fitted: Fitted,
-    r2: Array,
-) -> None:
-    """All three equations from `spectrum` (CHANNELS, frequencies).
-
-    `derivative` (frequencies,): factor of the moments for their central difference. `ridge`, `independent`, `close`:
-    see equation_error.fit. Edits `past`, fills `fitted` and `r2`, all (3, ...).
-    """
-    past, fitted = Sums(*past), Fitted(*fitted)
-    x = spectrum[:PARAMETERS]
-    z = np.empty(spectrum.shape[1], dtype=np.complex128)
-    for e in range(3):
-        for f in range(len(z)):
-            z[f] = spectrum[PARAMETERS + e, f] * (1.0 if e == 0 else derivative[f])
-        sums = Sums(past.normal[e], past.scores[e], past.right[e], past.extent[e])
-        at = Fitted(fitted.value[e], fitted.error[e], fitted.inflation[e], fitted.inverse[e])
-        r2[e] = fit(x, z, ridge, independent, sums, close, at)
-
-
-class Spectra:
-    """One method's transform of the flight so far, and its fit."""
-
-    def __init__(self, frequencies: Array, dt: float, step_hz: float, warm_up_s: float, keep: float) -> None:
-        """`keep`: share of the closed segments' sums that is kept when the next one closes."""
-        self._transform = Transform(CHANNELS, frequencies, dt)
-        self._dt, self._step_hz, self._warm_up_s, self._keep = dt, step_hz, warm_up_s, keep
-        self._past = no_sums((len(EQUATIONS),), PARAMETERS)
-        self._closed = np.zeros(1 + PARAMETERS)
-        """Of closed segments: samples, and energy of each regressor on all lines."""
-        self._from_s = 0.0
-        self.fitted = nothing_fitted((len(EQUATIONS),), PARAMETERS)
-        """By equation."""
-        self.r2 = np.full(len(EQUATIONS), math.nan)
-        """NaN where there is no solution."""
-        self._plain: Any = (tuple(self._past), tuple(self.fitted))
-
-    @property
-    def samples(self) -> float:
-        """In the estimates."""
-        return float(self._closed[0]) + self._transform.samples
-
-    def energy(self) -> Array:
-        """Of sideslip, roll and yaw rate, aileron and rudder on all lines, (PARAMETERS,)."""
-        now = self._transform.spectrum[:PARAMETERS]
-        return np.asarray(self._closed[1:] + (now.real**2 + now.imag**2).sum(axis=1))
-
-    def clear(self) -> None:
-        """Begin anew; the high-pass stays warm."""
-        self._transform.clear()
-        for sums in self._past:
-            sums[:] = 0.0
-        self._closed[:] = 0.0
-        self.r2[:] = math.nan
-
-    def add(self, sample: Array, since_start_s: float) -> None:
-        """`sample` (CHANNELS,), all finite."""
-        if self._transform.filtered == 0:
-            self._from_s = since_start_s
-        due = since_start_s >= self._warm_up_s and self._from_s <= since_start_s - self._warm_up_s + SLACK_S
-        self._transform.step(sample, due)
-
-    def fit(self, derivative: Array, ridge: Array) -> None:
-        """Solve the three equations."""
-        if (samples := self._transform.samples) == 0:
-            return
-        close = samples * self._dt >= 1.0 / self._step_hz
-        share = samples * self._dt * self._step_hz
-        past, fitted = self._plain
-        fit_equations(self._transform.spectrum, derivative, ridge, share, close, past, fitted, self.r2)
-        if close:
-            self._closed[1:] = self.energy()
-            self._closed[0] += samples
-            self._closed *= self._keep
-            for sums in self._past:
-                sums *= self._keep
-            self._transform.clear()
-
-
 class Lateral:
     """The fifteen derivatives of METHODS from the flight so far."""
 
@@ -234,24 +142,25 @@ class Lateral:
         place = (boom.vane_x, boom.vane_z) if boom else (0.0, 0.0)
         vane = inverse_terms(boom.vane_frequency, boom.vane_damping) if boom else (0.0, 0.0)
         self._constant = np.array([g.wing_area, g.span, *inertias, i.ixz, fixed or 0.0, *imu_position, *place, *vane])
-        self._arm = place[0]
         self._dt = dt
         self._noise = np.array([noise.get(name, 0.0) or DEFAULT_NOISE[name] for name in REGRESSORS])
-        self._half = 0.0  # b/2V
         self._minimum = MIN_PERIODS / card.low
         frequencies = grid(card.low, card.high, card.step)
         self._lines = len(frequencies)
         self._derivative = central_difference_factor(frequencies, dt)
         keep = math.exp(-1.0 / card.step / forgetting_s)
-        self._spectra = tuple(Spectra(frequencies, dt, card.step, card.warm_up, keep) for _ in METHODS)
+        self._gust = SideGust(aircraft, dt)
+        by_input = ByInput(aircraft, frequencies, noise, self._gust.force) if self._inertia else None
+        self._spectra = tuple(Spectra(frequencies, dt, card.step, card.warm_up, keep, b) for b in (None, by_input))
+        self._state = np.zeros(4)
+        """See input_instruments: means so far, of so many ticks."""
+        self._averaged = 0
         self._known = {name: abs(aircraft.value(name)) for name in LATERAL}
         self._airframe = relative_errors(aircraft, LATERAL).reshape(2, len(EQUATIONS), PARAMETERS)
         self.mass_recorded = False
         self._history = np.full((3, _ROW), math.nan)
         self._row = np.zeros(_ROW)
         self._sides = np.zeros(CHANNELS)
-        self._ring = np.zeros(RING)
-        self._gusts = 0  # in the ring, one after the other
         self._ridge = np.zeros(PARAMETERS)
         self._run = 0
         self._last_ns = 0
@@ -284,11 +193,13 @@ class Lateral:
         self._last_ns = frame.t_ns
         if not (whole and follows):
             self._history[:] = math.nan
-            self._run = self._gusts = 0
+            self._run = 0
+            self._gust.restart()
         if not whole:
             return
         self._run += 1
-        self._half = self._constant[_B] / (2.0 * speed)
+        pitch = frame.values[SIGNAL_INDEX["theta"]]
+        self._average(speed, pressure, pitch if math.isfinite(pitch) else 0.0)
         made = sides(self._constant, self._history, self._dt, row, self._sides)
         if not made or self._run < SETTLED:
             return
@@ -298,14 +209,20 @@ class Lateral:
         steady.add(self._sides, since_start_s)
         inertial = float(self._history[1, _BETA_I])
         if not math.isfinite(inertial):
-            self._gusts = 0
+            self._gust.restart()
             return
-        lag = self._arm / (speed * self._dt)
-        gust = carried(self._ring, self._gusts, self._sides[0] - inertial, lag)
-        self._gusts += 1
-        if math.isfinite(gust):
+        gust, late = self._gust.step(self._sides[0] - inertial, inertial, self._history[1, _R], speed)
+        if math.isfinite(gust + late):
             self._sides[0] = inertial + gust
+            self._sides[LATE] = late
             split.add(self._sides, since_start_s)
+            self._sides[LATE] = 0.0
+
+    def _average(self, speed: float, pressure: float, pitch: float) -> None:
+        self._averaged += 1
+        share = max(self._dt / MEAN_S, 1.0 / self._averaged)
+        now = np.array([speed, pressure, self._constant[_B] / (2.0 * speed), pitch])
+        self._state += share * (now - self._state)
 
     def estimate(self) -> dict[str, tuple[ParamEstimate, ...]]:
         """By method, the fifteen derivatives from the spectra now, in the order of conventions.LATERAL."""
@@ -313,9 +230,23 @@ class Lateral:
         blocked = [self._blocked(spectra) for spectra in (steady, split)]
         made = [self._solve(steady), self._solve(split)]
         apart = np.abs(steady.fitted.value - split.fitted.value) * np.isfinite(split.r2)[:, None]
+        shown, r2 = nothing_fitted((len(EQUATIONS),), PARAMETERS), np.full(len(EQUATIONS), math.nan)
+        if split.by_input:
+            shown, r2 = split.by_input.fitted, split.by_input.r2
+        models = apart, self._from_split(apart, split.energy())
+        models = tuple(
+            np.where(np.isfinite(r2)[:, None], np.sqrt(m**2 + (of.fitted.value - shown.value) ** 2 + shown.error**2), m)
+            for m, of in zip(models, self._spectra, strict=True)
+        )
+        refused = blocked[1]
+        if not self._inertia and refused[0] is Status.ESTIMATED:
+            refused = Status.INVALID, NO_INERTIA
+        still, noise = made[1]
         return {
-            "II": self._judge(steady, blocked[0], *made[0], apart),
-            "split": self._judge(split, blocked[1], *made[1], self._from_split(apart, split.energy())),
+            "II": self._judge(steady.fitted, steady.r2, blocked[0], *made[0], models[0]),
+            "split": self._judge(split.fitted, split.r2, blocked[1], still, noise, models[1]),
+            # Noise of the motion is not in its instruments; that of a surface is.
+            "split+gust": self._judge(shown, r2, refused, still, noise * OF_SURFACES, np.zeros_like(apart)),
         }
 
     @staticmethod
@@ -331,14 +262,14 @@ class Lateral:
         """Fit; returns which surfaces have not moved, and the share of noise in each regressor, (PARAMETERS,). Those
         surfaces are left out: as regressors they would be noise alone."""
         moved = spectra.energy()
-        unit = np.array([1.0, self._half, self._half, 1.0, 1.0])
+        unit = np.array([1.0, self._state[instruments.HALF], self._state[instruments.HALF], 1.0, 1.0])
         floor = self._lines * spectra.samples * (self._noise * unit) ** 2
         still = []
         for i, surface in enumerate(SURFACES, start=PARAMETERS - len(SURFACES)):
             if moved[i] < EXCITED * floor[i] or moved[i] == 0.0:
                 still.append(surface)
             self._ridge[i] = 1e9 * max(moved[i], 1e-9) if surface in still else 0.0
-        spectra.fit(self._derivative, self._ridge)
+        spectra.fit(self._derivative, self._ridge, self._state)
         return still, floor / np.maximum(moved, 1e-30)
 
     def _blocked(self, spectra: Spectra) -> tuple[Status, str]:
@@ -355,7 +286,7 @@ class Lateral:
         return Status.ESTIMATED, ""
 
     def _judge(
-        self, spectra: Spectra, blocked: tuple[Status, str], still: list[str], noise: Array, model: Array
+        self, of: Fitted, r2s: Array, blocked: tuple[Status, str], still: list[str], noise: Array, model: Array
     ) -> tuple[ParamEstimate, ...]:
         """`noise` (PARAMETERS,): its share in each regressor. `model` (3, PARAMETERS): standard deviations by the
         model's error."""
@@ -364,9 +295,9 @@ class Lateral:
         found: list[ParamEstimate] = []
         for e, equation in enumerate(EQUATIONS):
             names = LATERAL[PARAMETERS * e : PARAMETERS * (e + 1)]
-            r2, refused = float(spectra.r2[e]), blocked
+            r2, refused = float(r2s[e]), blocked
             if equation != "CY" and not self._inertia:
-                r2, refused = math.nan, (Status.INVALID, "the aircraft profile gives no ixx, iyy and izz")
+                r2, refused = math.nan, (Status.INVALID, NO_INERTIA)
             elif math.isnan(r2) and blocked[0] is Status.ESTIMATED:
                 refused = worded(UNSOLVED)
             elif blocked[0] is Status.ESTIMATED:
@@ -374,7 +305,7 @@ class Lateral:
             if math.isnan(r2):
                 found += [ParamEstimate(n, math.nan, math.nan, *refused) for n in names]
                 continue
-            of, is_estimated = spectra.fitted, refused[0] is Status.ESTIMATED
+            is_estimated = refused[0] is Status.ESTIMATED
             doubt = np.hypot(model[e], self._airframe[int(self.mass_recorded), e] * of.value[e])
             share = np.where([n in still for n in SPOKEN], 0.0, noise * of.inflation[e])
             doubt = np.hypot(doubt, attenuation(of.inverse[e], share, of.value[e]))

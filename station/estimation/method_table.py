@@ -26,6 +26,8 @@ class Method:
     """Runs as the live ones do, but needs the vane's spectra from minutes of flight first."""
     lateral: bool = False
     """Also gives lateral derivatives."""
+    by_input: bool = False
+    """Its lateral derivatives are by what the surfaces move, which gusts do not mislead."""
     definition: Literal["derivatives", "quasi_steady"] = "quasi_steady"
     """Of what it estimates: the aircraft's own derivatives, as in a table, unsteady lift and late tail apart; or what
     equation error with a perfect angle of attack gives of the manoeuvre in calm air, these in it."""
@@ -65,7 +67,8 @@ METHODS: Final = {
                runner="station.estimation.published.motion_methods:method_vi", colour=0xB0B0FFFF),
         Method("split", "motion and gust parts of the vane corrected apart", "split", live=True, lateral=True,
                colour=0x2BD9A5FF),
-        Method("split+gust", "split, with the tail meeting the gust later", "split", live=True, colour=0xE58AC0FF),
+        Method("split+gust", "split, with tail and fin meeting the gust later; laterally by what the surfaces move",
+               "split", live=True, lateral=True, by_input=True, colour=0xE58AC0FF),
         Method("physical", "wing, tail and gust as the regressors, with uncertain constants", "none", live=True,
                definition="derivatives", colour=0xF5F5F5FF),
         Method("oe", "output error", "steady", runner="station.estimation.published.motion_methods:method_oe"),

@@ -200,14 +200,15 @@ class Board:
         self.absent = ", ".join(s.stream for s in row.streams if not s.alive)
 
     def _choose_lateral(self) -> None:
-        """split, which carries the side gust to the CG; II where split gives fewer."""
+        """split+gust, which gusts across the span do not mislead; split, or II, where they give more."""
         given = {}
         for name, row in self.methods.items():
             lateral = [p for p in row.parameters if p.name in LATERAL]
             if lateral:
                 self.lateral = tuple(p.name for p in lateral)
                 given[name] = sum(p.status is Status.ESTIMATED for p in lateral) if row.applicable else 0
-        self.lateral_method = "II" if given.get("II", 0) > given.get("split", 0) else "split"
+        order = [name for name in ("split+gust", "split", "II") if name in given]
+        self.lateral_method = max(order, key=lambda name: given[name], default="split")
 
     def _take_event(self, row: Event) -> None:
         if row.source == ESTIMATORS:

@@ -20,6 +20,7 @@ from scipy.signal import correlate
 
 from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
+from station.estimation.method_table import METHODS
 from station.estimation.results import Axes, Equation, MethodResult, airframe_errors, equations, excited, with_errors_of
 from station.numerics.regression import NotIdentifiable, least_squares
 
@@ -84,13 +85,13 @@ def misled(
     results: Mapping[str, MethodResult], shown: Mapping[str, Shown], record: FlightRecord, but: Collection[str] = ()
 ) -> dict[str, MethodResult]:
     """Results whose errors, but for those of the methods `but`, are no smaller than what the input shows; what mass and
-    inertia add is in both."""
+    inertia add is in both. Lateral derivatives that are by the input themselves need no more."""
     made = {}
     for name, result in results.items():
         least: dict[str, float] = {}
         every = (*result.parameters, *result.quasi_steady)
         for p, share in zip(every, airframe_errors(record, every), strict=True):
-            of = shown.get(p.name)
+            of = None if METHODS[name].by_input and p.name in LATERAL else shown.get(p.name)
             if of is not None and math.isfinite(p.value):
                 error = math.hypot(p.value - of.value, of.error, of.apart, share)
                 least |= {p.name: error} if error > p.sd else {}

@@ -130,20 +130,64 @@ def smoothed_start(x: Array, cutoff_hz: float, dt: float) -> Array:
 
 
 @register_jitable
+def _clear(work: Array, n: int, k: int) -> None:
+    """Column k of n rows becomes that of the unit matrix."""
+    pivot = work[k, k]
+    for j in range(2 * n):
+        work[k, j] /= pivot
+    for i in range(n):
+        if i != k:
+            f = work[i, k]
+            for j in range(2 * n):
+                work[i, j] -= f * work[k, j]
+
+
+@register_jitable
 def _eliminate(work: Array, n: int) -> bool:
     """Gauss-Jordan on n rows: the first n columns become the unit matrix. False if a pivot is too small."""
     for k in range(n):
-        pivot = work[k, k]
-        if not pivot > LEAST_PIVOT:
+        if not work[k, k] > LEAST_PIVOT:
+            return False
+        _clear(work, n, k)
+    return True
+
+
+@register_jitable
+def _eliminate_by_rows(work: Array, n: int) -> bool:
+    """The same, each pivot the largest of its column."""
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(work[i, k]) > abs(work[best, k]):
+                best = i
+        if not abs(work[best, k]) > LEAST_PIVOT:
             return False
         for j in range(2 * n):
-            work[k, j] /= pivot
-        for i in range(n):
-            if i != k:
-                f = work[i, k]
-                for j in range(2 * n):
-                    work[i, j] -= f * work[k, j]
+            work[k, j], work[best, j] = work[best, j], work[k, j]
+        _clear(work, n, k)
     return True
+
+
+@register_jitable
+def _scaled(m: Array, n: int, work: Array, scale: Array) -> bool:
+    """m, its diagonal scaled to one, and the unit matrix -> `work` (n, 2n). False where the diagonal has a zero."""
+    for i in range(n):
+        size = abs(m[i, i])
+        if not (size > 0.0 and math.isfinite(size)):
+            return False
+        scale[i] = 1.0 / math.sqrt(size)
+    for i in range(n):
+        for j in range(n):
+            work[i, j] = m[i, j] * scale[i] * scale[j]
+        work[i, n + i] = 1.0
+    return True
+
+
+@register_jitable
+def _unscaled(work: Array, n: int, scale: Array, inverse: Array) -> None:
+    for i in range(n):
+        for j in range(n):
+            inverse[i, j] = work[i, n + j] * scale[i] * scale[j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -152,21 +196,24 @@ def invert(m: Array, n: int, inverse: Array) -> bool:
 
     Gauss-Jordan on the matrix scaled to a unit diagonal.
     """
-    work = np.zeros((n, 2 * n))
-    scale = np.empty(n)
+    work, scale = np.zeros((n, 2 * n)), np.empty(n)
     for i in range(n):
-        if not (m[i, i] > 0.0 and math.isfinite(m[i, i])):
+        if not m[i, i] > 0.0:
             return False
-        scale[i] = 1.0 / math.sqrt(m[i, i])
-    for i in range(n):
-        for j in range(n):
-            work[i, j] = m[i, j] * scale[i] * scale[j]
-        work[i, n + i] = 1.0
-    if not _eliminate(work, n):
+    if not (_scaled(m, n, work, scale) and _eliminate(work, n)):
         return False
-    for i in range(n):
-        for j in range(n):
-            inverse[i, j] = work[i, n + j] * scale[i] * scale[j]
+    _unscaled(work, n, scale, inverse)
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def invert_general(m: Array, n: int, inverse: Array) -> bool:
+    """inverse <- m^-1, the first n rows and columns of either; False if singular. Gauss-Jordan with pivots by rows, on
+    the matrix with rows and columns scaled by the roots of its diagonal's sizes."""
+    work, scale = np.zeros((n, 2 * n)), np.empty(n)
+    if not (_scaled(m, n, work, scale) and _eliminate_by_rows(work, n)):
+        return False
+    _unscaled(work, n, scale, inverse)
     return True
 
 
