@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from station.conventions import G0
 from station.estimation.equation_error import SMALL_RECORD, Fitted, newey_west
 from station.numerics.regression import invert_general
+from station.numerics.spectra import carry
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -195,8 +196,19 @@ def _with_past(now: Sums, past: Sums, close: bool) -> None:
         now.right[i] += past.right[i]
         now.direct[i] += past.direct[i]
     if close:
-        past.cross[:], past.own[:], past.normal[:] = now.cross, now.own, now.normal
-        past.right[:], past.direct[:], past.scores[:] = now.right, now.direct, now.scores
+        _copied(past, now)
+
+
+@register_jitable
+def _copied(past: Sums, now: Sums) -> None:
+    """By element: numba takes seconds to compile the check of two arrays' shapes."""
+    for i in range(PLACES):
+        for j in range(PLACES):
+            past.cross[i, j] = now.cross[i, j]
+            past.own[i, j] = now.own[i, j]
+            past.normal[i, j] = now.normal[i, j]
+        past.right[i] = now.right[i]
+        past.direct[i] = now.direct[i]
 
 
 @register_jitable
@@ -204,11 +216,22 @@ def _without(still: Array, one: Sums) -> None:
     """Leave the regressors of surfaces that stand `still` out of an equation: they decouple, with nothing of z."""
     for i in range(PLACES):
         if still[i] > 0.0:
-            for square in (one.cross, one.own, one.normal):
-                square[i, :] = 0.0
-                square[:, i] = 0.0
-                square[i, i] = 1.0
+            for j in range(PLACES):
+                one.cross[i, j] = one.cross[j, i] = one.own[i, j] = one.own[j, i] = 0.0
+                one.normal[i, j] = one.normal[j, i] = 0.0
+            one.cross[i, i] = one.own[i, i] = one.normal[i, i] = 1.0
             one.right[i] = one.direct[i] = 0.0
+
+
+@register_jitable
+def _weights(level: float, noise: Array, spectrum: Array, z: Complex, weight: Array) -> None:
+    """Of the lines of an equation -> `weight`."""
+    lines, energy = z.shape[0], 0.0
+    for f in range(lines):
+        energy += z[f].real ** 2 + z[f].imag ** 2
+    least = LEAST_NOISE * energy / lines + 1e-300
+    for f in range(lines):
+        weight[f] = 1.0 / (max(level, 0.0) * spectrum[f] + max(noise[f], least))
 
 
 @njit(cache=True, error_model="numpy")
@@ -238,21 +261,18 @@ def fit_by_input(
         _level(x, z, theta[e], noise[e], spectrum, now.extent)
         now.extent[LINES] = lines * independent
         level = (now.extent[LEVEL] + before.extent[LEVEL]) / (now.extent[OF_LEVEL] + before.extent[OF_LEVEL])
-        least = LEAST_NOISE * np.mean(z.real**2 + z.imag**2) + 1e-300
-        for f in range(lines):
-            weight[f] = 1.0 / (max(level, 0.0) * spectrum[f] + max(noise[e, f], least))
+        _weights(level, noise[e], spectrum, z, weight)
         _products(x, y, z, weight, now)
         _with_past(now, before, close)
-        now.extent[:] += before.extent
-        if close:
-            before.extent[:] = now.extent
+        carry(before.extent, now.extent, close)
         _without(still, now)
         r2[e] = math.nan
         if not invert_general(now.own, PLACES, inverse):
             continue
-        fitted.inverse[e] = inverse
         for i in range(PLACES):
             fitted.inflation[e, i] = inverse[i, i] * now.own[i, i]
+            for j in range(PLACES):
+                fitted.inverse[e, i, j] = inverse[i, j]
         if not invert_general(now.cross, PLACES, inverse):
             continue
         for i in range(PLACES):
@@ -261,8 +281,9 @@ def fit_by_input(
                 fitted.value[e, i] += inverse[i, j] * now.right[j]
         _scores(x, y, z, weight, fitted.value[e], inverse, score)
         newey_west(score, independent, now.scores)
-        if close:
-            before.scores[:] = now.scores
+        for i in range(PLACES * close):
+            for j in range(PLACES):
+                before.scores[i, j] = now.scores[i, j]
         r2[e] = _errors(now, inverse, fitted.value[e], fitted.error[e])
 
 

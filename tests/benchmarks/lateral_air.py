@@ -2,11 +2,11 @@
 
     uv run python tests/benchmarks/lateral_air.py [--flights 20] [--workers 2] [--length "300 m"]
 
-The Twin Otter of the profile, known exactly (mass and inertia too: no interval is wider for them), 90 s, aileron and rudder by orthogonal multisines (4 deg) or doublets
-(6 deg). On a line side gusts act at the CG; in a plane the fin meets them later, in sidewash, and gradients of gusts
-across the span roll and yaw the wing. Printed, for each air and method: the share of the 15 lateral derivatives within
-two standard errors of the profile's, of those called estimated; each axis' share, with the median of its errors in per
-cent; and the derivatives that are within least often.
+The Twin Otter of the profile, known exactly (mass and inertia too: no interval is wider for them), 90 s, aileron and
+rudder by orthogonal multisines (4 deg) or doublets (6 deg). On a line side gusts act at the CG; in a plane the fin
+meets them later, in sidewash, and gradients of gusts across the span roll and yaw the wing. Printed, by air and method:
+the share of the 15 lateral derivatives within two standard errors of the profile's, of those called estimated; each
+axis' share, with the median of its errors in per cent; and the derivatives that are within least often.
 """
 
 from __future__ import annotations
