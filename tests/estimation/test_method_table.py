@@ -17,7 +17,7 @@ def test_the_table_imports_no_numerics():
 
 def test_names_are_those_of_the_command_line_and_the_files():
     assert LIVE == ("II", "III", "V", "split", "split+gust", "physical")
-    assert LIVE_LATERAL == ("II", "split")
+    assert LIVE_LATERAL == ("II", "split", "split+gust")
     assert MEASURED == "IV"
     assert len({m.sentence for m in METHODS.values()}) == len(METHODS)
     assert len({METHODS[name].colour for name in (*LIVE, MEASURED)}) == len(LIVE) + 1
