@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from drivers.codec import Codec, Port, Reading, TimeReply
+from drivers.gathering import Gathering
 from drivers.protocols import protocol_named
 from drivers.sampling import Sampler
 from drivers.shedding import Shedding
@@ -40,11 +41,9 @@ FOREIGN_EVERY_NS: Final = 60_000_000_000
 PAUSE_S: Final = 0.005
 """What comes too fast to be read is passed over in larger pieces: each call of the system costs some 10 us."""
 GATHERED_FROM_HZ: Final = 800.0
-GATHER_NS: Final = 5_000_000
-"""A link that brings more messages than this, stamped by the device, is read each so often: a read takes the
-interpreter away from the loop twice, whatever it brings; 8 links of 4,000 messages a second cost every fourth tick."""
-_GATHERED_BYTES: Final = 65_536
-"""At most; what a port holds beyond them comes with the next."""
+"""A serial link that brings more messages than this, stamped by the device, is read together with others."""
+SILENT_READS: Final = 8
+"""One that then brings nothing so often is waited for by its own thread again."""
 FIRST_BACKOFF_S: Final = 0.1
 LAST_BACKOFF_S: Final = 2.0
 
@@ -75,7 +74,9 @@ class Adapter:
         clock: Clock,
         put: Callable[[Rows], None],
         address: str = "",
+        gathering: Gathering | None = None,
     ) -> None:
+        """`gathering`: who reads the fast links of a station."""
         self.device = device
         self.address = address
         self.codec = codec
@@ -85,13 +86,14 @@ class Adapter:
         self._sampler = Sampler(device, lambda why: self._say(Code.RANGE, detail=why))
         rate = sum(stream.rate for stream in device.streams)
         self._shedding = Shedding(rate)
-        self._is_fast = rate > GATHERED_FROM_HZ
+        self._is_fast = rate > GATHERED_FROM_HZ and isinstance(device, SerialDevice)
+        self._gathering = gathering or Gathering(clock)
+        self._silent = 0
         self._reported = {code: _Reported() for code in (Code.CRC, Code.GAP, Code.NOISE, Code.DROPPED)}
         self._unread = unread(device)
         self._doubted = False
         self._speaker = ""
         self._foreign: dict[str, _Reported] = {}
-        self._taken_ns = 0
         self._may_excuse = False
         self._ever_connected = False
         self._lost = False
@@ -160,21 +162,25 @@ class Adapter:
 
     def _serve(self, port: Port) -> None:
         while not self._stopping.is_set():
-            gathers = self._is_fast and self._sampler.is_stamped
-            block = port.read(READ_TIMEOUT_S)
-            while gathers and 0 < len(block) < _GATHERED_BYTES and (more := port.read(0.0)):
-                block += more
-            if not self.take(block):
+            if self._is_fast and self._sampler.is_stamped:
+                self._silent = 0
+                self._gathering.serve(lambda: self._gather(port))
+            if not self.take(port.read(READ_TIMEOUT_S)):
                 self._stopping.wait(PAUSE_S)
-            elif gathers and block:
-                self._clock.sleep_until_ns(self._taken_ns + GATHER_NS)
             request = self.codec.outgoing(self._clock.now_ns())
             if request:
                 port.write(request)
 
+    def _gather(self, port: Port) -> bool:
+        """What is there; whether more is to be expected."""
+        block = port.read(0.0)
+        self.take(block)
+        self._silent = 0 if block else self._silent + 1
+        return self._silent < SILENT_READS and self._sampler.is_stamped and not self._stopping.is_set()
+
     def take(self, block: bytes) -> bool:
         """What has come in now, and what is in it; whether it was not too much."""
-        t_ns = self._taken_ns = self._clock.now_ns()
+        t_ns = self._clock.now_ns()
         is_taken = not block or self._shedding.takes(len(block), t_ns)
         if block and is_taken:
             self._put(RawBlock(t_ns, self.device.name, block))
@@ -251,12 +257,12 @@ def open_devices(
     cannot serve (an unknown protocol, a message that is not in the DBC, a field that no message has) and DeviceError
     for a device that is to be emulated and has no endpoint.
     """
-    adapters = []
+    adapters, gathering = [], Gathering(clock)
     for device in rig.devices:
         codec = _codec(device, rig_dir, f"rig {rig.name}", clock)
         address = _address(device, endpoints)
         opener = _opener(device, address, codec, clock, is_emulated=device.name in endpoints)
-        adapters.append(Adapter(device, codec, opener, clock, put, address))
+        adapters.append(Adapter(device, codec, opener, clock, put, address, gathering))
     return adapters
 
 

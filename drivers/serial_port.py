@@ -46,14 +46,13 @@ class SerialPort:
     def _read_file(self, timeout_s: float) -> bytes:
         """Two calls of the system where pyserial makes five, each of which gives the interpreter away."""
         file = self._port.fileno()
-        ready, _, _ = select.select([file], [], [], timeout_s)
-        if not ready:
+        if timeout_s > 0 and not select.select([file], [], [], timeout_s)[0]:
             return b""
         try:
             block = os.read(file, _MOST_AT_ONCE)
         except BlockingIOError:  # nothing after all
             return b""
-        if not block:
+        if not block and timeout_s > 0:
             raise OSError(errno.ENODEV, "the port is ready to read but gives nothing: has the device gone?")
         return block
 

@@ -27,6 +27,7 @@ from pathlib import Path
 
 from drivers import serial_port
 from drivers.adapter import Adapter
+from drivers.gathering import Gathering
 from drivers.protocols import protocol_named
 from drivers.serial_boombox import encode_packet
 from station.clock import Clock, ManualClock, SystemClock
@@ -49,7 +50,16 @@ NAMES = ("alpha_vane", "beta_vane", "elevator")
 class Box:
     """A boom box of several streams, and what has come of it."""
 
-    def __init__(self, number: int, streams: int, rate_hz: float, clock: Clock, bus: Bus, port: str = "none") -> None:
+    def __init__(
+        self,
+        number: int,
+        streams: int,
+        rate_hz: float,
+        bus: Bus,
+        gathering: Gathering,
+        clock: Clock,
+        port: str = "none",
+    ) -> None:
         channels = {name: Channel(field=f"v{i}", unit="deg", slope=0.01) for i, name in enumerate(NAMES)}
         self.device = SerialDevice(
             name=f"box{number}", link="serial", protocol="boombox", port=port,
@@ -57,8 +67,9 @@ class Box:
                 StreamProfile(name=f"s{i}", message=i, rate=f"{rate_hz} Hz", signals=channels) for i in range(streams)
             ),
         )  # fmt: skip
+        codec = protocol_named("boombox").codec()
         self.adapter = Adapter(
-            self.device, protocol_named("boombox").codec(), lambda: serial_port.open_port(port, 921_600), clock, bus.put
+            self.device, codec, lambda: serial_port.open_port(port, 921_600), clock, bus.put, port, gathering
         )
         self._rate, self._sent = rate_hz, 0
 
@@ -122,7 +133,8 @@ def send(masters: list[int], steps: list[list[bytes]], step_ns: int, begin_ns: i
 
 def fly_simulated(chosen: argparse.Namespace, folder: Path) -> Path:
     clock, bus = ManualClock(10**9), Bus()
-    boxes = [Box(i, chosen.streams // chosen.links, chosen.rate, clock, bus) for i in range(chosen.links)]
+    gathering = Gathering(clock)
+    boxes = [Box(i, chosen.streams // chosen.links, chosen.rate, bus, gathering, clock) for i in range(chosen.links)]
     steps = round(chosen.seconds * 1e9) // BLOCK_NS
     blocks = [[box.until(n * BLOCK_NS) for box in boxes] for n in range(1, steps + 1)]
     return measured(lambda: fly(boxes, simulated(boxes, blocks, clock, bus), clock, bus, folder), boxes, chosen)
@@ -134,7 +146,9 @@ def fly_live(chosen: argparse.Namespace, folder: Path) -> Path:
     for _, slave in pairs:
         tty.setraw(slave)
     names = [os.ttyname(slave) for _, slave in pairs]
-    boxes = [Box(i, chosen.streams // chosen.links, chosen.rate, clock, bus, name) for i, name in enumerate(names)]
+    of_each = chosen.streams // chosen.links
+    gathering = Gathering(clock)
+    boxes = [Box(i, of_each, chosen.rate, bus, gathering, clock, name) for i, name in enumerate(names)]
     step_ns = round(1e9 / chosen.rate)
     steps = [[box.until(n * step_ns) for box in boxes] for n in range(1, round(chosen.seconds * chosen.rate) + 1)]
     sender = Process(target=send, args=([m for m, _ in pairs], steps, step_ns, clock.now_ns() + 2_000_000_000))

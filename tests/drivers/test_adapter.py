@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import os
@@ -14,8 +15,11 @@ from pathlib import Path
 import pytest
 import serial
 
+from drivers import serial_port
 from drivers.adapter import Adapter, open_devices
 from drivers.codec import Codec, Reading, TimeReply
+from drivers.emulated_ports import PtyPort
+from drivers.gathering import Gathering
 from drivers.mavlink import MavlinkCodec, MavlinkEncoder
 from drivers.protocols import protocol_named
 from drivers.serial_boombox import BoomboxCodec, encode_packet
@@ -164,21 +168,72 @@ def test_a_silence_longer_than_the_wrap_is_counted_in_full() -> None:
 
 
 @pytest.mark.parametrize(
-    ("protocol", "rate_hz", "reads"), [("boombox", 1000, 6), ("boombox", 200, 20), ("lines", 1000, 20)]
+    ("protocol", "rate_hz", "apart_ns"),
+    [("boombox", 1000, 5_000_000), ("boombox", 200, 1_000_000), ("lines", 1000, 1_000_000)],
 )
-def test_a_fast_link_that_stamps_its_messages_is_read_every_5_ms(protocol: str, rate_hz: int, reads: int) -> None:
-    """One read a message would take the interpreter from the loop; without stamps its time is the message's. Nothing
-    stays behind on a link that hands out a message a read, as CAN and UDP do."""
+def test_a_fast_link_that_stamps_its_messages_is_read_every_5_ms(protocol: str, rate_hz: int, apart_ns: int) -> None:
+    """One read a message would take the interpreter from the loop; without stamps its time is the message's."""
     message, field = (1, "v0") if protocol == "boombox" else ("line", "c0")
     data = encode_packet(1, 0, 5_000, [300]) if protocol == "boombox" else b"300\n"
     stream = {"name": "vanes", "message": message, "rate": f"{rate_hz} Hz"}
     stream["signals"] = {"alpha_vane": {"field": field, "unit": "deg", "slope": 0.005}}
     device = boom().model_dump() | {"protocol": protocol, "streams": [stream]}
-    steps = 5 * [*4 * [(0.001, data)], (0.0, b"")]  # the first message tells whether it is stamped
-    sink, _ = play(steps, protocol_named(protocol).codec(), SerialDevice.model_validate(device))
+    sink, _ = play([(0.001, data)] * 20, protocol_named(protocol).codec(), SerialDevice.model_validate(device))
     times = [s.t_ns for s in sink.samples()]
     assert len(times) == 20
-    assert len(set(times)) == reads
+    # The first message tells whether it is stamped; it and the second come as they come.
+    assert {b - a for a, b in itertools.pairwise(times[1:])} == {apart_ns}
+
+
+def test_fast_links_are_read_by_one_thread_and_lose_nothing_when_one_is_unplugged(tmp_path: Path) -> None:
+    clock, sink, pause = SystemClock(), Rowsink(), threading.Event()
+    gathering = Gathering(clock)
+    ports = [PtyPort(tmp_path / f"box{i}") for i in range(3)]
+    stream = {"name": "vanes", "message": 1, "rate": "1000 Hz"}
+    stream["signals"] = {"alpha_vane": {"field": "v0", "unit": "deg", "slope": 0.005}}
+    adapters = []
+
+    def until(done: Callable[[], bool]) -> None:
+        for _ in range(round(PATIENCE_S / 0.01)):
+            if done():
+                return
+            pause.wait(0.01)
+        raise AssertionError("not within the time")
+
+    def send(numbers: range) -> None:
+        for n in numbers:
+            for port in ports:
+                port.send([encode_packet(1, n, 1000 * n, [n % 100])])
+            if n % 20 == 0:
+                pause.wait(0.01)
+
+    def newest(box: int) -> int:
+        return max((s.seq or 0 for s in sink.samples() if s.stream == f"box{box}.vanes"), default=-1)
+
+    for i, port in enumerate(ports):
+        port.plug()
+        device = SerialDevice.model_validate(boom().model_dump() | {"name": f"box{i}", "streams": [stream]})
+        opener = functools.partial(serial_port.open_port, port.endpoint, 115_200)
+        adapters.append(Adapter(device, BoomboxCodec(), opener, clock, sink.put, "", gathering))
+        adapters[-1].start()
+    try:
+        until(lambda: len(sink.events(Code.CONNECT)) == 3)
+        send(range(400))
+        until(lambda: all(newest(box) == 399 for box in range(3)))
+        assert sum(t.name == "gathering" for t in threading.enumerate()) == 1
+        ports[1].unplug()
+        until(lambda: bool(sink.events(Code.DISCONNECT)))
+        ports[1].plug()
+        until(lambda: bool(sink.events(Code.RECONNECT)))
+        send(range(400, 800))
+        until(lambda: all(newest(box) == 799 for box in range(3)))
+    finally:
+        for adapter in adapters:
+            adapter.stop()
+        for port in ports:
+            port.close()
+    for box in range(3):
+        assert [s.seq for s in sink.samples() if s.stream == f"box{box}.vanes"] == list(range(800))
 
 
 @pytest.mark.parametrize("step_s", [-2.0, 2.0])
