@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from drivers.codec import Codec, Port, Reading, TimeReply
+from drivers.codec import Codec, Port, TimeReply
 from drivers.gathering import Gathering
 from drivers.protocols import protocol_named
 from drivers.sampling import Sampler
@@ -186,11 +186,11 @@ class Adapter:
             self._put(RawBlock(t_ns, self.device.name, block))
             before, readings = self.codec.noise, self.codec.feed(block)
             self._shedding.heard_noise(self.codec.noise - before)
-            replies = [r for r in readings if isinstance(r, TimeReply)]
-            for reply in replies:
-                self._sync(t_ns, reply)
-            self._heard = self._heard or bool(readings)
-            for sample in self._sampler.samples(t_ns, [r for r in readings if isinstance(r, Reading)]):
+            for reading in readings:
+                self._heard = True
+                if isinstance(reading, TimeReply):
+                    self._sync(t_ns, reading)
+            for sample in self._sampler.samples(t_ns, readings):
                 self._put(sample)
             self._doubt(block)
         self._report(t_ns)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.codec import Reading
+from drivers.codec import Reading, TimeReply
 from drivers.probe_pressures import ProbeReader
 from station.profile import Device
 from station.rows import Sample
@@ -45,28 +45,29 @@ class Sampler:
         self.is_stamped = False
         """Whether the device says when it measured what came last."""
 
-    def samples(self, t_ns: int, readings: Sequence[Reading]) -> Iterator[Sample]:
+    def samples(self, t_ns: int, readings: Sequence[Reading | TimeReply]) -> list[Sample]:
         """Of readings that arrived at `t_ns`; those of one stream follow one another."""
         messages: dict[str | int, list[Reading]] = {}
         for reading in readings:
-            messages.setdefault(reading.message, []).append(reading)
+            if isinstance(reading, Reading) and reading.message in self._streams:
+                messages.setdefault(reading.message, []).append(reading)
+        made: list[Sample] = []
         for message, like in messages.items():
-            if message in self._streams:
-                yield from self._of_message(t_ns, message, like)
-
-    def _of_message(self, t_ns: int, message: str | int, readings: Sequence[Reading]) -> Iterator[Sample]:
-        stamps = [self._stamp(t_ns, reading) for reading in readings]
-        seqs = [self._number(message, reading) for reading in readings]
-        self.is_stamped = stamps[-1] is not None
-        for name, fields, probe in self._streams[message]:
-            found: list[Mapping[str, float]] = [reading.fields for reading in readings]
-            if probe is not None:
-                found = [self._probed(name, probe, each) for each in found]
-            columns = [[to_si(each.get(field, math.nan)) for each in found] for field, to_si in fields]
-            for device_ns, seq, values in zip(stamps, seqs, zip(*columns, strict=True), strict=True):
+            stamps = [self._stamp(t_ns, reading) for reading in like]
+            seqs = [self._number(message, reading) for reading in like]
+            self.is_stamped = stamps[-1] is not None
+            for name, fields, probe in self._streams[message]:
+                found: list[Mapping[str, float]] = [reading.fields for reading in like]
+                if probe is not None:
+                    found = [self._probed(name, probe, each) for each in found]
+                columns = [[to_si(each.get(field, math.nan)) for each in found] for field, to_si in fields]
                 # A message without one usable value (no fix yet) is as good as none: the stream goes stale.
-                if not all(map(math.isnan, values)):
-                    yield Sample(t_ns, name, device_ns, seq, values)
+                made += [
+                    Sample(t_ns, name, device_ns, seq, values)
+                    for device_ns, seq, values in zip(stamps, seqs, zip(*columns, strict=True), strict=True)
+                    if not all(map(math.isnan, values))
+                ]
+        return made
 
     def _stamp(self, t_ns: int, reading: Reading) -> int | None:
         device_ns = reading.t_device_ns

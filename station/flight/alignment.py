@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from station.conventions import ANGLES_THAT_WRAP, CLOCK_LAW, TICK_HZ, Stream
 from station.flight.derived_signals import DerivedSignals
-from station.flight.stream_buffer import SLOW_SHARE, Buffer
+from station.flight.stream_buffer import ALONE, MANY, SLOW_SHARE, Buffer
 from station.profile import NOTHING, Further
 from station.rows import Code, Event, Frame, Health, Quality, Rows, Sample, StreamHealth, TimeSync
 
@@ -137,9 +137,7 @@ class Aligner:
             if buffer is not None:
                 buffer.waiting.append(row)
         elif isinstance(row, TimeSync):
-            for buffer in self._by_device.get(row.device, ()):
-                self._take(buffer)
-                buffer.clock.exchange(row.offset_ns, row.round_trip_ns, row.t_ns)
+            self._exchange(row)
         elif isinstance(row, Event):
             if row.code is Code.CRC:
                 self._bad[row.source] = self._bad.get(row.source, 0) + row.count
@@ -155,7 +153,8 @@ class Aligner:
         if self._start_ns is None:
             self._start_ns = tick_ns
         for buffer in self._buffers.values():
-            self._take(buffer)
+            if buffer.waiting:
+                self._take(buffer)
             self._watch(buffer, tick_ns)
         if self._early is not None:
             frame = Frame(t_ns, k, *self._nothing)
@@ -178,15 +177,20 @@ class Aligner:
 
     # --- samples in
 
+    def _exchange(self, row: TimeSync) -> None:
+        for buffer in self._by_device.get(row.device, ()):
+            if buffer.waiting:
+                self._take(buffer)
+            buffer.clock.exchange(row.offset_ns, row.round_trip_ns, row.t_ns)
+
     def _take(self, buffer: Buffer) -> None:
         """All that waits of one stream: when each was measured, what is lost between them, what cannot be true."""
         rows, buffer.waiting = buffer.waiting, []
-        if not rows:
-            return
         times: list[int] = []
         kept = 0
-        for begin, end in buffer.reads(rows):
-            arrival_ns, device_ns = rows[end - 1].t_ns, rows[end - 1].t_device_ns
+        for begin, end in buffer.reads(rows) if len(rows) > 1 else ALONE:
+            last = rows[end - 1]
+            arrival_ns, device_ns = last.t_ns, last.t_device_ns
             if device_ns is None:
                 times.append(arrival_ns - buffer.latency_ns)
                 continue
@@ -203,9 +207,11 @@ class Aligner:
             if buffer.clock.state != buffer.clock_state:
                 buffer.clock_state = buffer.clock.state
                 self._events.append(Event(arrival_ns, buffer.stream.name, Code.CLOCK_STATE, 1, buffer.clock_state))
-            shift_ns = mapped.t_ns - buffer.latency_ns - device_ns
-            times += [shift_ns + (row.t_device_ns or 0) for row in rows[begin:end]]
-        self._keep(buffer, rows[kept:], times[kept:])
+            t_ns = mapped.t_ns - buffer.latency_ns
+            if end - begin > 1:
+                times += [t_ns - device_ns + (row.t_device_ns or 0) for row in rows[begin : end - 1]]
+            times.append(t_ns)
+        self._keep(buffer, rows[kept:] if kept else rows, times[kept:] if kept else times)
 
     def _forget(self, buffer: Buffer, t_ns: int) -> None:
         """What has come so far counts no more: its clock has leapt."""
@@ -223,41 +229,33 @@ class Aligner:
         buffer.last_arrival_ns = rows[-1].t_ns
         if buffer.first_arrival_ns is None:
             buffer.first_arrival_ns = rows[0].t_ns
-        buffer.arrivals += [row.t_ns for row in rows]
-        self._check_sequence(buffer, rows)
-        kept = zip(times, self._check_values(buffer, rows, times), strict=True)
-        if self._early is not None:
-            self._early += [(buffer, t_ns, values) for t_ns, values in kept]
-        else:
-            add = self._made().add
-            for t_ns, values in kept:
-                add(buffer, t_ns, values)
+        self._check_order(buffer, rows)
+        is_plain = len(rows) >= MANY and buffer.finds_nothing(rows, times)
+        if is_plain:
+            buffer.last_values, buffer.last_t_ns = rows[-1].values, times[-1]
+        for row, t_ns in zip(rows, times, strict=True):
+            values = row.values if is_plain else self._check(buffer, row, t_ns)
+            if self._early is not None:
+                self._early.append((buffer, t_ns, values))
+            else:
+                self._made().add(buffer, t_ns, values)
 
-    def _check_sequence(self, buffer: Buffer, rows: list[Sample]) -> None:
-        last = buffer.last_seq
+    def _check_order(self, buffer: Buffer, rows: list[Sample]) -> None:
+        """What is lost between samples, and whether they repeat themselves."""
+        last, last_values, arrived = buffer.last_seq, buffer.last_values, buffer.arrivals.append
         for row in rows:
-            if row.seq is None:
-                continue
-            if last is not None and (gap := row.seq - last - 1) > 0:
-                buffer.gaps += gap
-                self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
-            last = row.seq
+            arrived(row.t_ns)
+            if (seq := row.seq) is not None:
+                if last is not None and (gap := seq - last - 1) > 0:
+                    buffer.gaps += gap
+                    self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
+                last = seq
+            buffer.same = buffer.same + 1 if row.values == last_values else 0
+            last_values = row.values
         buffer.last_seq = last
 
-    def _check_values(self, buffer: Buffer, rows: list[Sample], times: list[int]) -> list[tuple[float, ...]]:
-        """The values with those that cannot be true as NaN."""
-        given = [row.values for row in rows]
-        if buffer.stuck_count_at:
-            last = buffer.last_values
-            for values in given:
-                buffer.same = buffer.same + 1 if values == last else 0
-                last = values
-        if buffer.finds_nothing(given, times):
-            buffer.last_values, buffer.last_t_ns = given[-1], times[-1]
-            return given
-        return [self._check(buffer, *each) for each in zip(rows, times, strict=True)]
-
     def _check(self, buffer: Buffer, row: Sample, t_ns: int) -> tuple[float, ...]:
+        """The values with those that cannot be true as NaN."""
         values, last = row.values, buffer.last_values
         masked: list[float] | None = None
         dt = max((t_ns - buffer.last_t_ns) * 1e-9, 0.5e-9 * buffer.period_ns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from operator import sub
 from typing import Final
 
@@ -17,6 +17,8 @@ NOISE_JUMP: Final = 8.0
 """Standard deviations of noise that two samples may differ by without it being a jump."""
 SLOW_SHARE: Final = 0.8
 LAW_OF_READS: Final = 3
+ALONE: Final = ((0, 1),)
+"""Where a read of one sample begins and ends."""
 MANY: Final = 4
 """Samples that are looked at together first."""
 
@@ -69,26 +71,30 @@ class Buffer:
         self.active: dict[Code, int] = {}
         """Conditions that hold, and since when."""
 
-    def reads(self, rows: list[Sample]) -> Iterator[tuple[int, int]]:
+    def reads(self, rows: list[Sample]) -> list[tuple[int, int]]:
         """Where those begin and end that came in one read, their device times in order: the last was the least late,
         and says when all were measured. One by one as the clock laws before 3 had it."""
+        found = []
         begin = 0
         for i in range(1, len(rows)):
             row, before = rows[i], rows[i - 1]
             step_ns = -1 if row.t_device_ns is None else row.t_device_ns - (before.t_device_ns or 0)
             if not (self.has_reads and row.t_ns == before.t_ns and 0 < step_ns <= 2 * self.period_ns):
-                yield begin, i
+                found.append((begin, i))
                 begin = i
-        yield begin, len(rows)
+        found.append((begin, len(rows)))
+        return found
 
-    def finds_nothing(self, given: list[tuple[float, ...]], times: list[int]) -> bool:
+    def finds_nothing(self, rows: list[Sample], times: list[int]) -> bool:
         """Whether all of many samples lie so close together that the check of each has nothing to find."""
-        if len(given) < MANY or self.last_values is None:
+        if self.last_values is None:
             return False
         shortest = 0.5e-9 * self.period_ns
         first_ns = min(times)
-        all_limits = zip(zip(self.last_values, *given, strict=True), *self.limits, self.suspect_until, strict=True)
-        for column, low, high, max_rate, jitter, suspect_until in all_limits:
+        columns = zip(self.last_values, *[row.values for row in rows], strict=True)
+        for column, low, high, max_rate, jitter, suspect_until in zip(
+            columns, *self.limits, self.suspect_until, strict=True
+        ):
             # NaN where the first is; others are passed over, as in the check.
             step = max(map(abs, map(sub, column[1:], column)))
             if not (low <= min(column) and max(column) <= high and step <= max_rate * shortest + jitter):
