@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import math
 import os
 import socket
 import subprocess
@@ -25,11 +26,13 @@ import tty
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from drivers import mavlink_port, serial_port
 from drivers.adapter import Adapter
+from drivers.gathering import Gathering
 from drivers.mavlink import MavlinkCodec, MavlinkEncoder
 from drivers.serial_boombox import BoomboxCodec, encode_packet
 from station.clock import SystemClock
@@ -82,7 +85,7 @@ def boxes(streams: int, rate: int, seconds: float, port: int) -> None:
         due = min(int((time.monotonic() - begun) * rate), round(rate * seconds))
         for master, _ in ends:
             packets = [
-                encode_packet(i, n, round(n * 1e6 / rate), ((n * 7 + i) % 900, (n * 13) % 800 - 400, n % 500))
+                encode_packet(i, n, round(n * 1e6 / rate), [500 * math.sin(w * n / rate) for w in (3, 9, 6)])
                 for n in range(done, due)
                 for i in range(OF_A_BOX)
             ]
@@ -132,7 +135,8 @@ def fly(streams: int, rate: int, seconds: float, *, is_flooded: bool = False) ->
         assert driver.stdin is not None
         assert driver.stdout is not None
         paths = driver.stdout.readline().split()
-        adapters = [_box(n, path, rate, clock, bus) for n, path in enumerate(paths)]
+        gathering = Gathering(clock)
+        adapters = [_box(n, path, rate, bus, gathering) for n, path in enumerate(paths)]
         adapters.append(_autopilot(port, clock, bus))
         all_streams = [
             Stream(f"{a.device.name}.{s.name}", tuple(s.signals), s.rate, 0.2, a.device.name)
@@ -171,7 +175,7 @@ def fly(streams: int, rate: int, seconds: float, *, is_flooded: bool = False) ->
     return Flown(sent, sum(samples.values()), found.ticks, found.ticks_missed, core, lost, flooded, heard, said)
 
 
-def _box(n: int, path: str, rate: int, clock: SystemClock, bus: Bus) -> Adapter:
+def _box(n: int, path: str, rate: int, bus: Bus, gathering: Gathering) -> Adapter:
     channels = {name: Channel(field=f"v{i}", unit="deg", slope=0.01) for i, name in enumerate(NAMES)}
     device = SerialDevice(
         name=f"box{n}", link="serial", protocol="boombox", port=path,
@@ -179,7 +183,8 @@ def _box(n: int, path: str, rate: int, clock: SystemClock, bus: Bus) -> Adapter:
             StreamProfile(name=f"s{i}", message=i, rate=f"{rate} Hz", signals=channels) for i in range(OF_A_BOX)
         ),
     )  # fmt: skip
-    return Adapter(device, BoomboxCodec(), lambda: serial_port.open_port(path, 115_200), clock, bus.put)
+    opener = partial(serial_port.open_port, path, 115_200)
+    return Adapter(device, BoomboxCodec(), opener, SystemClock(), bus.put, path, gathering)
 
 
 def _autopilot(port: int, clock: SystemClock, bus: Bus) -> Adapter:
