@@ -14,6 +14,7 @@ import pytest
 from reliability.clocks import Messages, S, jumped, mapped, sent, stalled, starved
 from reliability.endings import about
 
+from station.conventions import CLOCK_LAW
 from station.flight.timebase import ClockMap
 from station.log import metadata, recover, write_log
 from station.rows import Tick
@@ -80,7 +81,7 @@ def test_a_recording_says_by_which_law_its_clocks_were_mapped(tmp_path: Path) ->
     # An entry of a metadata record: the name's length and the name, the value's and the value.
     assert data.count(b"\x03\x00\x00\x00law\x01\x00\x00\x001") >= 1
     write_log(tmp_path / "two.mcap", about(), [Tick(10**9, 0, 10**9)])
-    assert metadata(tmp_path / "two.mcap").about.clock_law == 2
+    assert metadata(tmp_path / "two.mcap").about.clock_law == CLOCK_LAW
 
 
 def test_law_1_is_as_it_was() -> None:
