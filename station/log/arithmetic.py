@@ -1,7 +1,8 @@
 """What the last bits of estimates hang on beside the rows: the processor, and the libraries of numerics.
 
-Small products and solutions go through OpenBLAS, which has kernels for each kind of processor, and numpy's own
-functions have several too. The same rows give the same bits on one kind of machine with the same libraries.
+Products and solutions are summed in one order (station/numerics/products.py), but numpy's own functions and the
+system's exponentials and sines have kernels for each kind of processor. The same rows give the same bits on one kind of
+machine with the same libraries.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from pathlib import Path
 from typing import Final
 
 LIBRARIES: Final = ("numpy", "scipy", "numba", "llvmlite")
+PRODUCTS: Final = "fixed order"
+"""Who sums products of matrices: since then station.numerics.products, before OpenBLAS by the processor's kind."""
 SWITCHES: Final = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "NUMBA_CPU_NAME")
 """Variables of the environment that choose kernels."""
 
@@ -23,7 +26,7 @@ SWITCHES: Final = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_
 @cache
 def arithmetic() -> Mapping[str, str]:
     """Of this machine, as a recording's metadata `arithmetic` keeps it."""
-    found = {"processor": processor(), "python": platform.python_version()}
+    found = {"processor": processor(), "python": platform.python_version(), "products": PRODUCTS}
     for name in LIBRARIES:
         try:
             found[name] = importlib.metadata.version(name)

@@ -147,10 +147,10 @@ def matches(changes: Mapping[str, tuple[float, float]], known: tuple[Pattern, ..
         # Drag that a pattern has none of cannot be put down to the ratio in which it has it.
         doubted = np.where(is_drag & (shares != 0.0), np.hypot(s, DRAG_DOUBT * d), s)
         p = shares / doubted
-        size = float(p @ p)
+        size = math.fsum(p * p)
         if size == 0.0:
             continue
-        amount = float(p @ (d / doubted)) / size
+        amount = math.fsum(p * (d / doubted)) / size
         amount = max(0.0, amount) if pattern.one_way else amount
         allowed = np.where(is_drag, np.hypot(s, DRAG_DOUBT * amount * shares), s)
         left = float(np.sum(((d - amount * shares) / allowed) ** 2))

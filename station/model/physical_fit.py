@@ -47,6 +47,7 @@ from station.model.residual_spectrum import (
     quasi_steady_deviance,
     weigh,
 )
+from station.numerics.products import applied
 from station.numerics.regression import invert
 
 Array = NDArray[np.float64]
@@ -171,7 +172,7 @@ def _solve(own: Normal, noisy: Normal, past: Sums, prior: Array, theta: Array, c
     right = np.empty(n)
     for a in range(n):
         right[a] = solved.right[a] + past.right[a]
-    right = solved.inverse @ right
+    right = applied(solved.inverse, right)
     for a in range(n if found else 0):
         change[a] = right[a] - theta[a]
         theta[a] = right[a]

@@ -15,6 +15,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from station.model.physical_constants import FIRST_NUISANCE, PARAMETERS, N
+from station.numerics.products import product, weighted_squares
 
 Array = NDArray[np.float64]
 
@@ -95,13 +96,13 @@ def errors(
             scores[a, b] = cloud[a, b] + past.scores[a, b]
         for j in range(N):
             crossed[a, j] = cross[a, j] + past.cross[a, j]
-    spread = inverse @ scores @ inverse
-    effect = inverse @ crossed
+    spread = product(product(inverse, scores), inverse)
+    effect = product(inverse, crossed)
     data = np.empty((n, n))
     for a in range(n):
         for b in range(n):
             data[a, b] = solved.matrix[a, b] + past.normal[a, b]
-    parametric = inverse @ data @ inverse
+    parametric = product(product(inverse, data), inverse)
     size = np.empty(n)
     for a in range(n):
         smallest = max(parametric[a, a], 0.0)
@@ -130,8 +131,8 @@ def _covariance(
     for j in range(N):
         # What is only considered of a nuisance is not in its estimate.
         effect[FIRST_NUISANCE + j, j] -= 1.0
-    by_prior = (inverse * prior) @ inverse.T
-    by_considered = (effect * considered) @ effect.T
+    by_prior = weighted_squares(inverse, prior)
+    by_considered = weighted_squares(effect, considered)
     for a in range(PARAMETERS):
         for b in range(PARAMETERS):
             total = size[a] * size[b] * parametric[a, b] + SMALL_RECORD**2 * by_prior[a, b]

@@ -21,10 +21,10 @@ from typing import Annotated, Final, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import lstsq
 
 from station.numerics.indicial import Response, lagged, respond, response
 from station.numerics.lagrange import delayed
+from station.numerics.products import fitted
 from station.numerics.second_order import second_order_inverse
 from station.numerics.turbulence import TURBULENCE_LENGTH
 from station.profile import Aircraft
@@ -153,7 +153,7 @@ def vane_inverse(frequency_hz: float, damping: float, dt: float, high_hz: float 
     for d in np.arange((_MIDDLE + 1) * _ROWS + 1) / _ROWS * dt:
         e = inverse * np.exp(-s * d)
         wanted.append(np.concatenate((e.real, e.imag, np.zeros(2 * len(above)))))
-    return np.ascontiguousarray(lstsq(matrix, np.array(wanted).T)[0].T)
+    return np.ascontiguousarray(fitted(matrix, np.array(wanted).T).T)
 
 
 @njit(cache=True, error_model="numpy")

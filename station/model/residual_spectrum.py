@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from station.model.physical_columns import DE, QH
 from station.model.physical_signals import GC, GT, X
+from station.numerics.products import applied
 from station.numerics.regression import invert
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ def residual_spectrum(residual: Complex, omega: Array, smooth: Array) -> None:
             excess = math.log(power[i]) + 0.5772156649 if k == 0 else power[i] / math.exp(level) - 1.0
             for a in range(3):
                 score[a] += z[i, a] * excess
-        step = inverse @ score
+        step = applied(inverse, score)
         most = 0.0
         for i in range(lines):
             most = max(most, abs(step[0] + step[1] * z[i, 1] + step[2] * z[i, 2]))
@@ -135,7 +136,7 @@ def quasi_steady_deviance(f: Complex, rho: Array, z: Complex, omega: Array, smoo
                     m[a, b] += (g[a, i].real * g[b, i].real + g[a, i].imag * g[b, i].imag) / smooth[i]
         if not invert(m, n, inverse):
             return math.inf
-        theta = inverse @ rhs
+        theta = applied(inverse, rhs)
         for i in range(lines):
             residual[i] = z[i]
             for a in range(n):

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
-from scipy.linalg import expm
+
+from station.numerics.products import exponential
 
 Array = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ def second_order(frequency: float, damping: float, dt: float) -> Array:
     system[0, 1] = system[2, 3] = 1.0
     system[1] = (-(omega**2), -2.0 * damping * omega, omega**2, 0.0)
     system[2, 3] = 1.0 / dt
-    whole = expm(system * dt)
+    whole = exponential(system * dt)
     hold, ramp = whole[:2, 2], whole[:2, 3]
     return np.array((*whole[:2, :2].ravel(), *(hold - ramp), *ramp))
 

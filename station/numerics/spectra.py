@@ -15,7 +15,9 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt_zi
+from scipy.signal import butter
+
+from station.numerics.products import settled
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -128,7 +130,7 @@ def central_difference_factor(frequencies_hz: Array, dt: float) -> Array:
 def design(frequencies_hz: Array, dt: float) -> Design:
     """High-pass and lines for samples `dt` (s) apart."""
     sections = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
-    return Design(sections, np.asarray(sosfilt_zi(sections)), np.exp(-2j * np.pi * frequencies_hz * dt))
+    return Design(sections, settled(sections), np.exp(-2j * np.pi * frequencies_hz * dt))
 
 
 class Transform:
