@@ -327,6 +327,13 @@ class PartWriter:
         ours = os.fstat(self._file)
         return (at_path.st_ino, at_path.st_dev) == (ours.st_ino, ours.st_dev)
 
+    def is_gone(self) -> bool:
+        """Whether it has been removed, as far as the system can tell."""
+        try:
+            return not self.is_there() and not self.is_linked()
+        except OSError:
+            return False
+
     def is_linked(self) -> bool:
         """Whether any path leads to this file."""
         return os.fstat(self._file).st_nlink > 0

@@ -240,6 +240,8 @@ class LogWriter:
                 self._sync_ns = self._clock.now_ns()
         except OSError as error:
             if self._part is not None:
+                if part.is_gone():
+                    self.rows_lost += part.messages
                 part.abandon()
             self._part = None
             self._fail(f"{part.path}: {error.strerror}", self._clock.now_ns())
