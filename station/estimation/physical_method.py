@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sosfilt
 
 from station.estimation.acceptance import (
     EXCITED,
@@ -34,6 +34,7 @@ from station.model.physical_columns import CHANNELS, DE, Segment
 from station.model.physical_constants import CM_ALPHA, FIRST_NUISANCE, constants, why_not
 from station.model.physical_signals import SIGNALS
 from station.model.quasi_steady import QuasiSteady, quasi_steady
+from station.numerics.products import settled
 from station.numerics.spectra import HIGH_PASS_HZ, HIGH_PASS_ORDER, Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
 from station.rows import MethodEstimate, ParamEstimate, Status
@@ -156,7 +157,7 @@ def transform(x: Array, frequencies_hz: Array, dt: float, first: int) -> Complex
     The batch counterpart of spectra.Transform.
     """
     sos = butter(HIGH_PASS_ORDER, HIGH_PASS_HZ, "highpass", fs=1.0 / dt, output="sos")
-    start = sosfilt_zi(sos)[:, None, :] * x[None, :, 0, None]
+    start = settled(sos)[:, None, :] * x[None, :, 0, None]
     y = sosfilt(sos, x, axis=1, zi=start)[0][:, first:]
     return np.asarray(y @ np.exp(-2j * np.pi * dt * np.outer(np.arange(y.shape[1]), frequencies_hz)))
 
