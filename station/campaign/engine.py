@@ -13,6 +13,7 @@ import errno
 import hashlib
 import importlib
 import importlib.metadata
+import itertools
 import json
 import multiprocessing
 import os
@@ -40,6 +41,8 @@ BATCH_S: Final = 4000.0
 """Seconds of flight in a batch: half a second of work or more on any machine."""
 WHOLE_S: Final = 2000.0
 """Seconds of flight that one by the methods of a whole record counts as: filter error and IV take a second or two."""
+LEAST_QUEUED: Final = 32
+"""Batches on a cluster, however few workers it has: an adaptive one grows by what waits."""
 ATTEMPTS: Final = 5
 """Workers may die on a batch so many times before it is taken for the batch's fault."""
 CONNECT_S: Final = 10.0
@@ -257,7 +260,10 @@ def _is_address(scheduler: str) -> bool:
 
 
 def _need_workers(client: Any, scheduler: str, say: Callable[[str], None]) -> None:
-    """Wait for a worker, saying so where none comes soon. Raises StationError where one has another station."""
+    """Wait for a worker, saying so where none comes soon. Raises StationError where one has another station.
+
+    What is waited for is a task: an adaptive cluster starts workers for tasks only.
+    """
 
     def theirs() -> str:
         try:
@@ -265,11 +271,12 @@ def _need_workers(client: Any, scheduler: str, say: Callable[[str], None]) -> No
         except importlib.metadata.PackageNotFoundError:
             return "none"
 
+    asked = client.submit(theirs, pure=False)
     try:
-        client.wait_for_workers(1, timeout=CONNECT_S)
+        asked.result(timeout=CONNECT_S)
     except TimeoutError:
         say(f"{scheduler}: the cluster has no workers: waiting\nstart some with `dask worker {scheduler}`")
-        client.wait_for_workers(1)
+        asked.result()
     ours = importlib.metadata.version("flight-test-station")
     for worker, version in client.run(theirs).items():
         if version != ours:
@@ -313,10 +320,12 @@ def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done, say: Callable
             numbers[future.key] = i
             return future
 
-        most = 2 * max(1, sum(w["nthreads"] for w in client.scheduler_info(n_workers=-1)["workers"].values()))
-        coming = distributed.as_completed(
-            [submit(i) for _, i in zip(range(most), waiting, strict=False)], loop=client.loop
-        )
+        def submit_more() -> list[Any]:
+            """Two batches a thread that is there now: workers come and go."""
+            threads = sum(w["nthreads"] for w in client.scheduler_info(n_workers=-1)["workers"].values())
+            return [submit(i) for i in itertools.islice(waiting, max(LEAST_QUEUED, 2 * threads) - len(numbers))]
+
+        coming = distributed.as_completed(submit_more(), loop=client.loop)
         for future in coming:
             i = numbers.pop(future.key)
             try:
@@ -332,6 +341,5 @@ def fly_dask(plan: Plan, store: Store, scheduler: str, done: Done, say: Callable
             future.release()
             store.keep(i, rows)
             done(len(planned[i]))
-            for j in waiting:
-                coming.add(submit(j))
-                break
+            for more in submit_more():
+                coming.add(more)

@@ -215,7 +215,11 @@ class NoWorkersAtFirst:
         self.waited: list[float | None] = []
         self.versions = versions
 
-    def wait_for_workers(self, n: int, timeout: float | None = None) -> None:
+    def submit(self, _: Callable[[], str], *, pure: bool) -> NoWorkersAtFirst:
+        """Its own future."""
+        return self
+
+    def result(self, timeout: float | None = None) -> None:
         self.waited.append(timeout)
         if timeout is not None:
             raise TimeoutError
@@ -319,3 +323,39 @@ def test_a_cluster_gives_the_same_rows_though_a_worker_is_killed(
     with pytest.raises(StationError, match=r"the scheduler was lost\n.*--resume"):
         fly_dask(plan, store, address, kill(scheduler, 1))
     assert len(store.missing()) == 8 - len(flown) < 8
+
+
+class Kept:
+    """In place of a folder: what was flown."""
+
+    def __init__(self, batches: int) -> None:
+        self.rows: dict[int, int] = {}
+        self._batches = batches
+
+    def missing(self) -> list[int]:
+        return list(range(self._batches))
+
+    def keep(self, i: int, rows: int) -> None:
+        assert i not in self.rows
+        self.rows[i] = rows
+
+
+def test_an_adaptive_cluster_starts_its_workers_for_the_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It begins with none, has none while nothing is asked of it, and a second where more waits than one flies in the
+    time it aims at. In place of flights, waits."""
+    from distributed import LocalCluster
+
+    monkeypatch.setattr(engine, "batches", lambda plan: [range(k, k + 1) for k in range(40)])
+    monkeypatch.setattr(engine, "fly_rows", lambda plan, flights: time.sleep(0.02) or flights.start)
+    told: list[str] = []
+    there: list[int] = []
+    kept = Kept(40)
+    with LocalCluster(
+        n_workers=0, processes=False, threads_per_worker=1, host="tcp://127.0.0.1", dashboard_address=None
+    ) as cluster:
+        cluster.adapt(minimum=0, maximum=2, interval="20ms", target_duration="50ms")
+        assert not cluster.workers
+        fly_dask(None, kept, cluster.scheduler_address, lambda _: there.append(len(cluster.workers)), told.append)  # type: ignore[arg-type]
+    assert kept.rows == {k: k for k in range(40)}
+    assert max(there) == 2
+    assert not told
