@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from station.diagnosis.effects import BY_ID, Term, extended
 from station.diagnosis.free_parameters import STARTS, Free, free_parameters, moved
-from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust
 from station.diagnosis.residuals import Spectra
 from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
 from station.profile import Aircraft
@@ -111,7 +111,8 @@ class Problem:
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.frees = tuple(free_parameters(aircraft, speed, recorded) if frees is None else frees)
-        self.drift_sd = aircraft.uncertainty.drift
+        drift = aircraft.uncertainty.drift
+        self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._volume_at: tuple[Complex, ...] | None = None
@@ -197,7 +198,7 @@ class Problem:
         craft, first, count = self.aircraft_at(s.values, s.a), len(self.frees), len(self.manoeuvres)
         out = []
         for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
-            drifted = m.differences(craft, float(s.a[first + k] + 1) * self.drift_sd).minus(s.spectra[k])
+            drifted = m.differences(craft, float((s.a[first + k] + 1) * self.drift_sd[k])).minus(s.spectra[k])
             bins = np.zeros((count, *drifted.bins.shape), dtype=complex)
             steady = np.zeros((count, len(drifted.steady)))
             bins[k], steady[k] = drifted.bins, drifted.steady

@@ -306,6 +306,17 @@ def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:
     return out
 
 
+def lasting_gust(record: Record) -> float:
+    """m/s, standard deviation of the mean of gusts along the path as strong as those of the record, where ground speed
+    shows them (Dryden's spectrum along the path: a correlation of exp(-x/GUST_SCALE_M)); else 0."""
+    x = record.signals
+    if "v_along" not in x:
+        return 0.0
+    long = float(x["airspeed"].mean()) * record.seconds / GUST_SCALE_M
+    lasting = 2 / long * (1 + math.expm1(-long) / long)
+    return float(np.std(x["airspeed"] - x["v_along"])) * math.sqrt(lasting / (1 - lasting))
+
+
 def white_noise(name: str, record: Record) -> float:
     """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
     if record.dt > FAST_S or name in record.held or name == "thrust":

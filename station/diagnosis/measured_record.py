@@ -33,6 +33,9 @@ LEAST_ROWS: Final = 10
 SLOWEST_STEP_S: Final = 0.2
 _EXCITED: Final = math.radians(0.3)
 """Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
+PLANE: Final = 0.1
+"""Of the airspeed, by which the speed to the north may differ from it, where none to the east is recorded, to be that
+along the path, as of flight in one plane: a track 26 deg off is slower."""
 _STRAIGHT: Final = math.radians(4.0)
 _BANKED: Final = math.radians(30.0)
 """Bank from which wings-level flight is no measure."""
@@ -259,7 +262,12 @@ def _along(signals: dict[str, Array]) -> None:
     """Ground speed along the mean heading in place of v_north and v_east, where the heading is steady."""
     north, east = signals.pop("v_north", None), signals.pop("v_east", None)
     heading = signals.pop("psi", None)
-    if north is None or east is None:
+    if north is None:
+        return
+    if east is None:
+        speed = float(np.mean(north))
+        if abs(abs(speed) / float(np.mean(signals["airspeed"])) - 1) < PLANE:
+            signals["v_along"] = math.copysign(1.0, speed) * north
         return
     if heading is None:
         heading = np.unwrap(np.arctan2(east, north))

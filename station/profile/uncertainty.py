@@ -111,4 +111,4 @@ class Uncertainty(Frozen):
     """Of the normal accelerometer's."""
     drift: MetresPerSecond = 0.5
     """By how much the aircraft may move faster through the air mass than its mean airspeed says: a gust along the path
-    that lasts as long as the manoeuvre."""
+    that lasts as long as the manoeuvre. Where ground speed shows such gusts, their own mean's joins it."""

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from station.diagnosis.manoeuvre import GUST_SCALE_M, lasting_gust
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import Setting, bridge_of, own_speed
 from station.diagnosis.residuals import Spectra
 from station.diagnosis.span_lags import span_response
 from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, wandering
+from tests.second_simulation.air import STEP, noise
 
 SPEED, DENSITY = 52.0, 1.0
 
@@ -96,3 +98,23 @@ def test_a_zero_wanders_as_far_as_manoeuvres_disagree() -> None:
     count = np.array([1, 1, 0, 1])
     np.testing.assert_allclose(found, (ZERO_DOF * prior + disagree) / (ZERO_DOF + count), rtol=0.01)
     np.testing.assert_allclose(wandering([here], shown[:1], levels), prior)
+
+
+@pytest.mark.parametrize("seconds", [15.0, 45.0])
+def test_the_mean_of_gusts_along_the_path_is_as_uncertain_as_their_strength_lets_expect(seconds: float) -> None:
+    """400 draws of Dryden's spectrum by the second simulation: means over their own standard deviation expected, which
+    is itself of each short draw."""
+    rng, speed = np.random.default_rng(7), 55.0
+    count = round(speed * seconds / STEP)
+    squares, expected = [], []
+    for _ in range(400):
+        gust = noise(rng, "dryden", "along", 3.0, GUST_SCALE_M, 12 * count)[:count]
+        there = np.interp(np.arange(0, seconds, 0.05) * speed, STEP * np.arange(count), gust)
+        signals = {"airspeed": speed + there, "v_along": np.full(len(there), speed)}
+        made = Record("gusts", 0.05, 0.0, signals | {"q": there}, DENSITY, 0.0, ())
+        squares.append(float(np.mean(there)) ** 2)
+        expected.append(lasting_gust(made) ** 2)
+    # Of 400 squares of a normal variable: sqrt(2/400) is 7 %.
+    assert np.mean(squares) == pytest.approx(np.mean(expected), rel=0.21)
+    del signals["v_along"]
+    assert lasting_gust(Record("no ground speed", 0.05, 0.0, signals, DENSITY, 0.0, ())) == 0.0

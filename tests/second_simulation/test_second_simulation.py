@@ -8,13 +8,25 @@ import numpy as np
 import pytest
 
 from station.diagnosis.effects import BY_ID
+from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.measured_record import NEEDED, manoeuvres
+from station.diagnosis.residuals import MOMENT
 from station.profile import Doublet, Flight, load_aircraft
 from station.simulation.three_degrees import Simulation
 from tests.second_simulation import aircraft as book
 from tests.second_simulation import hidden as hides
 from tests.second_simulation.air import air, noise, over_span
-from tests.second_simulation.aircraft import DEG, SHAPES, Drawn, G
-from tests.second_simulation.flights import autopilot, csv, diagnose_cases, flown, identify_case, quasi_steady
+from tests.second_simulation.aircraft import DEG, FT, SHAPES, Drawn, G
+from tests.second_simulation.flights import (
+    QUIET,
+    Case,
+    autopilot,
+    csv,
+    diagnose_cases,
+    flown,
+    identify_case,
+    quasi_steady,
+)
 from tests.second_simulation.instruments import coloured, sticking
 from tests.second_simulation.motion import DT, RATE, Feedback, Hidden, fly
 
@@ -153,3 +165,39 @@ def test_autopilots_are_drawn_of_each_kind() -> None:
     drawn = [autopilot(np.random.default_rng(i), False) for i in range(60)]
     kinds = {(bool(f.q), bool(f.theta), bool(f.h)) for f in drawn}
     assert kinds == {(False, False, False), (True, False, False), (True, True, False), (True, True, True)}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gusts_along_the_path_are_no_motion_where_only_the_speed_to_the_north_is_recorded(seed: int) -> None:
+    """The profile's aircraft at 12 ft/s, almost without noise: moment that the profile does not make is what the air
+    is mistaken for. Both flights fly north; without the ground speed slow gusts count as motion."""
+    case = Case(
+        name="plane", seed=(seed,), aircraft=PROFILED, sigma=12 * FT, scale=1000 * FT, spectrum="dryden",
+        kind="doublets", rate=50.0, noise=0.02, feedback=Feedback(), hidden={}, zeros={}, thrust_recorded=True,
+        seconds=45.0,
+    )  # fmt: skip
+    flight, profiled = flown(case), load_aircraft("twin_otter")
+    slower = float(np.mean((flight.shown["v_north"] - flight.shown["airspeed"])[flight.time >= QUIET]))
+    rest = []
+    for kept in (flight.shown, {n: x for n, x in flight.shown.items() if n != "v_north"}):
+        (record,) = manoeuvres("plane", flight.time, kept, profiled, [(QUIET, QUIET + case.seconds)])
+        made = manoeuvre(record, profiled)
+        bins = made.differences(profiled, slower).bins[made.setting.judged.index(MOMENT)]
+        rest.append(float(np.sqrt(np.mean(np.abs(bins[made.setting.frequencies > 0.5]) ** 2))))
+    assert rest[0] < 0.5 * rest[1]
+
+
+def test_a_speed_to_the_north_that_is_not_along_the_path_is_left_out() -> None:
+    t = np.arange(0, 20, 0.02)
+    columns = {n: np.zeros(len(t)) for n in NEEDED} | {
+        "airspeed": np.full(len(t), 50.0),
+        "az": np.full(len(t), -G),
+        "elevator": 0.1 * np.sin(t),
+    }
+    aircraft = load_aircraft("twin_otter")
+    for north, along in ((52.0, 52.0), (-52.0, 52.0), (40.0, None)):
+        (record,) = manoeuvres("plane", t, columns | {"v_north": np.full(len(t), north)}, aircraft)
+        assert ("v_along" in record.signals) == (along is not None)
+        assert ("v_along" in record.missing) == (along is None)
+        if along is not None:
+            assert record.signals["v_along"] == pytest.approx(along)
