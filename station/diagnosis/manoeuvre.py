@@ -314,7 +314,9 @@ def lasting_gust(record: Record) -> float:
         return 0.0
     long = float(x["airspeed"].mean()) * record.seconds / GUST_SCALE_M
     lasting = 2 / long * (1 + math.expm1(-long) / long)
-    return float(np.std(x["airspeed"] - x["v_along"])) * math.sqrt(lasting / (1 - lasting))
+    noise = white_noise("airspeed", record) ** 2 + white_noise("v_along", record) ** 2
+    moving = max(float(np.var(x["airspeed"] - x["v_along"])) - noise, 0.0)
+    return math.sqrt(moving * lasting / (1 - lasting))
 
 
 def white_noise(name: str, record: Record) -> float:
