@@ -190,7 +190,7 @@ def _numbers(codec: Codec, data: bytes, flown: Flown, seed: str) -> int:
         flown.fault(seed, f"{type(error).__name__}: {error}")
         return 0
     for reading in found:
-        if isinstance(reading, Reading) and not all(type(v) is float for v in reading.fields.values()):
+        if isinstance(reading, Reading) and not all(type(v) in (float, int) for v in reading.fields.values()):
             flown.fault(seed, f"no number: {reading}")
     return len(found)
 
