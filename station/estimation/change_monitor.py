@@ -4,7 +4,9 @@ Two watches, each with a false alarm once in FALSE_ALARM_H of flight as it is se
 drag    CD_0 by the power that the flight shows, means of 10 s, in a cumulative sum (Page 1954) set for a rise by
         DRAG_TOLD, its limit by Siegmund's approximation of the time between false alarms. Only with recorded thrust.
 slopes  the derivatives of `physical`, which forgets, each, and all of a pattern together, against the baseline over
-        their joint error.
+        their joint error: without what both share, mass, inertia and the choice of the model. Of an aircraft that
+        changes, the past that is not yet forgotten and the present agree with no model, and the distance to the next
+        best one would hide the change.
 What has changed is named by its pattern (change_patterns), with what it is not told from and what would confirm it.
 
 step never raises; the same rows give the same events.
@@ -13,7 +15,7 @@ step never raises; the same rows give the same events.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ from station.conventions import G0, LONGITUDINAL, SIGNAL_INDEX, TICK_HZ
 from station.model.airframe_error import relative_errors
 from station.model.change_patterns import in_words, matches, patterns
 from station.profile import Aircraft
-from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, Status
+from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, ParamEstimate, Status
 
 SOURCE: Final = "aircraft"
 FALSE_ALARM_H: Final = 20.0
@@ -42,6 +44,8 @@ FIRST_BLOCKS: Final = 6
 """The scatter that is taken before it is seen, of DRAG_TOLD, and how many means it counts for."""
 SEEN_BLOCKS: Final = 30
 """Over which the scatter is seen."""
+RECENT_BLOCKS: Final = 3
+"""Whose mean is what drag is now."""
 _CONTINUOUS: Final = 4.0
 """Looks that continuous watching counts for in each time constant of what is forgotten."""
 HELD_TICKS: Final = 5 * TICK_HZ
@@ -51,6 +55,9 @@ AGAIN_NS: Final = 60_000_000_000
 _V, _QBAR, _AX, _AZ, _THRUST, _MASS = (
     SIGNAL_INDEX[n] for n in ("airspeed", "dynamic_pressure", "ax", "az", "thrust", "mass")
 )
+
+
+Errors = Callable[[], Mapping[str, float]]
 
 
 def limit_of_sum(shift: float, blocks: float) -> float:
@@ -86,9 +93,8 @@ class DragWatch:
         self._blocks = FIRST_BLOCKS
         self.cumulated = 0.0
         self.limit = math.inf
-        self.value = self.error = math.nan
-        """CD_0 since the sum last stood at nought, and its standard error."""
-        self._rise: list[float] = []
+        self._recent: list[float] = []
+        self._by_lift = 0.0
 
     @property
     def is_on(self) -> bool:
@@ -100,12 +106,11 @@ class DragWatch:
 
     @property
     def change(self) -> tuple[float, float] | None:
-        """Relative, with its standard error."""
-        if not self._rise or not self._base:
+        """Relative, with its standard error, told or not: that drag has not risen tells one change from another too."""
+        if not self._recent or not self._base:
             return None
-        recent = self._rise[-3:]
-        error = math.sqrt(self._variance / len(recent)) + 0.5 * self._allowed
-        return float(np.mean(recent)) / self._base - 1.0, error / self._base
+        error = math.sqrt(self._variance / len(self._recent)) + 0.5 * self._allowed + abs(self._by_lift)
+        return float(np.mean(self._recent)) / self._base - 1.0, error / self._base
 
     def step(self, frame: Frame, alpha: AlphaEstimate) -> None:
         """One tick."""
@@ -140,9 +145,10 @@ class DragWatch:
         sigma = max(math.sqrt(self._variance), LEAST_SIGMA * self._step)
         shift = 0.5 * self._step / sigma
         self.limit = limit_of_sum(shift, FALSE_ALARM_H * 3600 / BLOCK_S)
-        excess = (drag - self._base - self._allowed - self._of_lift(lift, density)) / sigma
+        self._by_lift = self._of_lift(lift, density)
+        excess = (drag - self._base - self._allowed - self._by_lift) / sigma
         self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
-        self._rise = [*self._rise[-5:], drag] if self.cumulated > 0 else []
+        self._recent = [*self._recent[1 - RECENT_BLOCKS :], drag]
 
     def _of_lift(self, lift: float, density: float) -> float:
         """What the doubt of the induced drag makes of a lift coefficient that the baseline did not have."""
@@ -156,7 +162,7 @@ class DragWatch:
 class SlopeWatch:
     """The derivatives of `physical` against the baseline's."""
 
-    def __init__(self, aircraft: Aircraft, forgetting_s: float) -> None:
+    def __init__(self, aircraft: Aircraft, forgetting_s: float, errors: Errors) -> None:
         known = [aircraft.derivatives.get(n) for n in LONGITUDINAL]
         self._base = [(d.value, d.sd or 0.0) if d is not None and d.sd is not None else None for d in known]
         self._shares = relative_errors(aircraft, LONGITUDINAL)
@@ -167,7 +173,10 @@ class SlopeWatch:
         self.changes: dict[str, tuple[float, float]] = {}
         """Relative, with their standard errors."""
         self._since = 0
+        self._errors = errors
         self._patterns = patterns(aircraft)
+        self._seen: tuple[object, ...] = ()
+        self._is_off = False
 
     @property
     def told(self) -> bool:
@@ -178,19 +187,26 @@ class SlopeWatch:
         made = next((m for m in methods if m.method == "physical"), None)
         if made is None or not made.applicable:
             return
-        shares = self._shares[int(frame.values[_MASS] > 0)]
+        # Estimates are renewed twice a second: until then nothing new can be made of them.
+        seen = made.parameters[: len(LONGITUDINAL)], bool(frame.values[_MASS] > 0), self.told
+        if seen != self._seen:
+            self._seen, self._is_off = seen, self._stands_off(*seen)
+        self._since = self._since + 1 if self._is_off else 0
+
+    def _stands_off(self, parameters: Sequence[ParamEstimate], mass_recorded: bool, told: bool) -> bool:
+        """Whether a derivative or a pattern does, of a renewed estimate."""
         self.changes = {}
-        for p, base, share in zip(made.parameters, self._base, shares.tolist(), strict=False):
+        shares, unshared = self._shares[int(mass_recorded)].tolist(), self._errors()
+        for p, base, share in zip(parameters, self._base, shares, strict=False):
             if base is None or p.status is not Status.ESTIMATED or not base[0]:
                 continue
-            own = math.sqrt(max(p.sd**2 - (share * p.value) ** 2, 0.0))
+            own = unshared.get(p.name, math.sqrt(max(p.sd**2 - (share * p.value) ** 2, 0.0)))
             error = math.hypot(own, base[1])
             self.changes[p.name] = ((p.value - base[0]) / base[0], error / abs(base[0]))
         # What has been told stays until it is half back.
-        limit = self.limit * (0.5 if self.told else 1.0)
+        limit = self.limit * (0.5 if told else 1.0)
         is_off = any(abs(v) > limit * e for v, e in self.changes.values())
-        is_off = is_off or any(m.amount > limit * m.error for m in matches(self.changes, self._patterns))
-        self._since = self._since + 1 if is_off else 0
+        return is_off or any(m.amount > limit * m.error for m in matches(self.changes, self._patterns))
 
 
 class _Said(NamedTuple):
@@ -199,21 +215,25 @@ class _Said(NamedTuple):
     t_ns: int
     by_drag: bool
     by_slopes: bool
-    like: str
+    names: tuple[str, ...]
+    """Of what it looks like, the likeliest first."""
 
     def news(self, by_drag: bool, by_slopes: bool, names: Set[str]) -> bool:
+        """Whether more stands off, what was said first is out of the question, or one is left of several."""
         more = (by_drag and not self.by_drag) or (by_slopes and not self.by_slopes)
-        return more or (self.like not in names and bool(self.like or names))
+        is_other = bool(self.names or names) and not set(self.names[:1]) & names
+        return more or is_other or len(names) == 1 < len(self.names)
 
 
 class ChangeMonitor:
     """Both watches, and what is said of them: one event when a change is noticed or looks otherwise, one when it is
     over."""
 
-    def __init__(self, aircraft: Aircraft, forgetting_s: float) -> None:
-        """Of an aircraft with `measured`; `forgetting_s`: of the estimator's `physical`."""
+    def __init__(self, aircraft: Aircraft, forgetting_s: float, errors: Errors = dict) -> None:
+        """Of an aircraft with `measured`; `forgetting_s`: of the estimator's `physical`; `errors`: its standard errors as
+        of the last tick, by derivative, without what baseline and flight share; by its rows where it gives none."""
         self.drag = DragWatch(aircraft)
-        self.slopes = SlopeWatch(aircraft, forgetting_s)
+        self.slopes = SlopeWatch(aircraft, forgetting_s, errors)
         self._patterns = patterns(aircraft)
         self._said: _Said | None = None
         self._ticks = 0
@@ -232,15 +252,14 @@ class ChangeMonitor:
             words = "as the baseline again, within its error"
             return (Event(frame.t_ns, SOURCE, Code.UNCHANGED, 1, words),) if over else ()
         changes = dict(self.slopes.changes)
-        if by_drag and self.drag.change is not None:
+        if self.drag.is_on and self.drag.change is not None:
             changes["CD_0"] = self.drag.change
         found = matches(changes, self._patterns)
         names = {m.pattern.name for m in found}
         said = self._said
-        # Said again where more of it stands off, or what was said first is out of the question.
         if said is not None and (not said.news(by_drag, by_slopes, names) or frame.t_ns - said.t_ns < AGAIN_NS):
             return ()
-        self._said = _Said(frame.t_ns, by_drag, by_slopes, found[0].pattern.name if found else "")
+        self._said = _Said(frame.t_ns, by_drag, by_slopes, tuple(m.pattern.name for m in found))
         return (Event(frame.t_ns, SOURCE, Code.CHANGED, 1, self._words(changes, by_drag, in_words(found))),)
 
     def _words(self, changes: dict[str, tuple[float, float]], by_drag: bool, like: str) -> str:

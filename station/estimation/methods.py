@@ -174,6 +174,12 @@ class Estimator:
             made["physical"] = self._physical.solution.stat[:6].tolist()
         return {method: dict(zip(self._names, errors, strict=True)) for method, errors in made.items()}
 
+    def within_model(self) -> dict[str, float]:
+        """The standard errors of `physical`'s derivatives as of the last tick, without those that every flight with the
+        profile shares: of mass and inertia, and of its model in another's place. Empty where there are none."""
+        errors = self._physical.within_model().tolist() if self._physical else []
+        return dict(zip(self._names, errors, strict=False))
+
     def quasi_steady(self) -> dict[str, tuple[ParamEstimate, ...]]:
         """Quasi-steady derivatives as of the last tick, of the methods whose own are not."""
         return {"physical": self._physical.quasi_steady()} if self._physical else {}

@@ -29,7 +29,7 @@ def chain(aircraft: Aircraft, card: Card, rig: Rig) -> Chain:
     forgetting = forgetting_s(aircraft, card)
     estimator = Estimator(aircraft, card, place, noise, forgetting_s=forgetting)
     estimator.warm_up()
-    monitor = ChangeMonitor(aircraft, forgetting) if aircraft.measured else None
+    monitor = ChangeMonitor(aircraft, forgetting, estimator.within_model) if aircraft.measured else None
     watch = Disagreement(aircraft, place, noise)
     watch.warm_up()
     return Chain(estimator, watch, corrector(aircraft, noise, place), monitor)

@@ -38,6 +38,8 @@ DRAG_DOUBT: Final = 0.5
 """Share by which drag may be another than the pattern's beside the same loss of lift: shape and place of the ice."""
 NOT_APART: Final = 4.0
 """Deviance, two standard deviations, by which a pattern must fit better than another to be told from it."""
+DOUBT_ROUNDS: Final = 10
+"""Each takes three quarters of the way to an amount that drag and derivatives agree on, or more."""
 SURE: Final = 2.0
 """Standard errors from which an amount is told."""
 UNLIKELY: Final = 1e-3
@@ -144,20 +146,31 @@ def matches(changes: Mapping[str, tuple[float, float]], known: tuple[Pattern, ..
     found = []
     for pattern in known:
         shares = pattern.shares[at]
-        # Drag that a pattern has none of cannot be put down to the ratio in which it has it.
-        doubted = np.where(is_drag & (shares != 0.0), np.hypot(s, DRAG_DOUBT * d), s)
-        p = shares / doubted
-        size = math.fsum(p * p)
-        if size == 0.0:
+        if not np.any(shares):
             continue
-        amount = math.fsum(p * (d / doubted)) / size
-        amount = max(0.0, amount) if pattern.one_way else amount
-        allowed = np.where(is_drag, np.hypot(s, DRAG_DOUBT * amount * shares), s)
+        amount, error, allowed = _fitted(pattern, shares, d, s, is_drag)
         left = float(np.sum(((d - amount * shares) / allowed) ** 2))
-        found.append(Match(pattern, amount, 1 / math.sqrt(size), left, float(chi2.sf(left, max(1, len(names) - 1)))))
+        found.append(Match(pattern, amount, error, left, float(chi2.sf(left, max(1, len(names) - 1)))))
     # Those that fit alike in the order of `known`, so that what is said first does not flutter.
     found = sorted((m for m in found if m.likely > UNLIKELY and m.amount != 0.0), key=lambda m: round(m.left))
     return [m for m in found if m.left - found[0].left < NOT_APART]
+
+
+def _fitted(
+    pattern: Pattern, shares: Array, d: Array, s: Array, is_drag: NDArray[np.bool_]
+) -> tuple[float, float, Array]:
+    """Amount, its standard error, and the errors (n,) that it allows: of drag, the doubt of as much as it makes.
+
+    Drag's doubt goes with the amount: it is found by turns, beginning with what the derivatives say where they do.
+    """
+    slopes = np.where(is_drag, 0.0, shares)
+    weights = (slopes if np.any(slopes) else shares) / s**2
+    for _ in range(DOUBT_ROUNDS):
+        amount = math.fsum(weights * d) / math.fsum(weights * shares)
+        amount = max(0.0, amount) if pattern.one_way else amount
+        allowed = np.where(is_drag, np.hypot(s, DRAG_DOUBT * amount * shares), s)
+        weights = shares / allowed**2
+    return amount, 1 / math.sqrt(math.fsum(weights * shares)), allowed
 
 
 def in_words(found: list[Match]) -> str:

@@ -112,8 +112,34 @@ def test_a_derivative_that_has_changed_is_told_when_it_has_stood_off_for_5_s() -
     assert "To confirm" in said[0].detail
 
 
+def test_what_flight_and_baseline_share_hides_no_change() -> None:
+    """Cm_de -8 %, known to 30 % with all that the model may be wrong by, but to 0.5 % against the baseline."""
+    lost = of_physical({"Cm_de": -1.74 * 0.92}, sd=0.3)
+    errors = {n: 0.005 * abs(load_aircraft("twin_otter").value(n)) for n in SDS}
+    for monitor, events in (
+        (ChangeMonitor(aircraft(), 120.0, lambda: errors), 1),
+        (ChangeMonitor(aircraft(), 120.0), 0),
+    ):
+        assert len([e for frame, alpha in flight([0.04]) for e in monitor.step(frame, alpha, lost)]) == events
+
+
+def test_it_is_said_again_when_one_is_left_of_several() -> None:
+    """Drag +20 % is any ice; with CL_alpha -4 % and the elevator as it was it is the wing's."""
+    monitor = ChangeMonitor(aircraft(), 120.0)
+    wing = of_physical({"CL_alpha": 5.66 * 0.96})
+    said = [
+        e.detail
+        for frame, alpha in flight([0.048] * 12)
+        for e in monitor.step(frame, alpha, wing if frame.t_ns > 40e9 else ())
+    ]
+    assert len(said) == 2
+    assert "not told from" in said[0]
+    assert "as by ice on the wing" in said[1]
+    assert "not told from" not in said[1]
+
+
 def test_the_limit_of_derivatives_goes_with_how_often_they_are_looked_at() -> None:
-    slow, fast = SlopeWatch(aircraft(), 600.0).limit, SlopeWatch(aircraft(), 20.0).limit
+    slow, fast = SlopeWatch(aircraft(), 600.0, dict).limit, SlopeWatch(aircraft(), 20.0, dict).limit
     assert 3.5 < slow < fast < 5.0
 
 
