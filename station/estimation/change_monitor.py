@@ -230,8 +230,8 @@ class ChangeMonitor:
     over."""
 
     def __init__(self, aircraft: Aircraft, forgetting_s: float, errors: Errors = dict) -> None:
-        """Of an aircraft with `measured`; `forgetting_s`: of the estimator's `physical`; `errors`: its standard errors as
-        of the last tick, by derivative, without what baseline and flight share; by its rows where it gives none."""
+        """Of an aircraft with `measured`; `forgetting_s`: of the estimator's `physical`; `errors`: its standard errors
+        as of the last tick, by derivative, without what baseline and flight share; by its rows where it gives none."""
         self.drag = DragWatch(aircraft)
         self.slopes = SlopeWatch(aircraft, forgetting_s, errors)
         self._patterns = patterns(aircraft)

@@ -293,8 +293,8 @@ class Physical:
         return tuple(made)
 
     def within_model(self) -> Array:
-        """Standard errors (6,) of the newest solution's derivatives with what its constants may be wrong by, but without
-        those of mass and inertia and without the distance to another model; none where there is no solution."""
+        """Standard errors (6,) of the newest solution's derivatives with what its constants may be wrong by, but
+        without those of mass and inertia and the distance to another model; none where there is no solution."""
         return np.empty(0) if self.solution is None else self.solution.total[:FIRST_NUISANCE]
 
     def estimate(self, t_ns: int) -> MethodEstimate:

@@ -1,17 +1,20 @@
 """Calibration flights, counted: programmes of the simulation whose truths are drawn wider than a profile's priors.
 
-    uv run python tests/benchmarks/calibration_flights.py --programmes 100 [--first 0]
+    uv run python tests/benchmarks/calibration_flights.py [--programmes 100] [--minutes 30] [--kept FILE]
 
 Each flies the card `calibration` with an aircraft of its own (vane, boom, airspeed, attitude, mass, derivatives) in a
-wind and air of its own, and is calibrated with the profile twin_otter, which knows nothing of it.
+wind and air of its own, and is calibrated with the profile twin_otter, which knows nothing of it. Each is kept with its
+number and the commit that flew it: slices add up. The table holds all that are kept.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
-import sys
+import subprocess
 import tempfile
+import time
 import traceback
 from pathlib import Path
 
@@ -124,16 +127,26 @@ def counted(number: int, folder: Path) -> dict[str, tuple[float, float]] | None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--programmes", type=int, default=100)
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin none later")
+    parser.add_argument("--kept", type=Path, default=Path("logs/calibration.jsonl"))
     given = parser.parse_args()
-    found = []
-    with tempfile.TemporaryDirectory() as folder:
-        for number in range(given.first, given.first + given.programmes):
-            one = counted(number, Path(folder))
-            found += [one] if one else []
-            print(number, {n: f"{SHOWN[n][1] * e:+.4g}±{SHOWN[n][1] * sd:.2g}" for n, (e, sd) in (one or {}).items()},
-                  file=sys.stderr, flush=True)  # fmt: skip
-    print(f"{len(found)} of {given.programmes} programmes flown\n")
+    given.kept.parent.mkdir(parents=True, exist_ok=True)
+    until = time.monotonic() + 60 * given.minutes
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], stdout=subprocess.PIPE, text=True).stdout.strip()
+    lines = given.kept.read_text().splitlines() if given.kept.exists() else []
+    kept = {row["number"]: row for row in map(json.loads, lines)}
+    with tempfile.TemporaryDirectory() as folder, given.kept.open("a") as file:
+        for number in range(given.programmes):
+            if number in kept or time.monotonic() > until:
+                continue
+            kept[number] = {"number": number, "commit": commit, "found": counted(number, Path(folder))}
+            print(json.dumps(kept[number]), file=file, flush=True)
+    table([row["found"] for row in kept.values()])
+    print(f"\nFlown by commit {', '.join(sorted({row['commit'] for row in kept.values()}))}.")
+
+
+def table(programmes: list[dict[str, tuple[float, float]] | None]) -> None:
+    found = [p for p in programmes if p]
     print("| constant | asked | rms error | mean error | mean standard error | in the 95 % interval |")
     print("|---|---|---|---|---|---|")
     for name, (words, unit, asked) in SHOWN.items():
@@ -144,6 +157,7 @@ def main() -> None:
         inside = int((np.abs(error) < 1.96 * sd).sum())
         rms = math.sqrt(float(np.mean(error**2)))
         print(f"| {words} | {asked} | {rms:.3g} | {error.mean():+.2g} | {sd.mean():.3g} | {inside}/{len(pairs)} |")
+    print(f"\n{len(found)} of {len(programmes)} programmes calibrated.")
 
 
 if __name__ == "__main__":
