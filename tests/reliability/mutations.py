@@ -30,6 +30,8 @@ from drivers.mavlink_messages import TABLE
 from drivers.serial_boombox import BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
 from drivers.serial_gnss import NmeaCodec, UbxCodec, encode_nav_pvt, encode_sentence
 from drivers.serial_lines import LinesCodec
+from drivers.serial_msp import MspCodec
+from drivers.serial_msp import encode as encode_msp
 from drivers.serial_vectornav import VECTORNAV, VectorNavCodec
 from station.convert import IMPORTERS, import_file
 from station.convert.confined import confined
@@ -47,7 +49,8 @@ FOREIGN_S: Final = 65.0
 """Of a file from elsewhere: its parser is ended after 60 s of processor time."""
 GROWTH_MIB: Final = 200.0
 LINKS: Final = (
-    "boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "lines", "can", "dronecan", "mavlink", "mavlink signed",
+    "boombox", "boombox_ascii", "ubx", "nmea", "vectornav", "lines", "msp", "can", "dronecan", "mavlink",
+    "mavlink signed",
 )  # fmt: skip
 FOREIGN: Final = ("csv", "asc", "mat", "mat compressed", "bin", "ulg")
 NAMES: Final = (*LINKS, "mcap", *FOREIGN)
@@ -142,6 +145,9 @@ def links() -> dict[str, Link]:
             for k in turns
         ]),
         "lines": Link(LinesCodec, [f"aoa {k}.25,{-k}e-3,7\r\n".encode() for k in turns]),
+        "msp": Link(MspCodec, [
+            encode_msp(Reading("AOA", None, None, {"aoa": 0.1 * k, "sideslip": -0.1 * k})) for k in turns
+        ]),
         "can": Link(can_codec, [
             b"t10082800F6070069525F\r",
             *(encode_slcan(m.definition.frame_id, m.frame[1], bytes([k] * m.definition.length))

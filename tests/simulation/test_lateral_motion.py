@@ -109,7 +109,7 @@ def test_dutch_roll_roll_and_spiral_modes_are_flown() -> None:
 def test_roll_mode_s_closed_form() -> None:
     """With nothing but roll damping and ailerons, a step of aileron gives p = p_end (1 - exp(t/T)) (Nelson, 5.2)."""
     keep = {"Cl_p", "Cl_da"}
-    derivatives = {n: d for n, d in AIRCRAFT.derivatives.items() if n[:2] not in six.COEFFICIENTS or n in keep}
+    derivatives = {n: d for n, d in AIRCRAFT.derivatives.items() if n[:2] not in side_flow.COEFFICIENTS or n in keep}
     level = AIRCRAFT.inertia.model_copy(update={"ixz": 0.0})
     quick = AIRCRAFT.aileron.model_copy(update={"time_constant": 0.002, "rate_limit": 100.0})
     aircraft = AIRCRAFT.model_copy(update={"derivatives": derivatives, "inertia": level, "aileron": quick})
