@@ -19,7 +19,8 @@ from station.profile import load_aircraft
 from station.rows import Frame, Sample
 
 ABOUT = About(load_aircraft("twin_otter"), (Stream("box.vanes", ("alpha_vane", "beta_vane"), 50.0, 0.2),))
-FRAMES = 6000
+FRAMES = 20_000
+"""So many that an export still runs when its bar has been seen, on a busy machine too."""
 
 
 @pytest.fixture(scope="module")
