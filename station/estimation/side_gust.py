@@ -41,8 +41,10 @@ def _ago(ring: Array, count: int, lag: float) -> float:
 
 
 @njit(cache=True)
-def _advance(constant: Array, rings: Array, count: int, dt: float, flow: tuple[float, float, float, float]) -> float:
-    """One tick: the gust at the CG now, and into rings[2, 0] the fin's `late`."""
+def _advance(
+    constant: Array, rings: Array, count: int, dt: float, flow: tuple[float, float, float, float]
+) -> tuple[float, float]:
+    """One tick: the gust at the CG now, and the fin's `late`. `rings` (2, RING): gust at the vane, sideslip."""
     gust, inertial, r, speed = flow
     lead, arm = constant[_LEAD] / (speed * dt), constant[_ARM] / (speed * dt)
     rings[0, count % rings.shape[1]] = gust
@@ -55,8 +57,7 @@ def _advance(constant: Array, rings: Array, count: int, dt: float, flow: tuple[f
     if constant[_SIDEWASH] != 0.0:
         past = _ago(rings[1], count, arm + constant[_DELAY] / dt)
         late -= constant[_SIDEWASH] * (past - beta - r * constant[_ARM] / speed)
-    rings[2, 0] = late
-    return now
+    return now, late
 
 
 class SideGust:
@@ -66,7 +67,7 @@ class SideGust:
         boom, fin = aircraft.boom, aircraft.fin
         wash = (fin.arm, fin.sidewash, fin.sidewash_delay) if fin else (0.0, 0.0, 0.0)
         self._constant = np.array([boom.vane_x if boom else 0.0, *wash])
-        self._rings = np.zeros((3, RING))
+        self._rings = np.zeros((2, RING))
         self._count = 0
         self._dt = dt
         self.force = np.zeros(3)
@@ -82,6 +83,6 @@ class SideGust:
     def step(self, gust: float, inertial: float, r: float, speed: float) -> tuple[float, float]:
         """One tick of the gust at the vane and the inertial sideslip, rad: the gust at the CG, and how much later the
         fin's sideslip is, rad; NaN until they are known."""
-        now = _advance(self._constant, self._rings, self._count, self._dt, (gust, inertial, r, speed))
+        found = _advance(self._constant, self._rings, self._count, self._dt, (gust, inertial, r, speed))
         self._count += 1
-        return now, float(self._rings[2, 0])
+        return found
