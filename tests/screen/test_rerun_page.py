@@ -4,172 +4,29 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
-import signal
-import threading
-import time
-import urllib.request
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-import psutil
 import pytest
-from browser import Browser, chromium
 
 from station.clock import ManualClock
-from station.conventions import LATERAL, LONGITUDINAL, SIGNALS, TICK_NS
+from station.conventions import LATERAL
 from station.flight.board import Board
 from station.rows import (
     AlphaEstimate,
-    Code,
-    Event,
-    Frame,
-    Health,
     LogError,
     MethodEstimate,
     ParamEstimate,
     RawBlock,
-    Rows,
     Status,
-    StreamHealth,
-    Tick,
-    Truth,
 )
 from station.screen import lateral_plots, plots
-from station.screen.plots import Setup
-from station.screen.rerun_feed import QUEUE_TICKS, View
+from station.screen.rerun_feed import View
 from station.screen.rerun_files import write_rrd
 from station.screen.rerun_page import Page
-
-BOOK = dict(zip(LONGITUDINAL, (5.64, 20.0, 0.62, -1.05, -34.2, -1.88), strict=True))
-BIAS = {"II": 0.85, "III": 1.12, "V": 1.08, "split": 0.98, "split+gust": 1.0}
-START_NS = 5_000_000_000_000
-
-
-def flight(ticks: int, first: int = 0, seed: int = 1) -> Iterator[list[Rows]]:
-    """A made-up flight, the rows of one tick at a time: doublets every 20 s, gusts, converging derivatives."""
-    rng = np.random.default_rng(seed)
-    gust = 0.0
-    for k in range(first, first + ticks):
-        t = k / 50
-        t_ns = START_NS + k * TICK_NS
-        phase = t % 20
-        elevator = math.radians(3) * ((2 < phase < 3) - (3 < phase < 4))
-        q = math.radians(4) * math.exp(-0.5 * max(0.0, phase - 2)) * math.sin(2.5 * max(0.0, phase - 2))
-        gust += -0.06 * gust + math.radians(0.12) * rng.standard_normal()
-        inertial = math.radians(4) + 0.8 * q
-        rate = -0.09 * q
-        vane = (inertial + gust) * 1.18 - rate + math.radians(0.05) * rng.standard_normal()
-        upwash = -0.15 * vane
-        lag = 0.1 * q
-        late = -0.2 * gust
-        values = [0.0] * len(SIGNALS)
-        for name, value in (("elevator", elevator), ("q", q), ("airspeed", 56.6 + 2 * math.sin(t / 9))):
-            values[list(SIGNALS).index(name)] = value
-        valid = not 31 < t < 34
-        rows: list[Rows] = [Tick(t_ns, k, t_ns - 60_000_000)]
-        zeros = (0.0,) * len(SIGNALS)
-        rows.append(Frame(t_ns, k, tuple(values), zeros, (0,) * len(SIGNALS)))
-        rows.append(
-            AlphaEstimate(
-                t_ns,
-                alpha=vane + upwash + rate + lag + late,
-                alpha_sd=math.radians(0.12 if valid else 0.6),
-                vane=vane,
-                zero=0.0,
-                upwash=upwash,
-                rate=rate,
-                lag=lag,
-                gust=late,
-                alpha_inertial=inertial,
-                alpha_gust=gust,
-                gust_vertical=56.6 * gust,
-                turbulence_level=0.02 + 0.1 * (1 - math.exp(-t / 20)),
-                turbulence="unknown" if t < 5 else "calm" if t < 12 else "light",
-                wind_north=3.0,
-                wind_east=-2.0,
-                wind_down=0.1,
-                valid=valid,
-                why="" if valid else "boom.vanes stale",
-            )
-        )
-        for method, bias in BIAS.items():
-            found = t > 6
-            share = 1.2 / math.sqrt(max(t, 1))
-            parameters = tuple(
-                ParamEstimate(
-                    name,
-                    value * (bias + 0.3 * share * math.sin(t / 5 + i)),
-                    abs(value) * share * 0.5,
-                    Status.ESTIMATED if found and not (name == "CL_q" and t < 15) else Status.UNESTIMATED,
-                    "" if found else "not enough excitation",
-                )
-                for i, (name, value) in enumerate(BOOK.items())
-            )
-            rows.append(MethodEstimate(t_ns, method, parameters))
-        rows.append(Truth(t_ns, {"alpha": inertial + gust}))
-        if k % 50 == 0:
-            rows.append(health(t_ns, t))
-        if k == 0:
-            rows.append(Event(t_ns, "station", Code.START))
-        if k % 500 == 250:
-            rows.append(Event(t_ns, "boom", Code.CRC, 3, "bad checksum"))
-        if k == 1550:
-            rows.append(Event(t_ns, "boom.vanes", Code.STALE, 1, "no sample for 0.2 s"))
-        if k == 1700:
-            rows.append(Event(t_ns, "boom.vanes", Code.FRESH, 1, "STALE over after 3.00 s"))
-        if k % 1000 == 100:
-            rows.append(Event(t_ns, "operator", Code.POINT_START, k // 1000 + 1, f"test point {k // 1000 + 1}"))
-        if k % 1000 == 900:
-            rows.append(Event(t_ns, "operator", Code.POINT_END, k // 1000 + 1, f"test point {k // 1000 + 1}"))
-        yield rows
-
-
-STREAMS = (
-    ("boom.vanes", 200.0), ("can.gyro", 200.0), ("can.accel", 200.0), ("can.air", 50.0), ("can.pots", 100.0),
-    ("autopilot.attitude", 50.0), ("autopilot.velocity", 50.0), ("autopilot.position", 5.0),
-)  # fmt: skip
-
-
-def health(t_ns: int, t: float) -> Health:
-    out = 31 < t < 34
-    return Health(
-        t_ns,
-        tuple(
-            StreamHealth(
-                stream=name,
-                device=name.partition(".")[0],
-                rate_hz=0.0 if out and name == "boom.vanes" else rate * (1 + 0.004 * math.sin(t + i)),
-                age_s=t - 31 if out and name == "boom.vanes" else 0.004 + 0.3 / rate,
-                clock="unsynced" if t < 2 else "converging" if t < 8 else "synced",
-                offset_s=-3600.0 * (1 + i),
-                drift_ppm=30.0 + i,
-                samples=int(rate * t),
-                gaps=int(t // 30) if i == 0 else 0,
-                bad=3 * int(t // 10) if i == 0 else 0,
-                alive=not (out and name == "boom.vanes"),
-            )
-            for i, (name, rate) in enumerate(STREAMS)
-        ),
-    )
-
-
-NOMINAL = dict(STREAMS)
-SETUP = Setup("test", "none", 0, 0, references=BOOK, nominal_hz=NOMINAL, class_limits=(0.05, 0.2, 0.5))
-
-
-def lines_of(rows: list[Rows]) -> dict[str, np.ndarray]:
-    """Newest point of each plot."""
-    made = plots.points(plots.batch(rows, START_NS), SETUP)
-    return {"/".join(p.path): p.values[-1] for p in made}
-
-
-def with_alpha(**changes: object) -> list[Rows]:
-    (tick,) = flight(1)
-    return [msgspec.structs.replace(r, **changes) if isinstance(r, AlphaEstimate) else r for r in tick]
+from tests.screen.flown_rows import BOOK, SETUP, START_NS, flight, health, lines_of, with_alpha
 
 
 def test_angles_are_drawn_in_degrees_with_a_band_of_two_sd() -> None:
@@ -325,112 +182,3 @@ def test_recording_for_rerun_holds_every_line_and_event(tmp_path: Path) -> None:
 def test_recording_into_a_folder_that_is_not_there_says_so(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="cannot be written"):
         write_rrd(flight(1).__next__(), tmp_path / "none" / "flight.rrd")
-
-
-class Flying:
-    """A view fed at 50 Hz by a thread, as the loop would."""
-
-    def __init__(self) -> None:
-        self.events: list[Event] = []
-        self.view = View("web", "test", on_event=self.events.append)
-        self.address = self.view.start()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._feed)
-        self._thread.start()
-
-    def _feed(self) -> None:
-        for rows in flight(1_000_000):
-            self.view.show(rows)
-            if self._stop.wait(0.02):
-                return
-
-    def wait(self, condition: Callable[[], object], what: str, limit_s: float = 60.0) -> None:
-        until = time.monotonic() + limit_s
-        while not condition():
-            assert time.monotonic() < until, f"{what}: not within {limit_s} s; told: {self.events}"
-            time.sleep(0.05)
-
-    def told(self, words: str) -> bool:
-        return any(words in e.detail and e.code is Code.VIEW for e in self.events)
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.view.close()
-
-
-@pytest.fixture(scope="module")
-def flying() -> Iterator[Flying]:
-    made = Flying()
-    family: list[psutil.Process] = []
-    try:
-        made.wait(lambda: made.view.alive, "page up")
-        family = _family(made.view)
-        yield made
-    finally:
-        family += _family(made.view)
-        made.close()
-        assert not [p for p in family if p.is_running() and p.status() != psutil.STATUS_ZOMBIE], "left running"
-
-
-def _family(view: View) -> list[psutil.Process]:
-    if view.pid is None:
-        return []
-    child = psutil.Process(view.pid)
-    return [child, *child.children(recursive=True)]
-
-
-def test_page_is_served_and_nothing_listens_beyond_loopback(flying: Flying) -> None:
-    listening = [c.laddr for p in _family(flying.view) for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
-    assert len(listening) == 2
-    assert {address.ip for address in listening} == {"127.0.0.1"}
-    with urllib.request.urlopen(flying.address, timeout=10) as page:
-        assert b"rerun" in page.read().lower()
-
-
-def test_page_draws(flying: Flying, tmp_path: Path) -> None:
-    corrected, vane = (np.array([c >> 24, c >> 16 & 255, c >> 8 & 255]) for c in (0x2BD9A5FF, 0xE69F00FF))
-    with Browser(chromium(), tmp_path) as browser:
-        empty = browser.picture()
-        browser.open(flying.address)
-        until = time.monotonic() + 90
-        while True:
-            time.sleep(1.0)
-            picture = browser.picture()
-            counts = [int((np.abs(picture - colour).max(axis=2) < 12).sum()) for colour in (corrected, vane)]
-            if min(counts) > 300:
-                break
-            assert time.monotonic() < until, f"pixels in the lines' colours: {counts}"
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
-    assert (picture != empty).any()
-
-
-def test_a_stalled_page_is_reported_and_what_it_misses_is_counted(flying: Flying) -> None:
-    pid = flying.view.pid
-    assert pid is not None
-    os.kill(pid, signal.SIGSTOP)
-    try:
-        flying.wait(lambda: flying.told("stalled"), "stall told")
-        assert not flying.view.alive
-        ticks = flight(QUEUE_TICKS + 100)
-        before = flying.view.dropped
-        for rows in ticks:
-            flying.view.show(rows)
-        assert flying.view.dropped >= before + 50
-    finally:
-        os.kill(pid, signal.SIGCONT)
-    flying.wait(lambda: flying.told("goes on") and flying.view.alive, "page goes on")
-    assert flying.view.pid == pid
-
-
-@pytest.mark.parametrize("victim", [0, 1], ids=["child", "server"])
-def test_a_killed_page_is_reported_and_comes_back_at_the_same_address(flying: Flying, victim: int) -> None:
-    family = _family(flying.view)
-    told = len(flying.events)
-    family[victim].kill()
-    flying.wait(lambda: any("page lost" in e.detail for e in flying.events[told:]), "loss told")
-    flying.wait(lambda: flying.view.alive, "page back")
-    assert flying.view.address == flying.address
-    flying.wait(
-        lambda: not [p for p in family if p.is_running() and p.status() != psutil.STATUS_ZOMBIE], "old ones gone"
-    )
