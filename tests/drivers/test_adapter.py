@@ -1,4 +1,4 @@
-"""The adapter over scripted ports with a hand-moved clock, and over real pseudo-terminals unplugged under its hands."""
+"""The adapter over scripted ports with a hand-moved clock."""
 
 from __future__ import annotations
 
@@ -262,6 +262,3 @@ def test_a_link_that_stays_away_is_reported_once_however_often_it_is_tried() -> 
 
 def test_an_adapter_that_was_never_started_can_be_stopped() -> None:
     Adapter(boom(), BoomboxCodec(), lambda: Script(ManualClock(), []), ManualClock(), Rowsink().put).stop()
-
-
-# --- real terminals ---

@@ -205,9 +205,6 @@ def test_check_values_of_the_crc_catalogue() -> None:
     assert crc8.sae_j1850(b"123456789") == 0x4B
 
 
-# --- the encoders, read by somebody else ---
-
-
 # --- what is passed over, what is refused ---
 
 
