@@ -211,6 +211,9 @@ class _Flight:
         for words in loop_words(self.emulated.loop):
             say(words)
         say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
+        if self.preparation.is_under_way():
+            say("no live estimates: the estimators were not ready (what is compiled is kept for the next flight);")
+            say(f"after the flight: station identify {self.writer.path}")
         return judge(self._shortcomings())
 
     def _shortcomings(self) -> list[str]:

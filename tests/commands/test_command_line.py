@@ -156,6 +156,7 @@ def test_a_flight_without_its_devices_says_so_in_its_last_line(tmp_path):
     assert "boom.vanes" in why
     (log,) = (tmp_path / "logs").glob("*.mcap")
     assert metadata(log).about.card.forgetting == 45
+    assert f"after the flight: station identify {log}" in done.stderr, "two seconds are too short for any estimate"
 
 
 def test_recordings_are_never_overwritten(station, flight, tmp_path):
