@@ -1,7 +1,7 @@
 """ArduPilot's DataFlash .bin logs, read with pymavlink: signals in SI, each message a time base of its own.
 
 ArduPilot's AOA message is calculated from airspeed, wind and velocity and is no vane, so it is left out; so are servo
-outputs, which are commands in microseconds. Times are the autopilot's, since it booted.
+outputs, which are commands in microseconds. `left_out` says so. Times are the autopilot's, since it booted.
 """
 
 from __future__ import annotations
@@ -110,6 +110,23 @@ def read_dataflash(path: Path) -> list[Columns]:
     if "ARSP" in found:
         _true_airspeed(found["ARSP"], found.get("BARO"))
     return [(name, *found[name]) for name in _MESSAGES if name in found and found[name][1]]
+
+
+_LEFT_OUT: Final[Mapping[str, tuple[str, str]]] = {
+    "AOA": ("alpha_vane", "AOA is calculated from airspeed, wind and velocity, not measured: not imported as a vane"),
+    "RCOU": ("elevator", "RCOU are commands to the servos in microseconds, not positions: not imported as surfaces"),
+}
+
+
+def left_out(path: Path) -> dict[str, str]:
+    """Why messages that look like a signal are none, by signal; of those that are in the log. Raises OSError."""
+    found = {}
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        for name, (signal, why) in _LEFT_OUT.items():
+            told = re.search(rb"\xa3\x95\x80(.).%s\0" % name.encode(), data, re.DOTALL)
+            if told is not None and data.find(b"\xa3\x95" + told[1], told.end()) >= 0:
+                found[signal] = why
+    return found
 
 
 def _add(found: dict[str, tuple[list[int], dict[str, list[float]]]], m: Any) -> None:

@@ -16,7 +16,7 @@ from station.api.words_as_html import facts
 from station.log import LogInfo, Table, metadata, points, read_rows, row_times, table, verdict
 from station.log.messages import ESTIMATE_UNITS
 from station.profile import Aircraft, load_aircraft
-from station.rows import AlphaEstimate, Event, Frame, LogError, MethodEstimate, Sample
+from station.rows import AlphaEstimate, Event, Frame, LogError, MethodEstimate, Sample, UsageError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -191,23 +191,29 @@ def open(path: Path | str) -> Recording:
     return Recording(path)
 
 
-def import_file(path: Path | str, out: Path | str, aircraft: Aircraft | str) -> Recording:
-    """Make a recording of a record from elsewhere (`station import`): `aircraft` is a profile or its name or path.
+def import_file(
+    path: Path | str, out: Path | str, aircraft: Aircraft | str, signals: Mapping[str, str] | None = None
+) -> Recording:
+    """Make a recording of a record from elsewhere (`station import`): `aircraft` is a profile or its name or path;
+    `signals`: of a Chapter 10 file, measurements by signal. What is left out stands in `info.about.notes`.
 
-    Raises LogError and ProfileError, which say where in the file and how to mend it.
+    Raises LogError, ProfileError and UsageError, which say where in the file and how to mend it.
     """
-    write_import(Path(path), Path(out), load_aircraft(aircraft) if isinstance(aircraft, str) else aircraft)
+    profile = load_aircraft(aircraft) if isinstance(aircraft, str) else aircraft
+    write_import(Path(path), Path(out), profile, signals or {})
     return Recording(out)
 
 
-def write_import(path: Path, out: Path, aircraft: Aircraft) -> int:
+def write_import(path: Path, out: Path, aircraft: Aircraft, signals: Mapping[str, str]) -> int:
     """The recording of a file from elsewhere; returns its rows."""
-    from drivers.dataflash import read_dataflash
-    from station.convert import Importer, reader_of
+    from drivers.dataflash import left_out, read_dataflash
+    from station.convert import CH10, Importer, ch10_rows, reader_of
     from station.convert import import_file as write
 
-    dataflash = Importer(".bin", "ArduPilot's DataFlash", reader_of("dataflash", read_dataflash))
-    return write(path, out, aircraft, (dataflash,))
+    if signals and path.suffix.lower() not in CH10:
+        raise UsageError(f"{path}: --signal names measurements of a Chapter 10 file ({', '.join(CH10)})")
+    dataflash = Importer(".bin", "ArduPilot's DataFlash", reader_of("dataflash", read_dataflash, left_out))
+    return write(path, out, aircraft, (dataflash, *ch10_rows(signals)))
 
 
 def simulate(

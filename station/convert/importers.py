@@ -7,12 +7,14 @@ rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from station.convert.ch10 import read_ch10
 from station.convert.confined import confined
 from station.convert.delimited import read_csv, read_hfb
 from station.convert.fdata import read_fdata
@@ -24,6 +26,8 @@ from station.profile import Aircraft
 from station.rows import LogError
 
 GROUP: Final = "station.importers"
+
+CH10: Final = (".ch10", ".c10")
 
 Reader = Callable[[Path, Aircraft], Record]
 
@@ -44,6 +48,12 @@ class Importer(NamedTuple):
     """Whether a file of that suffix is of this kind. Never raises."""
 
 
+def ch10_rows(names: Mapping[str, str]) -> tuple[Importer, ...]:
+    """The rows of Chapter 10 files; `names`: their measurements by signal, beyond those called as signals are."""
+    sentence = "IRIG 106 Chapter 10 with TMATS: PCM and analog channels"
+    return tuple(Importer(suffix, sentence, partial(read_ch10, names=names)) for suffix in CH10)
+
+
 IMPORTERS: Final = (
     Importer(".csv", "OnSpeed's log with boom and VectorNav", read_onspeed, is_onspeed),
     Importer(".csv", "the station's own: each column's name with its unit", read_csv),
@@ -51,19 +61,25 @@ IMPORTERS: Final = (
     Importer(".mat", "SIDPAC's matrix `fdata`", read_fdata),
     Importer(".asc", "the HFB-320's columns of *Flight Vehicle System Identification*", read_hfb),
     Importer(".ulg", "PX4's ULog", read_ulog),
+    *ch10_rows({}),
 )
 """Of rows of one suffix the first that knows the file reads it."""
 
 
-def reader_of(source: str, read: Callable[[Path], Sequence[Columns]]) -> Reader:
-    """A reader made of a function that gives plain columns: for the drivers, which do not know recordings."""
+def reader_of(
+    source: str,
+    read: Callable[[Path], Sequence[Columns]],
+    remarks: Callable[[Path], Mapping[str, str]] = lambda _: {},
+) -> Reader:
+    """A reader made of a function that gives plain columns, and one of remarks: for the drivers, which do not know
+    recordings."""
 
     def reader(path: Path, aircraft: Aircraft) -> Record:
         tracks = [
             Track(name, np.array(t_ns, dtype=np.int64), {n: np.array(c, dtype=np.float64) for n, c in columns.items()})
             for name, t_ns, columns in read(path)
         ]
-        return Record(tracks, aircraft, source, {"file": path.name})
+        return Record(tracks, aircraft, source, {"file": path.name, **remarks(path)})
 
     return reader
 

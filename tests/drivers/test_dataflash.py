@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.dataflash import read_dataflash
+from drivers.dataflash import left_out, read_dataflash
 from station.convert import Importer, import_file, reader_of
 from station.log import table
 from station.profile import load_aircraft
@@ -122,3 +122,12 @@ def test_a_cut_log_gives_what_it_has(tmp_path: Path) -> None:
     rows = [(IMU, (1_000_000 + 20_000 * i, 0, 0.0, float(i), 0.0, 0.0, 0.0, -9.75)) for i in range(50)]
     ((_, t_ns, _),) = read_dataflash(written(tmp_path, log(*rows)[:-300]))
     assert 35 <= len(t_ns) < 50
+
+
+def test_what_looks_like_a_signal_and_is_none_is_said(tmp_path: Path) -> None:
+    aoa = (136, "AOA", "Qff", "TimeUS,AOA,SSA")
+    rows = [(ATT, (1_000_000, 0.0, 0.0, 0.0)), (ATT, (1_020_000, 0.0, 0.0, 0.0))]
+    assert left_out(written(tmp_path, log(*rows))) == {}
+    path = written(tmp_path, log(*rows, (aoa, (1_000_000, 3.0, 0.0))))
+    assert "calculated" in left_out(path)["alpha_vane"]
+    assert [name for name, _, _ in read_dataflash(path)] == ["ATT"]
