@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from station.__main__ import app
 from station.commands.calibrate import calibrate
 from station.commands.simulate import simulate
 from station.profile import load_aircraft
@@ -45,6 +46,14 @@ duration = "24 s"
 amplitude = "2.5 deg"
 low = "0.1 Hz"
 high = "1.5 Hz"
+"""
+LATER = """
+[[manoeuvres]]
+kind = "3-2-1-1"
+start = "25 s"
+repeat = "25 s"
+amplitude = "-2.5 deg"
+unit = "0.5 s"
 """
 
 
@@ -111,6 +120,23 @@ def test_calibrated_profile_finds_the_same_again(programme: Path, tmp_path: Path
     for name in ("airspeed_error", "airspeed_slope", "vane_zero", "upwash"):
         assert b[name]["estimate"] == pytest.approx(a[name]["estimate"], abs=a[name]["std_error"]), name
         assert b[name]["before"] == pytest.approx(a[name]["estimate"], abs=1e-6), name
+
+
+@pytest.mark.slow
+def test_the_next_diagnosis_finds_nothing_more(programme: Path, tmp_path: Path) -> None:
+    """Another flight of the same aircraft, in other gusts: with the profile written nothing is wrong, with the one
+    before something is."""
+    profile, next_flight = tmp_path / "mine.toml", tmp_path / "next"
+    calibrate([programme], profile, None, None, None)
+    next_flight.mkdir()
+    log = flown(next_flight, 80.0, more=TRUTH + LATER)
+    verdicts = {}
+    for name in (str(profile), "twin_otter"):
+        page = tmp_path / "found.json"
+        app(["diagnose", str(log), "--aircraft", name, "--json", str(page)], prog_name="station", standalone_mode=False)
+        verdicts[name] = json.loads(page.read_text())["verdict"]
+    assert verdicts[str(profile)] == "no_effect"
+    assert verdicts["twin_otter"] != "no_effect"
 
 
 def test_one_heading_at_one_speed_says_what_it_cannot_tell(tmp_path: Path) -> None:
