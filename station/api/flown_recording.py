@@ -15,7 +15,7 @@ from station.api.simulated_rows import Simulated, write_simulated
 from station.api.words_as_html import facts
 from station.log import LogInfo, Table, metadata, points, read_rows, row_times, table, verdict
 from station.log.messages import ESTIMATE_UNITS
-from station.profile import Aircraft, load_aircraft
+from station.profile import Aircraft, Rig, load_aircraft, load_rig
 from station.rows import AlphaEstimate, Event, Frame, LogError, MethodEstimate, Sample, UsageError
 
 if TYPE_CHECKING:
@@ -192,20 +192,26 @@ def open(path: Path | str) -> Recording:
 
 
 def import_file(
-    path: Path | str, out: Path | str, aircraft: Aircraft | str, signals: Mapping[str, str] | None = None
+    path: Path | str,
+    out: Path | str,
+    aircraft: Aircraft | str,
+    signals: Mapping[str, str] | None = None,
+    rig: Rig | str | None = None,
 ) -> Recording:
     """Make a recording of a record from elsewhere (`station import`): `aircraft` is a profile or its name or path;
-    `signals`: of a Chapter 10 file, measurements by signal. What is left out stands in `info.about.notes`.
+    `signals`: of a Chapter 10 file, measurements by signal; `rig`: likewise, which declares further columns of a CSV.
+    What is left out stands in `info.about.notes`.
 
     Raises LogError, ProfileError and UsageError, which say where in the file and how to mend it.
     """
     profile = load_aircraft(aircraft) if isinstance(aircraft, str) else aircraft
-    write_import(Path(path), Path(out), profile, signals or {})
+    declaring = load_rig(rig) if isinstance(rig, str) else rig
+    write_import(Path(path), Path(out), profile, signals or {}, declaring)
     return Recording(out)
 
 
-def write_import(path: Path, out: Path, aircraft: Aircraft, signals: Mapping[str, str]) -> int:
-    """The recording of a file from elsewhere; returns its rows."""
+def write_import(path: Path, out: Path, aircraft: Aircraft, signals: Mapping[str, str], rig: Rig | None = None) -> int:
+    """The recording of a file from elsewhere; returns its rows. `rig`: which declares further columns of a CSV."""
     from drivers.dataflash import left_out, read_dataflash
     from station.convert import CH10, Importer, ch10_rows, reader_of
     from station.convert import import_file as write
@@ -213,7 +219,7 @@ def write_import(path: Path, out: Path, aircraft: Aircraft, signals: Mapping[str
     if signals and path.suffix.lower() not in CH10:
         raise UsageError(f"{path}: --signal names measurements of a Chapter 10 file ({', '.join(CH10)})")
     dataflash = Importer(".bin", "ArduPilot's DataFlash", reader_of("dataflash", read_dataflash, left_out))
-    return write(path, out, aircraft, (dataflash, *ch10_rows(signals)))
+    return write(path, out, aircraft, (dataflash, *ch10_rows(signals)), rig)
 
 
 def simulate(

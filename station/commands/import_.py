@@ -9,7 +9,7 @@ import typer
 
 from station.commands.long_work import shown
 from station.console import judge, say
-from station.profile import load_aircraft
+from station.profile import load_aircraft, load_rig
 from station.rows import UsageError
 
 
@@ -21,6 +21,10 @@ def import_(
         list[str] | None,
         typer.Option("--signal", metavar="SIGNAL=NAME", help="of .ch10: the measurement that is this signal; repeat"),
     ] = None,
+    rig: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="rig that declares further columns of a CSV, [signals.NAME]"),
+    ] = None,
 ) -> int:
     """Make a station recording of a record from elsewhere."""
     from station.api.flown_recording import write_import
@@ -28,7 +32,8 @@ def import_(
 
     names = dict(_pair(text) for text in signal or ())
     with shown(f"importing {file.name}", moving=False):
-        rows = write_import(file, out, load_aircraft(aircraft), names)
+        declaring = None if rig is None else load_rig(rig)
+        rows = write_import(file, out, load_aircraft(aircraft), names, declaring)
     say(f"{out}: {rows} rows")
     notes = metadata(out).about.notes
     for about, words in notes.items():

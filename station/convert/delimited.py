@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, Unit, unit_named
 from station.convert.tracks import Column, Record, Track, in_si, ordered
-from station.profile import Aircraft, nearest
+from station.profile import Aircraft, Rig, nearest
 from station.rows import LogError
 
 LATEST_S: Final = 9e9
@@ -27,8 +27,9 @@ LATEST_S: Final = 9e9
 _HEADING = re.compile(r"^(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\[\]]*)\])?$")
 
 
-def read_csv(path: Path, aircraft: Aircraft) -> Record:
-    """A CSV whose first line names each signal with its unit in brackets, one of them time.
+def read_csv(path: Path, aircraft: Aircraft, rig: Rig | None = None) -> Record:
+    """A CSV whose first line names each signal with its unit in brackets, one of them time: the station's, and those
+    that the `rig` declares.
 
     Raises LogError naming line and column, with the nearest signal or the units that fit.
     """
@@ -36,7 +37,7 @@ def read_csv(path: Path, aircraft: Aircraft) -> Record:
     number, header = next(lines, (0, ""))
     if not number:
         raise LogError(f"{path}: empty: the first line must name the columns, for example: time [s],q [deg/s]")
-    names, units = _headings(path, number, header)
+    names, units = _headings(path, number, header, _known(rig))
     time_at = names.index("time")
     columns: list[list[float]] = [[] for _ in names]
     for number, line in lines:
@@ -57,12 +58,20 @@ def read_csv(path: Path, aircraft: Aircraft) -> Record:
         raise LogError(f"{path}: no row of values below the header")
     seconds = in_si(np.array(columns[time_at]), units[time_at])
     t_ns = _nanoseconds(path, seconds)
+    # What a rig derives is made anew of the others.
+    derived = () if rig is None else tuple(rig.derived)
     found = {
         name: in_si(np.array(column), unit)
         for name, unit, column in zip(names, units, columns, strict=True)
-        if name != "time"
+        if name != "time" and name not in derived
     }
-    return Record([Track("record", t_ns, found)], aircraft, "csv", {"file": path.name})
+    return Record([Track("record", t_ns, found)], aircraft, "csv", {"file": path.name}, rig)
+
+
+def _known(rig: Rig | None) -> dict[str, str]:
+    """The SI unit of each signal that a column may be of."""
+    own = {} if rig is None else {s.name: s.unit for s in rig.further.own}
+    return {**{name: s.unit for name, s in SIGNALS.items()}, **own}
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -79,7 +88,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-def _headings(path: Path, number: int, header: str) -> tuple[list[str], list[Unit]]:
+def _headings(path: Path, number: int, header: str, signals: Mapping[str, str]) -> tuple[list[str], list[Unit]]:
+    """`signals`: the SI unit of each that is known."""
     names: list[str] = []
     units: list[Unit] = []
     for i, cell in enumerate(header.split(","), start=1):
@@ -88,10 +98,11 @@ def _headings(path: Path, number: int, header: str) -> tuple[list[str], list[Uni
         if match is None:
             raise LogError(f"{where}: {cell.strip()!r} is not a name and its unit in brackets, as in q [deg/s]")
         name, unit_name = match["name"], match["unit"]
-        si = "s" if name == "time" else SIGNALS[name].unit if name in SIGNALS else None
+        si = "s" if name == "time" else signals.get(name)
         if si is None:
-            known = f"known, each with its unit as in q [deg/s]: time, {', '.join(SIGNALS)}"
-            raise LogError(f"{where}: unknown signal {name!r}{nearest(name, (*SIGNALS, 'time'))}\n{known}")
+            known = f"known, each with its unit as in q [deg/s]: time, {', '.join(signals)}"
+            more = "" if len(signals) > len(SIGNALS) else "; others are those of a rig that declares them (--rig)"
+            raise LogError(f"{where}: unknown signal {name!r}{nearest(name, (*signals, 'time'))}\n{known}{more}")
         if name in names:
             raise LogError(f"{where}: {name} is given twice, first in column {names.index(name) + 1}")
         fitting = ", ".join([*_units_of(si)])

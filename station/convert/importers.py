@@ -22,7 +22,7 @@ from station.convert.onspeed import is_onspeed, read_onspeed
 from station.convert.tracks import Record, Track, write_record
 from station.convert.ulog import read_ulog
 from station.convert.umn import is_umn, read_umn
-from station.profile import Aircraft
+from station.profile import Aircraft, Rig
 from station.rows import LogError
 
 GROUP: Final = "station.importers"
@@ -84,8 +84,11 @@ def reader_of(
     return reader
 
 
-def import_file(path: Path, out: Path, aircraft: Aircraft, more: Sequence[Importer] = ()) -> int:
-    """Make a recording of a file of another kind; returns the number of rows. `more` kinds are asked first.
+def import_file(
+    path: Path, out: Path, aircraft: Aircraft, more: Sequence[Importer] = (), rig: Rig | None = None
+) -> int:
+    """Make a recording of a file of another kind; returns the number of rows. `more` kinds are asked first; `rig`: of
+    the station's own CSV, whose columns it may declare.
 
     Raises LogError, for an unknown suffix naming those known.
     """
@@ -102,6 +105,13 @@ def import_file(path: Path, out: Path, aircraft: Aircraft, more: Sequence[Import
 
     def read() -> Record:
         row: Importer = next((row for row in fitting if row.is_it(path)), fitting[-1])
-        return row.read(path, aircraft)
+        if rig is None:
+            return row.read(path, aircraft)
+        if row.read is not read_csv:
+            raise LogError(
+                f"{path}: read as {row.sentence}, whose columns are its own: --rig is for a CSV whose header names "
+                "signals and units"
+            )
+        return read_csv(path, aircraft, rig)
 
     return write_record(out, confined(path, read))

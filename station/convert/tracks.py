@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS, Stream, Unit
 from station.log import About, write_log
-from station.profile import Aircraft, from_json, to_json
+from station.profile import Aircraft, Rig, from_json, to_json
 from station.rows import Extra, LogError, ProfileError, Rows, Sample
 
 Column = NDArray[np.float64]
@@ -39,6 +39,8 @@ class Record:
     aircraft: Aircraft
     source: str
     notes: Mapping[str, str] = field(default_factory=dict)
+    rig: Rig | None = None
+    """Which declares signals of the tracks beyond the station's."""
 
 
 def write_record(path: Path, record: Record) -> int:
@@ -58,6 +60,7 @@ def write_record(path: Path, record: Record) -> int:
     about = About(
         record.aircraft,
         tuple(t.stream() for t in tracks),
+        rig=record.rig,
         source=record.source,
         imported=True,
         notes=record.notes,

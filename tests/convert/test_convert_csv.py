@@ -17,7 +17,7 @@ from station.convert import Importer, Record, Track, export, import_file
 from station.convert.delimited import read_csv
 from station.convert.tracks import write_record
 from station.log import read_rows, summarise, table
-from station.profile import Aircraft, load_aircraft
+from station.profile import Aircraft, load_aircraft, load_rig
 from station.rows import LogError, Sample
 
 AIRCRAFT = load_aircraft("twin_otter")
@@ -208,3 +208,35 @@ def test_a_kind_of_file_is_one_row(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.degrees(found.columns["elevator"]), [1, 2, 3])
     with pytest.raises(LogError, match=r"cannot import \.txtt; known: \.txt, \.csv"):
         import_file(tmp_path / "a.txtt", tmp_path / "b.mcap", AIRCRAFT, (pairs,))
+
+
+DECLARED = "time [s],az_tip [g],torque [lbf ft],propeller_speed [rpm],az [g]\n0,-1.5,1000,2000,-1\n0.1,-1,0,2000,-1\n"
+
+
+def test_columns_that_a_rig_declares_come_in_and_those_it_derives_are_made(tmp_path: Path) -> None:
+    """And what is exported comes in again as it was, the derived columns made anew."""
+    rig = load_rig("instrumented")
+    (tmp_path / "a.csv").write_text(DECLARED)
+    import_file(tmp_path / "a.csv", tmp_path / "a.mcap", AIRCRAFT, rig=rig)
+    found = table(tmp_path / "a.mcap")
+    assert found.columns["az_tip"].tolist() == [-1.5 * 9.80665, -9.80665]
+    assert found.columns["torque"][0] == pytest.approx(1355.817948)
+    assert found.columns["propeller_speed"][0] == pytest.approx(2000 * 2 * math.pi / 60)
+    assert found.columns["tip_to_cg"] == pytest.approx([-0.5 * 9.80665, 0])
+    export(tmp_path / "a.mcap", "csv", tmp_path / "b.csv")
+    import_file(tmp_path / "b.csv", tmp_path / "b.mcap", AIRCRAFT, rig=rig)
+    export(tmp_path / "b.mcap", "csv", tmp_path / "c.csv")
+    assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
+
+
+def test_a_declared_column_is_known_by_its_rig_only_and_its_unit_must_fit(tmp_path: Path) -> None:
+    out, rig = tmp_path / "a.mcap", load_rig("instrumented")
+    (tmp_path / "a.csv").write_text(DECLARED)
+    with pytest.raises(LogError, match=r"line 1, column 2: unknown signal 'az_tip'.*\n.*--rig"):
+        import_file(tmp_path / "a.csv", out, AIRCRAFT)
+    (tmp_path / "a.csv").write_text(DECLARED.replace("torque [lbf ft]", "torque [kg]"))
+    with pytest.raises(LogError, match=r"column 3: torque: unit that does not fit: 'kg'\nfitting: N m"):
+        import_file(tmp_path / "a.csv", out, AIRCRAFT, rig=rig)
+    (tmp_path / "a.asc").write_text("0 " * 12 + "\n")
+    with pytest.raises(LogError, match="--rig is for a CSV"):
+        import_file(tmp_path / "a.asc", out, AIRCRAFT, rig=rig)
