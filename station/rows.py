@@ -87,6 +87,8 @@ class Code(StrEnum):
     AGREE = "AGREE"
     CHANGED = "CHANGED"
     UNCHANGED = "UNCHANGED"
+    UNWATCHED = "UNWATCHED"
+    WATCHED = "WATCHED"
     VIEW = "VIEW"
     PREPARING = "PREPARING"
     READY = "READY"
@@ -110,6 +112,7 @@ LEVELS: Final = {
             Code.FRESH,
             Code.AGREE,
             Code.UNCHANGED,
+            Code.WATCHED,
             Code.CLOCK_STATE,
             Code.PREPARING,
             Code.READY,

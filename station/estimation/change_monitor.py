@@ -50,6 +50,8 @@ _CONTINUOUS: Final = 4.0
 """Looks that continuous watching counts for in each time constant of what is forgotten."""
 HELD_TICKS: Final = 5 * TICK_HZ
 """A derivative must stand off so long."""
+BLIND_TICKS: Final = 10 * TICK_HZ
+"""Without angle of attack after which it is said that nothing is noticed: a mean of drag."""
 AGAIN_NS: Final = 60_000_000_000
 """At the least between two events on a change that goes on."""
 _V, _QBAR, _AX, _AZ, _THRUST, _MASS = (
@@ -237,13 +239,17 @@ class ChangeMonitor:
         self._patterns = patterns(aircraft)
         self._said: _Said | None = None
         self._ticks = 0
+        self._blind: int | None = None
+        """Ticks since the angle of attack was lost; None before there was one."""
 
     def step(self, frame: Frame, alpha: AlphaEstimate, methods: Sequence[MethodEstimate]) -> tuple[Event, ...]:
-        """A tick's rows; at most one event each second."""
+        """A tick's rows; at most one event on the aircraft each second, and one where it can be watched no more."""
         if self.drag.is_on:
             self.drag.step(frame, alpha)
         self.slopes.step(frame, methods)
         self._ticks += 1
+        if (lost := self._sight(frame, alpha)) is not None:
+            return (lost,)
         if self._ticks % TICK_HZ:
             return ()
         by_drag, by_slopes = self.drag.is_on and self.drag.told, self.slopes.told
@@ -261,6 +267,21 @@ class ChangeMonitor:
             return ()
         self._said = _Said(frame.t_ns, by_drag, by_slopes, tuple(m.pattern.name for m in found))
         return (Event(frame.t_ns, SOURCE, Code.CHANGED, 1, self._words(changes, by_drag, in_words(found))),)
+
+    def _sight(self, frame: Frame, alpha: AlphaEstimate) -> Event | None:
+        """That nothing can be noticed any more, or again."""
+        if alpha.valid:
+            blind, self._blind = self._blind or 0, 0
+            words = "the angle of attack is back: watched against the baseline again"
+            return Event(frame.t_ns, SOURCE, Code.WATCHED, 0, words) if blind >= BLIND_TICKS else None
+        if self._blind is None:
+            return None
+        self._blind += 1
+        words = (
+            "no angle of attack: ice, or another change, would NOT be noticed now; "
+            f"{'watch power and airspeed' if self._said is None else 'what was told before stands'}"
+        )
+        return Event(frame.t_ns, SOURCE, Code.UNWATCHED, 1, words) if self._blind == BLIND_TICKS else None
 
     def _words(self, changes: dict[str, tuple[float, float]], by_drag: bool, like: str) -> str:
         beyond = self.slopes.limit

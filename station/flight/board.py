@@ -50,6 +50,7 @@ CONDITIONS: Final = frozenset(
         Code.DISK,
         Code.DISAGREE,
         Code.CHANGED,
+        Code.UNWATCHED,
         Code.LIMIT,
         Code.PROTOCOL,
         Code.HEALTH,
@@ -232,6 +233,8 @@ class Board:
             self.conditions.pop((source, Code.DISAGREE), None)
         elif code is Code.UNCHANGED:
             self.conditions.pop((source, Code.CHANGED), None)
+        elif code is Code.WATCHED:
+            self.conditions.pop((source, Code.UNWATCHED), None)
         elif code is Code.DISK and row.detail.startswith("recording again"):
             self.conditions.pop((source, code), None)
         elif code in CONDITIONS:
@@ -255,10 +258,10 @@ class Board:
 
     @property
     def disagreements(self) -> list[Event]:
-        """Where instruments, they and the model, or the aircraft and its baseline disagree now; oldest first."""
-        return sorted(
-            (e for e in list(self.conditions.values()) if e.code in (Code.DISAGREE, Code.CHANGED)), key=lambda e: e.t_ns
-        )
+        """Where instruments, they and the model, or the aircraft and its baseline disagree now, or nothing tells
+        whether they do; oldest first."""
+        codes = (Code.DISAGREE, Code.CHANGED, Code.UNWATCHED)
+        return sorted((e for e in list(self.conditions.values()) if e.code in codes), key=lambda e: e.t_ns)
 
     def flags(self, stream: str, device: str, now_ns: int) -> list[Code]:
         """What is or was just now the matter with a stream or its device."""

@@ -43,7 +43,9 @@ ASLEEP_NS: Final = 100_000_000
 """Both clocks are read one after the other: a tick's time apart on a busy machine, and no suspend."""
 MADE_UP: Final = 25
 """Ticks that may be made up for while the estimators are prepared."""
-WATCHED: Final = frozenset((Code.DISAGREE, Code.AGREE, Code.CHANGED, Code.UNCHANGED, Code.ESTIMATOR))
+WATCHED: Final = frozenset(
+    (Code.DISAGREE, Code.AGREE, Code.CHANGED, Code.UNCHANGED, Code.UNWATCHED, Code.WATCHED, Code.ESTIMATOR)
+)
 """Events that are made from frames, and not from what was drained."""
 _VANE: Final = SIGNAL_INDEX["alpha_vane"]
 

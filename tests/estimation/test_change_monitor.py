@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -88,6 +89,24 @@ def test_without_thrust_nothing_is_said_of_drag() -> None:
         assert monitor.step(frame, alpha, ()) == ()
     assert monitor.drag.change is None
     assert not ChangeMonitor(aircraft(CD_0=None), 120.0).drag.is_on
+
+
+def test_without_angle_of_attack_it_says_that_it_sees_nothing() -> None:
+    """Ice that comes while the vane is lost is no change that is told; that it would not be is, once, and its end."""
+    monitor, said = ChangeMonitor(aircraft(), 120.0), []
+    for frame, alpha in flight([0.04] * 3 + [0.08] * 3 + [0.04] * 3):
+        lost = 30e9 <= frame.t_ns < 60e9
+        said += monitor.step(frame, msgspec.structs.replace(alpha, valid=not lost), ())
+    assert [(e.code, round(e.t_ns * 1e-9)) for e in said] == [(Code.UNWATCHED, 40), (Code.WATCHED, 60)]
+    assert "would NOT be noticed" in said[0].detail
+    board = Board(None, ManualClock(0))
+    board.update(said[:1])
+    assert [e.code for e in board.disagreements] == [Code.UNWATCHED]
+    board.update(said[1:])
+    assert board.disagreements == []
+    unseen = ChangeMonitor(aircraft(), 120.0)
+    none_yet = [unseen.step(f, msgspec.structs.replace(a, valid=False), ()) for f, a in flight([0.04] * 2)]
+    assert not any(none_yet)  # before there was one, the start says what is waited for
 
 
 def of_physical(values: dict[str, float], sd: float = 0.005) -> tuple[MethodEstimate, ...]:
