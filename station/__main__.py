@@ -36,6 +36,7 @@ VERBS: Final = {
     "campaign": "Monte Carlo: simulated flights by the thousand, all estimated.",
     "rig": "Listen to what is plugged in and write a rig and a card (rig new NAME).",
     "aircraft": "Describe an aircraft in a new profile (aircraft new NAME).",
+    "planform": "Indicial lift, upwash and downwash of an aircraft's outline, into a new profile.",
     "doctor": "Look at the machine: versions, clock, disk, ports, permissions, browser.",
 }
 """What `station --help` says. A verb is a function of its own module in station/commands, imported when it is called:

@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS
 from station.profile.fin import Fin
+from station.profile.planform import Planform
 from station.profile.propulsion import Engine
 from station.profile.quantity import (
     Frozen,
@@ -328,6 +329,7 @@ class Aircraft(Frozen):
     engine: Engine | None = None
     unsteady: Unsteady = Unsteady(memory=False)
     fin: Fin | None = None
+    planform: Planform | None = None
     separation: Separation = Separation()
     uncertainty: Uncertainty = Uncertainty()
     elevator: Actuator = Actuator()
