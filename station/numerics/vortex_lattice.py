@@ -189,7 +189,7 @@ class _UnsteadyWing:
             upwash[:, n] = self._of_points @ rings.ravel() + late[self._panels :]
             shed[n], before = rings[-1], rings
         steady = np.where(self.upwash == 0, 1.0, self.upwash)
-        way = first + lattice.step * np.arange(self.rows)
+        way = np.asarray(first + lattice.step * np.arange(self.rows), dtype=np.float64)
         return StepResponse(way, lift / self._circulation, upwash / steady[:, None])
 
 
