@@ -34,7 +34,7 @@ def planform(
     Of [geometry], [boom], [unsteady] (tail_arm, tail_span) and [planform]; the sidewash at the fin by DATCOM. Beside it
     stands what the profile has.
     """
-    from station.model.planform import planform_answer, with_planform
+    from station.model.outline_responses import planform_answer, with_planform
     from station.profile.profile_text import write_profile
     from station.programme.planform_words import as_json as to_json
     from station.programme.planform_words import print_planform

@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS
 from station.profile.fin import Fin
-from station.profile.planform import Planform
+from station.profile.outline import Planform
 from station.profile.propulsion import Engine
 from station.profile.quantity import (
     Frozen,

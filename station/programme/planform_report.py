@@ -11,7 +11,7 @@ from matplotlib.axes import Axes as Panel
 from matplotlib.figure import Figure
 
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
-from station.model.planform import FittedResponse, PlanformAnswer
+from station.model.outline_responses import FittedResponse, PlanformAnswer
 from station.programme.planform_words import RESPONSES, beside, heading, response_difference, shown, sums
 
 FILE_NAME: Final = "planform.html"

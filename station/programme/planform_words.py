@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from station.identification.listing import WIDTH
-from station.model.planform import FittedResponse, Number, PlanformAnswer
+from station.model.outline_responses import FittedResponse, Number, PlanformAnswer
 from station.profile.aircraft import Indicial
 
 SCHEMA: Final = "station.planform/1"

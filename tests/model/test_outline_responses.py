@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from station.__main__ import app
-from station.model.planform import PlanformAnswer, exponentials, planform_answer
+from station.model.outline_responses import PlanformAnswer, exponentials, planform_answer
 from station.profile import load_aircraft
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def test_exponentials_are_found_again() -> None:
 
 @pytest.fixture
 def few_panels(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("station.model.planform.PANELS", (3, 6))
+    monkeypatch.setattr("station.model.outline_responses.PANELS", (3, 6))
 
 
 @pytest.mark.usefixtures("few_panels")

@@ -18,7 +18,7 @@ from station.numerics.indicial import Response, frequency_response
 from station.numerics.indicial import response as response_of
 from station.numerics.vortex_lattice import Lattice, StepResponse, WingResponse, trapezoid, wing_response
 from station.profile.aircraft import Aircraft, Indicial
-from station.profile.planform import Planform
+from station.profile.outline import Planform
 from station.rows import ProfileError
 
 Array = NDArray[np.float64]
