@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
 from station.numerics.random_effects import NORMAL_95
-from station.programme.calibration import Calibration
+from station.programme.calibration import Calibration, Constant
 from station.programme.calibration_listing import WORDS, interval_of, named, shown, unit_of, value_of
 
 Array = NDArray[np.float64]
@@ -33,7 +33,8 @@ def write_report(made: Calibration, folder: Path) -> Path:
         "<h2>Position error</h2>",
         _position_error(made),
         '<p class="note">Airspeed shown less true airspeed, by GNSS velocity less wind; each point a block of four '
-        "seconds, its scatter gusts along the path. Band: 95 %.</p>",
+        "seconds, its scatter gusts along the path. Triangles: steady runs, pointing where they were headed, north up. "
+        "Band: 95 %.</p>",
         f'<p class="note">Recordings: {text(logs)}</p>',
         *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
         "<h2>Vane</h2>",
@@ -52,14 +53,34 @@ def write_report(made: Calibration, folder: Path) -> Path:
 
 
 def answer(made: Calibration) -> str:
-    """One sentence to quote: position error, vane zero, upwash and lag with their errors, and which are not told."""
+    """One sentence to quote: position error, vane zero, upwash and lag with 95 %, and which are not told."""
     wanted = [made.constants[n] for n in QUOTED if n in made.constants]
-    told = [f"{named(made, c)} {value_of(c)} {unit_of(c)}".rstrip() for c in wanted if c.is_told]
+    air = [_said(made, c) for c in wanted if c.is_told and c.name == "airspeed_error"]
+    vane = [_said(made, c) for c in wanted if c.is_told and c.name != "airspeed_error"]
+    parts = [f"the airspeed of {made.aircraft.name} {words}" for words in air]
+    if vane:
+        whose = "its alpha vane" if air else f"the alpha vane of {made.aircraft.name}"
+        parts.append(f"{whose} {' and '.join([', '.join(vane[:-1]), vane[-1]] if vane[1:] else vane)}")
     lost = [named(made, c) for c in wanted if not c.is_told]
-    said = f"{', '.join(told)} (± standard error)" if told else "nothing could be calibrated"
     low, high = made.speeds
+    said = "; ".join(parts) or f"nothing of {made.aircraft.name} could be calibrated"
     missing = f"; NOT calibrated: {', '.join(lost)}" if lost else ""
-    return f"{made.aircraft.name}, {low:.0f} to {high:.0f} m/s: {said}{missing}."
+    return f"{said[0].upper()}{said[1:]} (± 95 %; flown at {low:.0f} to {high:.0f} m/s){missing}."
+
+
+def _said(made: Calibration, c: Constant) -> str:
+    """A constant in words, with the half of its 95 % interval."""
+    half = shown(c, NORMAL_95 * c.sd)
+    digits = max(0, 1 - math.floor(math.log10(half))) if 0 < half < math.inf else 3
+    value = shown(c, c.value)
+    above = round(value, digits) >= 0
+    size = f"{abs(value):.{digits}f} ± {half:.{digits}f}"
+    return {
+        "airspeed_error": f"reads {size} m/s {'high' if above else 'low'} at {made.steady.speed:.0f} m/s",
+        "vane_zero": f"reads {size} deg {'high' if above else 'low'}",
+        "upwash": f"turns by {1 + value:.{digits}f} ± {half:.{digits}f} deg for each degree of the flow",
+        "vane_delay": f"is {size} ms {'late' if above else 'early'}",
+    }[c.name]
 
 
 def _constants(made: Calibration) -> str:
@@ -70,10 +91,11 @@ def _constants(made: Calibration) -> str:
         words = f"<td class='words'>{text(c.why or c.key)}</td>"
         kind = "" if c.is_told else " class='faint'"
         rows.append(
-            f"<tr{kind}><td>{text(named(made, c))}</td>{told}<td>{text(unit_of(c))}</td>"
+            f"<tr{kind}><td class='words'>{text(named(made, c))}</td>{told}<td>{text(unit_of(c))}</td>"
             f"<td>{shown(c, c.before):+.3g}</td>{words}</tr>"
         )
-    head = "".join(f"<th>{h}</th>" for h in ("", "value ± sd", "95 %", "unit", "profile", "key of the profile"))
+    head = "".join(f"<th>{h}</th>" for h in ("", "value ± sd", "95 %", "unit", "profile"))
+    head += "<th class='words'>key of the profile</th>"
     return f'<div class="wide"><table><tr>{head}</tr>{"".join(rows)}</table></div>'
 
 
@@ -93,9 +115,8 @@ def _position_error(made: Calibration) -> str:
     for run in (r for r in made.runs if r.kind == "steady"):
         middle = float(v[run.rows].mean())
         above = float((columns["airspeed"] - v)[run.rows].mean())
-        heading = round(math.degrees(math.atan2(np.sin(way[run.rows]).mean(), np.cos(way[run.rows]).mean()))) % 360
-        panel.annotate(f"{heading:03d}°", (middle, above), fontsize=8, color=INK, xytext=(4, 6),
-                       textcoords="offset points")  # fmt: skip
+        heading = math.degrees(math.atan2(np.sin(way[run.rows]).mean(), np.cos(way[run.rows]).mean()))
+        panel.plot(middle, above, marker=(3, 0, -heading), mfc="none", mec=INK, ms=11, ls="")
     line = np.linspace(*made.speeds, 50)
     error, sd = steady.error_at(line)
     panel.plot(line, error, color=ORANGE)
@@ -188,8 +209,9 @@ def _runs(made: Calibration) -> str:
         mass = f"{r.mass:.0f}" if math.isfinite(r.mass) else "–"
         left = steady.left["alpha_vane"][r.rows]
         angle = f"{-math.degrees(float(np.nanmean(left))):+.2f}" if np.isfinite(left).any() else "–"
-        cells = (r.log, r.kind, f"{r.start_s:.0f}–{r.end_s:.0f}", f"{r.speed:.1f}", heading,
-                 f"{math.degrees(r.bank):+.0f}", mass, f"{float(shown_less[r.rows].mean()):+.2f}", angle)  # fmt: skip
+        bank, error = f"{round(math.degrees(r.bank)):+d}", f"{float(shown_less[r.rows].mean()):+.2f}"
+        cells = (r.log, r.kind, f"{round(r.start_s)}–{round(r.end_s)}", f"{r.speed:.1f}", heading, bank, mass, error,
+                 angle)  # fmt: skip
         rows.append("<tr>" + "".join(f"<td>{text(c)}</td>" for c in cells) + "</tr>")
     head = "".join(
         f"<th>{h}</th>"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,13 @@ def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -
     shown = (tmp_path / "report" / "calibration.html").read_text()
     assert len(shown) > 50_000
     sentence = shown.partition('<p class="verdict">')[2].partition("</p>")[0]
-    assert "alpha vane, zero +0." in sentence
+    zero, half = (
+        math.degrees(constants["vane_zero"]["estimate"]),
+        math.degrees(constants["vane_zero"]["std_error"]) * 1.96,
+    )
+    told = re.search(r"its alpha vane reads ([\d.]+) ± ([\d.]+) deg high", sentence)
+    assert told is not None
+    assert (float(told[1]), float(told[2])) == pytest.approx((zero, half), abs=0.005)
     assert "NOT calibrated" not in sentence
     with pytest.raises(UsageError, match="never replaces"):
         calibrate([programme], profile, None, None, None)
