@@ -6,7 +6,7 @@ import sys
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
 
 import typer
 
@@ -15,9 +15,17 @@ from station.console import DONE, say
 from station.profile import Aircraft, read_profile
 from station.rows import ProfileError, UsageError
 
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
 
 class Action(StrEnum):
     new = "new"
+
+
+_LEAST_CHORD: Final = 0.8
+_MOST_CHORD: Final = 1.6
+"""Of span x chord over wing area: beyond the planforms that there are, short of a foot taken for a metre (0.3, 3.3)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +78,8 @@ def aircraft_(
     except ProfileError:
         path.unlink()
         raise
+    if words := doubt(path):
+        say(words)
     say(f'written: {path}\nnext: station rig new {name}, or aircraft = "{name}" in a card beside it (cards/)')
     return DONE
 
@@ -88,10 +98,39 @@ def _ask(values: dict[str, str]) -> None:
         while q.key not in values:
             say(f"{q.words}, like {q.example}{f' (empty: {q.without})' if q.without else ''}")
             answer = input(f"{q.key} > ").strip()
-            if answer:
+            why = refused(q, answer) if answer else ""
+            if why:
+                say(f"  {answer}: {why}")
+            elif answer:
                 values[q.key] = answer
             elif q.without:
                 break
+
+
+def refused(question: Question, answer: str) -> str:
+    """Why the profile would not take an answer; "" where it does."""
+    from pydantic import TypeAdapter, ValidationError
+
+    table = Aircraft.model_fields[question.table].annotation
+    model = next(m for m in (table, *get_args(table)) if hasattr(m, "model_fields"))
+    field: FieldInfo = model.model_fields[question.key]
+    value = float(answer) if _is_number(answer) else answer
+    kind: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+    try:
+        TypeAdapter[Any](kind).validate_python(value, strict=True)
+    except ValidationError as error:
+        return str(error.errors()[0]["msg"])
+    return ""
+
+
+def doubt(path: Path) -> str:
+    """Where area, span and chord do not belong together: a mean aerodynamic chord is area over span for a rectangular
+    wing, and 4/3 of that for a pointed one."""
+    g = read_profile(Aircraft, path).geometry
+    ratio = g.span * g.chord / g.wing_area
+    if _LEAST_CHORD <= ratio <= _MOST_CHORD:
+        return ""
+    return f"span x chord is {ratio:.2g} times the wing area, where 1 to 1.33 is usual: is one of the units wrong?"
 
 
 def text_of(name: str, values: dict[str, str]) -> str:

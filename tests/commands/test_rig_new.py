@@ -140,11 +140,30 @@ def test_answers_of_a_terminal_are_taken_and_asked_again_where_they_do_not_fit(
     assert next(answers, None) is None
 
 
-def test_an_aircraft_is_asked_for_and_may_be_left_out_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    answers = iter(("", "420 ft2", "65 ft", "6.5 ft", "340 slug", "24640 slug ft2", "", "", "", "", "", "0.04", "0.05"))
+def test_area_span_and_chord_that_do_not_belong_together_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = [w for v in (*UAV, "chord=0.27 ft") for w in ("--set", v)]
+    assert station("aircraft", "new", "uav", "--folder", str(tmp_path), *sets, monkeypatch=monkeypatch) == 0
+    # 2.1 m x 0.0823 m / 0.55 m2
+    assert "span x chord is 0.31 times the wing area" in capsys.readouterr().err
+
+
+def test_an_aircraft_is_asked_for_and_may_be_left_out_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An answer without its unit, of another kind or below zero is refused at once, and asked for again."""
+    area = ("", "420", "420 ft", "-420 ft2", "420 ft2")
+    answers = iter((*area, "65 ft", "6.5 ft", "340 slug", "24640 slug ft2", "", "", "", "", "", "0.04", "high", "0.05"))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     assert station("aircraft", "new", "otter", "--folder", str(tmp_path), monkeypatch=monkeypatch) == 0
+    said = capsys.readouterr().err
+    assert "420: missing unit: write" in said
+    assert "420 ft: unit 'ft' does not fit here" in said
+    assert "-420 ft2: Input should be greater than 0" in said
+    assert "high: Input should be a valid number" in said
+    assert "is one of the units wrong" not in said
     found = read_profile(Aircraft, tmp_path / "aircraft" / "otter.toml")
     assert found.inertia.mass == pytest.approx(4961.9, abs=0.1)
     assert found.boom is None
