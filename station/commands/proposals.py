@@ -14,7 +14,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from drivers.listening import Heard
-from station.conventions import SIGNALS, unit_named
+from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, unit_named
 from station.profile import Card, Channel, load_rig, nearest
 from station.rows import UsageError
 
@@ -124,7 +124,10 @@ def _channel(field_name: str, text: str) -> tuple[str, Channel]:
     signal, *words = (word.strip() for word in text.split(":"))
     if signal not in SIGNALS:
         raise UsageError(f"no signal {signal}{nearest(signal, tuple(SIGNALS))}")
-    unit = words[0] if words else SIGNALS[signal].unit
+    if not words:
+        fitting = ", ".join(n for n, u in UNITS.items() if u.si == SIGNALS[signal].unit and n not in UNIT_ALIASES)
+        raise UsageError(f"{text}: in which unit? like {text}:{fitting.partition(',')[0]}; fitting: {fitting}")
+    unit = words[0]
     try:
         slope, zero = (float(x) for x in (*words[1:], *("1", "0")[len(words[1:]) :]))
         channel = Channel(field=field_name, unit=unit, slope=slope, zero=zero)
@@ -152,6 +155,8 @@ def _asked(
         while answer := ask(question):
             try:
                 signal, channel = _channel(field_name, answer)
+                if signal in wanted:
+                    raise UsageError(f"{signal} is {wanted[signal].field} already; empty: none")
             except UsageError as error:
                 question = f"{error}\n{field_name}"
                 continue

@@ -126,10 +126,10 @@ def test_from_nothing_to_a_card_that_check_takes(
 
 
 def test_answers_of_a_terminal_are_taken_and_asked_again_where_they_do_not_fit(
-    uav: tuple[Path, str, str, str], monkeypatch: pytest.MonkeyPatch
+    uav: tuple[Path, str, str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, vane, _, _ = uav
-    answers = iter(("y", "alfa_vane", "alpha_vane:m", "alpha_vane:deg:0.5", ""))
+    answers = iter(("y", "alfa_vane", "alpha_vane", "alpha_vane:m", "alpha_vane:deg:0.5", "alpha_vane:deg", ""))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     words = ("--folder", str(folder), "--port", vane, "--mavlink", "none", "--can", "none", "--seconds", "1")
@@ -138,6 +138,9 @@ def test_answers_of_a_terminal_are_taken_and_asked_again_where_they_do_not_fit(
     ((stream,),) = [device.streams for device in rig.devices]
     assert {n: (c.field, c.slope) for n, c in stream.signals.items()} == {"alpha_vane": ("c0", 0.5)}
     assert next(answers, None) is None
+    said = capsys.readouterr().err
+    assert "alpha_vane: in which unit? like alpha_vane:rad; fitting: rad, mrad, deg" in said
+    assert "alpha_vane is c0 already" in said
 
 
 def test_area_span_and_chord_that_do_not_belong_together_are_said(
