@@ -46,17 +46,25 @@ class Cutter:
 class CutCodec(Codec):
     """Readings from the pieces between delimiters."""
 
-    def __init__(self, delimiter: bytes, limit: int, read: Callable[[bytes], Sequence[Reading] | None]) -> None:
-        """`read`: the readings of a piece, none if it is to be passed over; None if it is bad."""
+    def __init__(
+        self, delimiter: bytes, limit: int, read: Callable[[bytes], Sequence[Reading] | None], whole: bool = True
+    ) -> None:
+        """`read`: the readings of a piece, none if it is to be passed over; None if it is bad. Not `whole`: the first
+        piece is passed over, as its beginning may be missing and no checksum would tell."""
         self.bad = 0
         self.resyncs = 0
         self.noise = 0
         self._cutter = Cutter(delimiter, limit)
+        self._limit = limit
         self._read = read
+        self._is_whole = self._from_start = whole
 
     def feed(self, data: bytes) -> list[Reading | TimeReply]:
         readings: list[Reading | TimeReply] = []
         for piece in self._cutter.feed(data):
+            was_whole, self._is_whole = self._is_whole, True
+            if not was_whole and len(piece) < self._limit:
+                continue
             found = self._read(piece)
             if found is None:
                 self.bad += 1
@@ -67,6 +75,7 @@ class CutCodec(Codec):
 
     def reset(self) -> None:
         self._cutter.reset()
+        self._is_whole = self._from_start
 
 
 def seal_line(body: str) -> bytes:

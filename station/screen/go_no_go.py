@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from typing import Final
 
 from rich.console import Console
 from rich.table import Table
@@ -17,12 +18,17 @@ from station.profile import DeclaredSignal, Derived, DerivedSignal, Profiles, Ri
 from station.rows import Code, Event, Level
 from station.screen.plots import event_text
 
+WIDE: Final = 100
+"""Columns from which on the table has room for what is out of range; below, it stands under the table."""
+
 
 def print_check(
     card: str, board: Board, streams: Sequence[Stream], told: Sequence[Event], sent: Mapping[str, str]
 ) -> bool:
     """The go / no-go table of what was heard, what is the matter and what is `sent` to each device; whether all go."""
-    grid = Table(title=f"check {card}")
+    console = Console()
+    console = console if console.is_terminal else Console(width=100)
+    grid, below = Table(title=f"check {card}"), list[str]()
     for name in ("stream", "alive", "rate Hz", "clock", "range", "verdict"):
         grid.add_column(name, no_wrap=name != "range")
     heard = board.health.streams if board.health is not None else ()
@@ -34,15 +40,20 @@ def print_check(
         go = s.alive and s.rate_hz >= 0.9 * stream.rate_hz and s.clock != "rejected"
         go = go and not outside and not any(e.level is Level.ALARM or e.code is Code.STUCK for e in holding)
         all_go &= go
+        if outside and console.width < WIDE:
+            below.append(f"{s.stream}: {outside}")
+            outside = "outside"
         grid.add_row(
             *(s.stream, "yes" if s.alive else "no", f"{s.rate_hz:.0f} of {stream.rate_hz:g}", s.clock),
             Text(outside or ("ok" if s.alive else "-")),
             "[green]GO[/]" if go else "[red]NO-GO[/]",
         )
-    console = Console()
-    console = console if console.is_terminal else Console(width=100)
     console.print(grid)
-    for line in [*_remarks(board, streams, told), *(f"sent to {name}: {words}" for name, words in sent.items())]:
+    for line in [
+        *below,
+        *_remarks(board, streams, told),
+        *(f"sent to {name}: {words}" for name, words in sent.items()),
+    ]:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return all_go
 

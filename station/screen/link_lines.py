@@ -35,7 +35,9 @@ def link_lines(board: Board, now_ns: int, *, only_bad: bool = False) -> Iterator
 
 def _link_line(s: StreamHealth, alive: bool, flags: str) -> Text:
     style = "bold red" if not alive else "yellow" if flags else "green"
-    line = styled(f" {'●' if alive else '✗'} {s.stream:<{_STREAM - 3}}", style)
+    room = _STREAM - 4
+    name = s.stream if len(s.stream) <= room else f"{s.stream[: room - 1]}…"
+    line = styled(f" {'●' if alive else '✗'} {name:<{room}} ", style)
     age = f"{1000 * s.age_s:.0f} ms" if s.age_s < 1 else f"{s.age_s:.1f} s" if math.isfinite(s.age_s) else "–"
     line.append(f"{fixed(s.rate_hz, '.0f'):>3} Hz{age:>8}", "" if alive else "bold red")
     line.append(f"  {s.clock:<10}", _CLOCK_STYLES.get(s.clock, "bold red"))

@@ -70,7 +70,9 @@ READINGS["boombox_ascii"] = READINGS["boombox"]
 @given(data=st.data())
 def test_the_encoder_of_a_row_is_its_codecs_inverse(name: str, data: st.DataObject) -> None:
     row, sent = protocol_named(name), data.draw(READINGS[name])
-    (read,) = row.codec().feed(row.encode(sent))
+    codec = row.codec()
+    codec.feed(row.encode(sent))  # of lines without a checksum the first is not trusted
+    (read,) = codec.feed(row.encode(sent))
     assert isinstance(read, Reading)
     assert (read.message, read.t_device_ns) == (sent.message, sent.t_device_ns)
     assert sent.seq is None or read.seq == sent.seq
@@ -84,7 +86,7 @@ def test_a_field_without_a_reading_reads_as_none(name: str) -> None:
     row = protocol_named(name)
     message, fields = next(iter(row.fields.items()))
     sent = Reading(message, 10**9, 0, dict.fromkeys(fields[:3], math.nan))
-    for reading in row.codec().feed(row.encode(sent)):
+    for reading in row.codec().feed(2 * row.encode(sent)):
         assert isinstance(reading, Reading)
         assert all(math.isnan(reading.fields.get(field, math.nan)) for field in fields[:3])
 

@@ -1,6 +1,7 @@
 """The go / no-go table: what is heard, what is wrong, and the verdict of both."""
 
 import pytest
+from rich.console import Console as Terminal
 
 from station.clock import ManualClock
 from station.conventions import Stream
@@ -80,3 +81,13 @@ def test_verdict_and_words(capsys, events, gyro, verdict, row, below):
 def test_nothing_heard_is_no_go(capsys):
     assert not checklist.print_check("mine", Board(None, ManualClock(0)), STREAMS, [], {"can": "nothing"})
     assert capsys.readouterr().out.endswith("sent to can: nothing\n")
+
+
+def test_what_is_out_of_range_stands_below_a_narrow_table(monkeypatch, capsys):
+    monkeypatch.setattr(checklist, "Console", lambda **_: Terminal(width=80, force_terminal=True, color_system=None))
+    board, told = heard(Event(0, "can.gyro", Code.RANGE, 3, "q = 12 cannot be true"))
+    assert not checklist.print_check("card", board, STREAMS, told, {})
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "outside" in shown
+    assert "can.gyro: q = 12 cannot be true" in shown
