@@ -35,6 +35,8 @@ PENDING: Final = 128
 LATE_NS: Final = 50_000_000
 SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
 REPEAT_NS: Final = 500_000_000
+WORDS_IN_S_MS: Final = 1000.0
+"""A jump from here on is told in seconds."""
 """Like events of one source are told at once and then counted, at most one row in this time."""
 NAN: Final = math.nan
 
@@ -200,8 +202,13 @@ class Aligner:
                 kept = begin
                 self._forget(buffer, arrival_ns)
             elif mapped.jump_ns:
-                jumped = f"device clock jumped by {-1e-6 * mapped.jump_ns:.1f} ms and is followed"
+                by = -1e-6 * mapped.jump_ns
+                words = f"{by:.1f} ms" if abs(by) < WORDS_IN_S_MS else f"{1e-3 * by:.1f} s"
+                jumped = f"device clock jumped by {words} and is followed"
                 self._count(arrival_ns, buffer.stream.name, Code.CLOCK_STEP, 1, jumped)
+            if mapped.strays:
+                wrong = "device times that no clock shows; their arrival counts"
+                self._count(arrival_ns, buffer.stream.name, Code.CLOCK_STEP, mapped.strays, wrong)
             if mapped.late_ns > LATE_NS:
                 buffer.late_until = arrival_ns + REPEAT_NS
             if buffer.clock.state != buffer.clock_state:

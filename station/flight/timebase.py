@@ -13,7 +13,7 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from station.conventions import CLOCK_LAW
-from station.flight.clock_jump import Found, JumpWatch
+from station.flight.clock_jump import LAW_OF_PROOF, Found, JumpWatch, LeapWatch, tail
 
 BIN_NS: Final = 500_000_000
 """One lowest point is kept of each bin, and the floor drawn anew at its end."""
@@ -41,6 +41,8 @@ class Mapped(NamedTuple):
     """The device clock leapt, and is synchronised anew."""
     jump_ns: int = 0
     """By how much station minus device time has changed; the floor has been moved with it."""
+    strays: int = 0
+    """Device times before this one that were wrong: what they showed was no clock's."""
 
 
 class ClockMap:
@@ -49,7 +51,8 @@ class ClockMap:
     def __init__(self, period_ns: int, phase_ns: int = 0, law: int = CLOCK_LAW) -> None:
         """`phase_ns` moves the bins' ends, so that many streams do not all draw their floors at one tick. `law`: as
         conventions.CLOCK_LAW has it."""
-        self._watch = JumpWatch() if law > 1 else None
+        self._watch = JumpWatch(law, period_ns) if law > 1 else None
+        self._leap = LeapWatch() if law >= LAW_OF_PROOF else None
         self._period_ns = period_ns
         self._phase_ns = phase_ns
         self._last: tuple[int, int] | None = None
@@ -69,6 +72,10 @@ class ClockMap:
         """The floor but for its newest points, which a jump may have put there."""
         self._spread_ns = 0.0
         """By how much a bin's lowest point misses the floor, but for one bin in 20: those of a stall."""
+        self._tail_ns = 0.0
+        """The same by the worst bin: of delays that end somewhere it is less."""
+        if self._leap is not None:
+            self._leap.run = []
 
     @property
     def offset_s(self) -> float:
@@ -101,20 +108,34 @@ class ClockMap:
             stepped = False
         else:
             stepped = self._steps(t_device_ns, arrival_ns, *self._last)
-            if stepped:
-                self._reset()
+        leap = self._leap
+        if leap is not None and self.state == "synced" and (stepped or leap.run):
+            found = leap.take(t_device_ns, arrival_ns, self._over(t_device_ns, arrival_ns), leaps=stepped)
+            stepped = False
+        else:
+            found = Found.USUAL
+        if stepped:
+            self._reset()
         self._last = (t_device_ns, arrival_ns)
         if self.state == "rejected":
             return Mapped(arrival_ns, 0, stepped)
-        difference = arrival_ns - t_device_ns
+        watch: JumpWatch | LeapWatch | None = leap
+        if self._watch is not None and self._first_ns is not None and found is Found.USUAL:
+            watch, found = self._watch, self._seen(self._watch, t_device_ns, arrival_ns)
+        strays = leap.told() if leap is not None else 0
+        if found is Found.EARLY:  # before its time: one wrong stamp, or the first after a jump
+            return Mapped(arrival_ns, 0, stepped=False, strays=strays)
         jump_ns = 0
-        if self._watch is not None and self._first_ns is not None:
-            found = self._seen(self._watch, t_device_ns, arrival_ns)
-            if found is Found.EARLY:  # before its time: one wrong stamp, or the first after a jump
-                return Mapped(arrival_ns, 0, stepped=False)
-            if found is Found.JUMP:
-                jump_ns = round(self._watch.jump_ns)
-                self._move(self._watch, jump_ns)
+        if watch is not None and found is Found.JUMP:
+            # The new device times lie so far along the floor's slope as well.
+            jump_ns = round(watch.jump_ns / (1.0 + self._slope) if watch is leap else watch.jump_ns)
+            self._move(watch, jump_ns)
+        t_ns = self._measured(t_device_ns, arrival_ns)
+        return Mapped(t_ns, arrival_ns - t_ns, stepped, jump_ns, strays)
+
+    def _measured(self, t_device_ns: int, arrival_ns: int) -> int:
+        """When, on the station's clock, by a floor that this message may lower."""
+        difference = arrival_ns - t_device_ns
         lowest = self._bin
         if lowest is None or lowest[0] != (arrival_ns + self._phase_ns) // BIN_NS:
             self._next_bin(t_device_ns, arrival_ns)
@@ -124,8 +145,7 @@ class ClockMap:
         if difference < floor:  # an earlier message than any before: the floor is at least this low
             self._floor_ns += difference - floor
             floor = float(difference)
-        t_ns = min(t_device_ns + round(self._less_journey(floor)), arrival_ns)
-        return Mapped(t_ns, arrival_ns - t_ns, stepped, jump_ns)
+        return min(t_device_ns + round(self._less_journey(floor)), arrival_ns)
 
     def _steps(self, t_device_ns: int, arrival_ns: int, last_device_ns: int, last_arrival_ns: int) -> bool:
         """The device clock jumped, not a late or bunched message: those have a plausible increment of their own."""
@@ -141,23 +161,23 @@ class ClockMap:
         """Whether increments that do not fit are the device clock's: a message on the floor is in time, whatever was
         held up or lost before it, and one that was overtaken on the way is only late."""
         limit = STEP_NS + MAX_DRIFT * arrived
-        over = arrival_ns - t_device_ns - self._floor_line(t_device_ns)
+        over = self._over(t_device_ns, arrival_ns)
         if device > arrived:
             return over < -limit
         was_overtaken = -OVERTAKEN * self._period_ns <= device < 0 and over <= (OVERTAKEN + 1) * self._period_ns
         return over > limit and not was_overtaken
 
     def _seen(self, watch: JumpWatch, t_device_ns: int, arrival_ns: int) -> Found:
-        over = arrival_ns - t_device_ns - self._floor_line(t_device_ns) + self._floor_ns - self._settled_ns
+        over = self._over(t_device_ns, arrival_ns) + self._floor_ns - self._settled_ns
         span = arrival_ns - (self._first_ns or arrival_ns)
         doubt = 0.0 if span >= DRIFT_AFTER_NS + BIN_NS else MAX_DRIFT * span
         if span < SYNCED_AFTER_NS:  # the floor is still being found
             return Found.USUAL
-        found = watch.take(t_device_ns, arrival_ns, over, self._spread_ns, doubt)
+        found = watch.take(t_device_ns, arrival_ns, over, self._spread_ns, doubt, self._tail_ns)
         # A larger jump back has shown in the increments: what is late by as much and did not was held up.
         return Found.USUAL if found is Found.JUMP and watch.jump_ns > STEP_NS else found
 
-    def _move(self, watch: JumpWatch, jump_ns: int) -> None:
+    def _move(self, watch: JumpWatch | LeapWatch, jump_ns: int) -> None:
         """Put the floor where the clock has jumped to; its drift is still the same oscillator's."""
         since = watch.run[0].arrival_ns
         # A point's arrival is its device time and difference together; what came since the jump is in `run`.
@@ -170,6 +190,10 @@ class ClockMap:
         self._floor_ns = difference - self._slope * (lowest.device_ns - self._x0_ns)
         self._bin = ((lowest.arrival_ns + self._phase_ns) // BIN_NS, lowest.device_ns, difference)
         self._best_exchange = None
+        if isinstance(watch, LeapWatch):
+            watch.run = []
+            if self._watch is not None:
+                self._watch.forget()
 
     def _note_standstill(self, device: int) -> None:
         """A device clock that stands still cannot be used until it goes again."""
@@ -208,7 +232,12 @@ class ClockMap:
         settled = heights[:-NEWEST] or heights
         self._settled_ns = min(settled)
         self._spread_ns = sorted(settled)[round(0.95 * (len(settled) - 1))] - self._settled_ns
+        self._tail_ns = tail(max(settled) - self._settled_ns, len(settled))
         self.state = "synced" if span_ns >= SYNCED_AFTER_NS else "converging"
+
+    def _over(self, t_device_ns: int, arrival_ns: int) -> float:
+        """How late a message is over the floor, ns."""
+        return arrival_ns - t_device_ns - self._floor_line(t_device_ns)
 
     def _floor_line(self, t_device_ns: int) -> float:
         return self._floor_ns + self._slope * (t_device_ns - self._x0_ns)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from station.conventions import CLOCK_LAW
 from station.flight.timebase import ClockMap
 
 S = 1_000_000_000
@@ -78,7 +79,7 @@ class Mapping:
     error_s: NDArray[np.float64]
 
 
-def mapped(messages: Messages, law: int = 2) -> Mapping:
+def mapped(messages: Messages, law: int = CLOCK_LAW) -> Mapping:
     clock = ClockMap(round(S / messages.rate_hz), 0, law)
     told, at = [], []
     for n, (device, arrival) in enumerate(zip(messages.device.tolist(), messages.arrival.tolist(), strict=True)):

@@ -87,7 +87,7 @@ def stalls_of_the_station(hours: float) -> Told:
         held, lost = (stalled(sound, rng, is_lossy=lossy) for lossy in (False, True))
         told += sum(len(mapped(messages).told) for messages in (held, lost, starved(sound, rng)))
         before += len(mapped(lost, law=1).told)
-    words = f"{told} jumps told of clocks that did not jump ({before} by the law until now)"
+    words = f"{told} jumps told of clocks that did not jump ({before} by clock law 1)"
     return f"a machine that stalls, {hours:g} h of five links", "0", words, not told
 
 

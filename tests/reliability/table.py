@@ -54,7 +54,7 @@ def trials(part: int, seconds: float) -> dict[str, Callable[[], Told]]:
         "foreign-files": lambda: inputs.foreign(200 // part),
         "jumps": lambda: inputs.clock_jumps(20 // part),
         "wraps": lambda: inputs.all_wraps(500 // part),
-        "sound-clocks": lambda: inputs.stalls_of_the_station(1.0 / part),
+        "sound-clocks": lambda: inputs.stalls_of_the_station(10.0 / part),
         "crafted": inputs.crafted_bytes,
         "foreign-senders": lambda: inputs.foreign_senders(200_000 // part),
         "signatures": lambda: inputs.wrong_signatures(200_000 // part),
