@@ -23,7 +23,7 @@ from drivers.loop_inputs import LoopInput, input_of
 from drivers.loop_timing import REPORT_EVERY_NS, Overruns, claim_real_time
 from drivers.surface_tap import SurfaceTap
 from station.clock import SystemClock
-from station.profile import LOOP_HZ, MeasuredLoop, Order, Profiles
+from station.profile import LOOP_HZ, JoystickLoop, MeasuredLoop, Order, Profiles
 from station.rows import Code, StationError
 from station.simulation.outside import Outside
 from station.simulation.sortie import stepped
@@ -90,6 +90,8 @@ class ClosedLoop:
         rest = {n: self._flight.rest[n] for n in come.moved}
         jump = rig.loop.jump if isinstance(rig.loop, MeasuredLoop) else math.inf
         self._outside = Outside(rest, rig.loop.hold, rig.loop.fade, jump, travel)
+        # A stick in its middle asks for trim.
+        self._middle = rest if isinstance(rig.loop, JoystickLoop) else {}
         self._patience_ns = round(rig.loop.hold * 1e9)
         self._come, self._control, self._listening = come, control, listening
         self._clock = SystemClock()
@@ -111,6 +113,8 @@ class ClosedLoop:
             self._wait(due_ns)
             now_ns = self._clock.now_ns()
             self._overruns.began(due_ns, now_ns)
+            if self._come.holds:
+                self._outside.still(self._since_start(now_ns))
             self._newest.row = self._flight.step(self._outside.at(self._since_start(now_ns)))
             if k % _EACH == 0:
                 self._hand_out()
@@ -142,7 +146,7 @@ class ClosedLoop:
                 return
 
     def _take(self, t_ns: int, name: str, value: float) -> None:
-        self._outside.take(self._since_start(t_ns), name, value)
+        self._outside.take(self._since_start(t_ns), name, self._middle.get(name, 0.0) + value)
 
     def _hand_out(self) -> None:
         """The newest row to each device's pipe, with the time of the newest value that it was flown with."""

@@ -8,12 +8,13 @@ from typing import Any, Protocol
 
 from drivers.adapter import Adapter, open_devices
 from drivers.ardupilot_json import ArdupilotJson
+from drivers.joystick import JoystickInput
 from drivers.loop_links import Link, listening_socket, open_link
 from drivers.mavlink_frame import SILENT_NS
 from drivers.mavlink_hil import MavlinkHil
 from drivers.surface_tap import SurfaceTap
 from station.clock import Clock, SystemClock
-from station.profile import JsonLoop, MavlinkLoop, Profiles
+from station.profile import JoystickLoop, JsonLoop, MavlinkLoop, Profiles
 from station.rows import Code, Event, Rows
 
 Take = Callable[[int, str, float], None]
@@ -44,6 +45,11 @@ class LoopInput(Protocol):
         """Whether the next step is to wait for it."""
         ...
 
+    @property
+    def holds(self) -> bool:
+        """Whether what it said last still holds: it is there, and tells changes alone."""
+        ...
+
     def give_up(self) -> None:
         """It has not answered in time."""
         ...
@@ -64,6 +70,7 @@ class MeasuredInput:
 
     measured = True
     waits = False
+    holds = False
 
     def __init__(self, profiles: Profiles, tap: SurfaceTap | None) -> None:
         measured = profiles.rig.measured_surfaces
@@ -112,6 +119,7 @@ class MavlinkInput:
     """An autopilot on a stream of bytes."""
 
     measured = False
+    holds = False
 
     def __init__(self, loop: MavlinkLoop, link: Link, seed: int) -> None:
         self.moved = frozenset(loop.commands)
@@ -150,6 +158,7 @@ class JsonInput:
     """An ArduPilot on datagrams: whoever sends the first servo packet, until it has been silent for SILENT_NS."""
 
     measured = False
+    holds = False
 
     def __init__(self, loop: JsonLoop) -> None:
         """Raises DeviceError."""
@@ -214,4 +223,6 @@ def input_of(profiles: Profiles, tap: SurfaceTap | None, clock: Clock) -> LoopIn
             return MavlinkInput(loop, open_link(loop.url, loop.baud, clock), profiles.card.flight.seed)
         case JsonLoop():
             return JsonInput(loop)
+        case JoystickLoop():
+            return JoystickInput(loop, clock)
     return MeasuredInput(profiles, tap)

@@ -72,13 +72,24 @@ from station.profile.rig import (
     SerialDevice,
     StreamProfile,
 )
-from station.profile.rig_loop import LOOP_HZ, MOVED, CommandedLoop, JsonLoop, Loop, MavlinkLoop, MeasuredLoop
+from station.profile.rig_loop import (
+    AXES,
+    LOOP_HZ,
+    MOVED,
+    CommandedLoop,
+    JoystickLoop,
+    JsonLoop,
+    Loop,
+    MavlinkLoop,
+    MeasuredLoop,
+)
 from station.profile.shapes import DiscreteGust, Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
 
 __all__ = [
     "AIR",
     "ARGUMENTS",
+    "AXES",
     "COEFFICIENTS",
     "DERIVATIVE_NAMES",
     "EMULATED",
@@ -122,6 +133,7 @@ __all__ = [
     "Indicial",
     "Inertia",
     "Instrument",
+    "JoystickLoop",
     "JsonLoop",
     "KilogramMetres2",
     "Kilograms",

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.conventions import SIGNALS, SURFACES, unit_named
 from station.profile.channel import Channel
-from station.profile.quantity import Frozen, Hertz, Metres, Positive, Radians, Seconds
+from station.profile.quantity import Frozen, Hertz, Metres, Positive, Radians, Seconds, nearest
 
 LOOP_HZ = 400
 """Steps a second with something from outside in the loop: an autopilot's inner loop runs at 250 to 400 Hz."""
@@ -43,6 +43,65 @@ class MeasuredLoop(_Loop):
     """A surface that moves farther from one sample to the next is held until it has stayed there for 0.1 s."""
 
 
+def _check_moved(commands: dict[str, Channel]) -> None:
+    """Raises PydanticCustomError for what nothing moves, and for a unit that does not fit."""
+    for name, channel in commands.items():
+        if name not in MOVED:
+            known = ", ".join(MOVED)
+            raise PydanticCustomError(
+                "signal", "nothing from outside moves {name}: only {known}", {"name": name, "known": known}
+            )
+        unit = unit_named(channel.unit)
+        if unit is None or unit.si != SIGNALS[name].unit:
+            raise PydanticCustomError(
+                "unit",
+                "{name} is in {si}: unit {unit} does not fit",
+                {"name": name, "si": SIGNALS[name].unit, "unit": repr(channel.unit)},
+            )
+
+
+AXES: Final = {
+    "ABS_X": 0, "ABS_Y": 1, "ABS_Z": 2, "ABS_RX": 3, "ABS_RY": 4, "ABS_RZ": 5, "ABS_THROTTLE": 6, "ABS_RUDDER": 7,
+    "ABS_WHEEL": 8, "ABS_GAS": 9, "ABS_BRAKE": 10, "ABS_HAT0X": 16, "ABS_HAT0Y": 17,
+}  # fmt: skip
+"""A joystick's, by name, with Linux's numbers (linux/input-event-codes.h)."""
+
+
+class JoystickLoop(_Loop):
+    """A joystick flies: what its axes ask for is added to the trim, each behind the profile's actuator."""
+
+    kind: Literal["joystick"]
+    """Who moves the surfaces."""
+    device: str = "any"
+    """A word of the joystick's name, its path under /dev/input, "any" for the first that has all the axes, or the path
+    of a pipe that input events come through, as `ssh bench cat /dev/input/event5 > pipe` sends them."""
+    range: tuple[int, int] = (-32_768, 32_767)
+    """Of the axes of a pipe: what its ends say."""
+    commands: dict[str, Channel] = Field(min_length=1)
+    """By `elevator`, `aileron`, `rudder` (an angle) or `thrust` (a force): which axis, -1 to 1, moves it from trim."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _pair(cls, raw: Any) -> Any:
+        if isinstance(raw, dict) and isinstance(raw.get("range"), list):
+            raw = {**raw, "range": tuple(raw["range"])}
+        return raw
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        _check_moved(self.commands)
+        for name, channel in self.commands.items():
+            if channel.field not in AXES:
+                raise PydanticCustomError(
+                    "signal",
+                    "{name}: no axis {field}{near}",
+                    {"name": name, "field": repr(channel.field), "near": nearest(channel.field, AXES)},
+                )
+        if self.range[0] >= self.range[1]:
+            raise PydanticCustomError("quantity", "range: its first end is to be below its last")
+        return self
+
+
 class CommandedLoop(_Loop):
     """An autopilot's outputs, each behind the profile's actuator."""
 
@@ -55,19 +114,8 @@ class CommandedLoop(_Loop):
 
     @model_validator(mode="after")
     def _known(self) -> Self:
+        _check_moved(self.commands)
         for name, channel in self.commands.items():
-            if name not in MOVED:
-                known = ", ".join(MOVED)
-                raise PydanticCustomError(
-                    "signal", "nothing from outside moves {name}: only {known}", {"name": name, "known": known}
-                )
-            unit = unit_named(channel.unit)
-            if unit is None or unit.si != SIGNALS[name].unit:
-                raise PydanticCustomError(
-                    "unit",
-                    "{name} is in {si}: unit {unit} does not fit",
-                    {"name": name, "si": SIGNALS[name].unit, "unit": repr(channel.unit)},
-                )
             number = channel.field.removeprefix(self.output_prefix())
             if not number.isdecimal() or not 1 <= int(number) <= self.outputs():
                 raise PydanticCustomError(
@@ -147,4 +195,4 @@ class JsonLoop(CommandedLoop):
         return "the simulated aircraft's state as JSON, to whom servo packets come from"
 
 
-Loop = Annotated[MeasuredLoop | MavlinkLoop | JsonLoop, Field(discriminator="kind")]
+Loop = Annotated[MeasuredLoop | JoystickLoop | MavlinkLoop | JsonLoop, Field(discriminator="kind")]

@@ -27,6 +27,8 @@ class _Heard:
     """Where it has jumped to, when, and whether that has been told."""
     jumped_s: float = 0.0
     silent: bool = False
+    there_s: float = -math.inf
+    """When whoever says it was last there, without saying it anew."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ class Outside:
         """What is flown now, by name; what was never heard is in trim."""
         out = dict(self.rest)
         for name, known in self._heard.items():
-            silent_s = t_s - known.t_s
+            silent_s = t_s - max(known.t_s, known.there_s)
             if silent_s <= self.hold:
                 out[name] = known.value
                 continue
@@ -99,6 +101,11 @@ class Outside:
             left = math.exp(-(silent_s - self.hold) / self.fade)
             out[name] = self.rest[name] + left * (known.value - self.rest[name])
         return out
+
+    def still(self, t_s: float) -> None:
+        """Who tells changes alone is there, and has none to tell."""
+        for known in self._heard.values():
+            known.there_s = t_s
 
     def newest_s(self) -> float:
         """When the last value came; NaN before the first."""

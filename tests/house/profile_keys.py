@@ -173,6 +173,7 @@ def rig_keys() -> str:
         ("`[signals.NAME]`", declared.DeclaredSignal),
         ("`[derived.NAME]`", declared.DerivedSignal),
         ("`[loop]`", rig_loop.MeasuredLoop),
+        ("`[loop]`", rig_loop.JoystickLoop, rig_loop.MeasuredLoop.__mro__[1]),
         ("`[loop]`, an autopilot's", rig_loop.CommandedLoop, rig_loop.MeasuredLoop),
         ("`[loop]`", rig_loop.MavlinkLoop, rig_loop.CommandedLoop),
         ("`[loop]`", rig_loop.JsonLoop, rig_loop.CommandedLoop),
