@@ -155,6 +155,7 @@ def identify(
         sift=sift,
         log=str(path),
         on_boom=about.on_boom,
+        vanes=about.vanes,
     )
     subject = load_aircraft(aircraft) if isinstance(aircraft, str) else aircraft
     return Identified(solve(flown, subject or flown.aircraft, request))

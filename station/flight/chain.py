@@ -13,11 +13,12 @@ from station.estimation.instrument_errors import Corrector, corrector, known
 from station.estimation.method_table import LIVE
 from station.estimation.methods import Estimator
 from station.estimation.physical_method import UPDATE_TICKS, Physical
+from station.estimation.second_vane import second_vanes
 from station.flight.loop import Chain
 from station.model.disagreement import Disagreement
 from station.model.physical_signals import SIGNALS
 from station.numerics.default_noise import DEFAULT_NOISE
-from station.profile import Aircraft, Card, Profiles, Rig
+from station.profile import Aircraft, Card, Profiles, Rig, elsewhere
 
 FORGETTING_S: Final = 120.0
 """Four test inputs or more of one each 20 to 30 s, as many as make a point; ice that builds up in minutes is seen."""
@@ -32,7 +33,8 @@ def chain(aircraft: Aircraft, card: Card, rig: Rig) -> Chain:
     monitor = ChangeMonitor(aircraft, forgetting, estimator.within_model) if aircraft.measured else None
     watch = Disagreement(aircraft, place, noise)
     watch.warm_up()
-    return Chain(estimator, watch, corrector(aircraft, noise, place), monitor)
+    vanes = second_vanes(elsewhere(rig.signals, "alpha_vane"), rig.further.index, aircraft)
+    return Chain(estimator, watch, corrector(aircraft, noise, place), monitor, vanes)
 
 
 def forgetting_s(aircraft: Aircraft, card: Card) -> float:

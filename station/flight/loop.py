@@ -94,20 +94,33 @@ class Monitoring(Protocol):
     def step(self, frame: Frame, alpha: AlphaEstimate, methods: Sequence[MethodEstimate]) -> Sequence[Event]: ...
 
 
+class Reserve(Protocol):
+    """What the loop asks of a further vane. Neither raises."""
+
+    def seen(self, frame: Frame) -> Frame: ...
+
+    def step(self, frame: Frame, alpha: AlphaEstimate) -> Sequence[Event]: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Chain:
-    """What is made of a frame, in this order: instrument errors undone, estimates, warnings. See chain.py."""
+    """What is made of a frame, in this order: a vane that is missing replaced, instrument errors undone, estimates,
+    warnings. See chain.py."""
 
     estimator: Estimating
     watch: Watching | None = None
     correct: Correcting | None = None
     monitor: Monitoring | None = None
+    vanes: Sequence[Reserve] = ()
 
     def step(self, frame: Frame) -> tuple[list[Rows], str]:
         """The rows made, and what went wrong: nothing here is to raise, but if it does, the recording goes on."""
         made: list[Rows] = []
         try:
-            pair = (frame, frame) if self.correct is None else self.correct.step(frame)
+            whole = frame
+            for vane in self.vanes:
+                whole = vane.seen(whole)
+            pair = (whole, whole) if self.correct is None else self.correct.step(whole)
             if pair is None:
                 return made, ""
             measured, seen = pair
@@ -117,6 +130,8 @@ class Chain:
             made += (alpha, *methods)
             if self.watch is not None:
                 made += self.watch.step(seen, alpha)
+            for vane in self.vanes:
+                made += vane.step(frame, alpha)
             if self.monitor is not None:
                 made += self.monitor.step(seen, alpha, methods)
         except Exception as error:

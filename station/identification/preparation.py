@@ -15,6 +15,7 @@ from station.estimation.instrument_errors import Corrector, known
 from station.identification.cleaning import cleaned
 from station.identification.request import DEFAULT_CARD, Request
 from station.identification.signs_and_units import mistakes
+from station.identification.vanes_compared import in_reserve
 from station.log import Table
 from station.numerics.regression import NotIdentifiable
 from station.profile import Aircraft
@@ -64,6 +65,8 @@ class Prepared:
 def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
     """Clean, correct and cut `table`. Raises UsageError for an empty interval, or a record that no method can use."""
     whole, remarks = cleaned(table)
+    whole, said = in_reserve(whole, request.vanes, aircraft)
+    remarks = [*remarks, *said]
     whole = corrected(whole, aircraft, request.noise, request.imu_position)
     if not len(table.t_s):
         raise UsageError(f"{request.subject}: no data from {request.start_s} to {request.end_s} s")

@@ -24,7 +24,7 @@ class Request:
     `imu_position` (m from the CG, body axes) and `noise` (standard deviations, SI) are the rig's, `card` gives the
     frequencies. `force` applies the methods for turbulence in calm air too. `sift`: II and split from the lines that
     the card's multisine excites, and from no others. `log`: the recording's name, for messages. `on_boom`: columns that
-    measure az elsewhere, and where (m from the CG, body axes).
+    measure az elsewhere, and where (m from the CG, body axes); `vanes`: likewise alpha_vane.
     """
 
     methods: Sequence[str] = (ALL,)
@@ -38,6 +38,7 @@ class Request:
     sift: bool = False
     log: str = ""
     on_boom: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    vanes: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def wants_all(self) -> bool:

@@ -11,7 +11,7 @@ from station.conventions import CLOCK_LAW, Signal, Stream
 from station.log.arithmetic import arithmetic
 from station.log.counts import NAME, Counts, counted
 from station.log.scan import CRC, PartReader, seal
-from station.profile import NOTHING, Aircraft, Card, Further, Rig, from_json, to_json
+from station.profile import NOTHING, Aircraft, Card, Further, Rig, elsewhere, from_json, to_json
 from station.rows import LogError, ProfileError
 
 
@@ -42,8 +42,12 @@ class About:
     @property
     def on_boom(self) -> Mapping[str, tuple[float, float, float]]:
         """Where the declared signals are that measure az elsewhere than the IMU, m from the CG, body axes."""
-        declared = self.rig.signals if self.rig is not None else {}
-        return {n: d.position for n, d in declared.items() if d.measures == "az" and d.position is not None}
+        return elsewhere(self.rig.signals, "az") if self.rig is not None else {}
+
+    @property
+    def vanes(self) -> Mapping[str, tuple[float, float, float]]:
+        """Likewise of those that measure alpha_vane: further vanes."""
+        return elsewhere(self.rig.signals, "alpha_vane") if self.rig is not None else {}
 
     @property
     def signals(self) -> Mapping[str, Signal]:

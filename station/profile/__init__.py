@@ -26,7 +26,7 @@ from station.profile.aircraft import (
 from station.profile.altered import AlteredAircraft, Change
 from station.profile.card import Card, Fault, Flight, Pilot, TestPoint
 from station.profile.channel import Channel
-from station.profile.declared import NOTHING, DeclaredSignal, Derived, DerivedSignal, Further
+from station.profile.declared import NOTHING, DeclaredSignal, Derived, DerivedSignal, Further, elsewhere
 from station.profile.expression import Formula, FormulaError, why_none
 from station.profile.files import (
     Profiles,
@@ -171,6 +171,7 @@ __all__ = [
     "ThreeTwoOneOne",
     "ThrustTable",
     "Unsteady",
+    "elsewhere",
     "explain",
     "find",
     "from_json",

@@ -208,6 +208,11 @@ def further(declared: Mapping[str, DeclaredSignal], derived: Mapping[str, Derive
     return Further(measured, tuple(made), tuple(shown))
 
 
+def elsewhere(declared: Mapping[str, DeclaredSignal], signal: str) -> dict[str, tuple[float, float, float]]:
+    """Where the declared signals are that measure `signal` elsewhere, m from the CG, body axes; those that say."""
+    return {n: d.position for n, d in declared.items() if d.measures == signal and d.position is not None}
+
+
 class CircleError(ValueError):
     """Expressions that are made of each other; the names in turn."""
 

@@ -1,0 +1,53 @@
+"""Two vanes after a flight: one in place of the other where that is missing, and how far they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import from_si
+from station.estimation.second_vane import TOLERANCE, WINDOW_S, Position, SecondVane
+from station.log import Table
+from station.profile import Aircraft
+
+
+def in_reserve(table: Table, places: Mapping[str, Position], aircraft: Aircraft) -> tuple[Table, list[str]]:
+    """The table with the second vane in place of alpha_vane where that is missing, and how the two
+    compare, in words."""
+    columns, quality, said = dict(table.columns), dict(table.quality), []
+    nothing = np.full(len(table.t_s), np.nan)
+    for name, position in places.items():
+        if name not in columns or not np.isfinite(columns[name]).any():
+            continue
+        vane = SecondVane(name, 0, position, aircraft)
+        rates = (columns.get(n, nothing).tolist() for n in ("p", "q", "airspeed"))
+        second = np.array([vane.brought(*row) for row in zip(columns[name].tolist(), *rates, strict=True)])
+        first = columns.get("alpha_vane", nothing)
+        both = np.isfinite(first) & np.isfinite(second)
+        less = float(np.median((second - first)[both])) if both.any() else 0.0
+        lost = ~np.isfinite(first) & np.isfinite(second)
+        if lost.any():
+            columns["alpha_vane"] = np.where(lost, second - less, first)
+            if "alpha_vane" in quality and name in quality:
+                quality["alpha_vane"] = np.where(lost, quality[name], quality["alpha_vane"])
+            said.append(f"alpha_vane is missing in {lost.mean():.1%} of the rows: {name} stands in for it there")
+        if both.any():
+            said.append(_compared(name, table.t_s[both], (second - first)[both]))
+    return replace(table, columns=columns, quality=quality), said
+
+
+def _compared(name: str, t_s: NDArray[np.float64], less: NDArray[np.float64]) -> str:
+    """How far the second vane is off the first, and where their difference, over WINDOW_S, is too large."""
+    block = ((t_s - t_s[0]) / WINDOW_S).astype(np.int64)
+    means = np.bincount(block, less) / np.maximum(np.bincount(block), 1)
+    off, rms = (from_si(float(x), "deg") for x in (np.median(less), np.std(less)))
+    words = f"{name} is {off:+.2f} deg off alpha_vane, {rms:.2f} deg rms about that"
+    far = np.flatnonzero(np.abs(means) > TOLERANCE)
+    if not len(far):
+        return words
+    worst = from_si(float(means[np.argmax(np.abs(means))]), "deg")
+    since = t_s[0] + far[0] * WINDOW_S
+    return f"{words}: the two vanes DISAGREE, by {worst:+.1f} deg at worst, first at {since:.0f} s"
