@@ -22,6 +22,7 @@ from station.profile.profile_changes import (
     indicial_rate,
     inertia,
     of_separation,
+    pitot_gain,
     unsteady,
     vane_dynamics,
     zero_lift_drag,
@@ -107,9 +108,21 @@ def _span_cut(a: Aircraft, x: float) -> Aircraft:
     return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={"gust_span_cut": made})})
 
 
+def _upwash_share(a: Aircraft, x: float) -> Aircraft:
+    """The wing's share of an upwash whose sum is calibrated."""
+    return boom("upwash_wing")(boom("upwash_body")(a, -x), x)
+
+
+def _is_calibrated(aircraft: Aircraft) -> bool:
+    return aircraft.calibrated is not None and aircraft.calibrated.upwash_sd is not None
+
+
 def _vane_scale(aircraft: Aircraft) -> float:
-    """What the vane's scale is uncertain by besides the wing's upwash, which is free itself."""
+    """What the vane's scale is uncertain by besides the wing's upwash, which is free itself; where a calibration flight
+    has told the sum of wing and body, by what that is."""
     u, boom = aircraft.uncertainty, aircraft.boom
+    if _is_calibrated(aircraft):
+        return u.vane_scale
     wing = u.upwash_wing * boom.upwash_wing * boom.steady_calibration if boom else 0.0
     return math.sqrt(max(u.vane_scale**2 - wing**2, 0.0))
 
@@ -144,8 +157,9 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),
         ]
     if aircraft.boom is not None:
+        wing = _upwash_share if _is_calibrated(aircraft) else boom("upwash_wing")
         found += [
-            Free("upwash wing", u.upwash_wing * aircraft.boom.upwash_wing, boom("upwash_wing")),
+            Free("upwash wing", u.upwash_wing * aircraft.boom.upwash_wing, wing),
             Free("upwash rate", u.upwash_rate, indicial_rate("upwash_motion")),
             Free("gust upwash rate", u.upwash_rate, indicial_rate("upwash_gust")),
             Free("vane lead", u.vane_x * speed, boom("vane_x")),
@@ -158,6 +172,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         found += [Free("vane lead", UNKNOWN_LEAD_M, boom("vane_x")), Free("upwash body", 0.1, boom("upwash_body"))]
     found += [
         Free("vane delay", u.vane_delay, delay("alpha_vane")),
+        Free("dynamic pressure", u.dynamic_pressure, pitot_gain),
         Free("pressure delay", u.pressure_delay, delay("airspeed", "dynamic_pressure")),
         Free("vane scale", _vane_scale(aircraft), gain("alpha_vane")),
         Free("mass", mass, inertia("mass")),

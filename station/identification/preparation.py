@@ -67,6 +67,7 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
     whole, remarks = cleaned(table)
     whole, said = in_reserve(whole, request.vanes, aircraft)
     remarks = [*remarks, *said]
+    whole, aircraft = less_fuel(whole, aircraft)
     whole = corrected(whole, aircraft, request.noise, request.imu_position)
     if not len(table.t_s):
         raise UsageError(f"{request.subject}: no data from {request.start_s} to {request.end_s} s")
@@ -134,6 +135,21 @@ def flight_record(
         noise=noise,
     )
     return record, refusal
+
+
+def less_fuel(table: Table, aircraft: Aircraft) -> tuple[Table, Aircraft]:
+    """The table with the mass that the recorded fuel flow leaves of the profile's, which is that at its beginning, and
+    the aircraft whose recorded mass is known no better than that; both as they are where there is no such flow, or the
+    mass itself is recorded."""
+    flow, recorded = (table.columns.get(n, np.empty(0)) for n in ("fuel_flow", "mass"))
+    known = np.isfinite(flow)
+    if known.sum() < LEAST_ROWS or np.isfinite(recorded).any():
+        return table, aircraft
+    every = np.interp(table.t_s, table.t_s[known], flow[known])
+    burnt = np.concatenate(([0.0], np.cumsum(0.5 * (every[1:] + every[:-1]) * np.diff(table.t_s))))
+    columns = {**table.columns, "mass": aircraft.inertia.mass - burnt}
+    doubt = aircraft.uncertainty.model_copy(update={"recorded_mass": aircraft.uncertainty.mass})
+    return replace(table, columns=columns), aircraft.model_copy(update={"uncertainty": doubt})
 
 
 def corrected(

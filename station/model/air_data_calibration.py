@@ -6,6 +6,7 @@ axes, where it has a magnitude and two flow angles. Against these stand what is 
     airspeed          = V + error + slope (V - V0)                         position error, V0 the mean speed
     dynamic pressure  = (1 + scale) rho V^2/2
     alpha vane        = zero + (1 + k) alpha - (1 + k_body) q x/V + (p y)/V                k: steady upwash
+                        k = upwash + slope (dynamic pressure - its mean)                    a boom that bends
     beta vane         = zero + beta + (r x - p z)/V
     specific force    = zero + R' (dv/dt - g)
 
@@ -56,9 +57,13 @@ PRIORS: Final[Mapping[str, float]] = {
     "airspeed_error": 10.0, "airspeed_slope": 0.3, "pressure_scale": 0.5, "vane_zero": 0.2, "upwash": 0.5,
     "beta_zero": 0.1, "psi_zero": math.radians(10.0), "phi_zero": math.radians(0.5),
     "theta_zero": math.radians(0.1), "ax_zero": 0.03, "ay_zero": 0.05, "az_zero": 0.05, "vane_x": 0.6,
+    "upwash_slope": 0.02,
 }  # fmt: skip
 """Standard deviations: far wider than what is looked for where a flight is to tell it; of the others those of a
-profile, which its [uncertainty] replaces."""
+profile, which its [uncertainty] replaces. That of the upwash's slope, 1/kPa, is an engineering estimate: a boom that
+bends by 2 % of the flow angle for each kPa."""
+PASCALS: Final = 1000.0
+"""In a kPa."""
 ROUNDS: Final = 3
 """Of Gauss-Newton: the rows are all but linear, the third changes nothing any more."""
 NOISE_ROUNDS: Final = 3
@@ -105,6 +110,8 @@ class Steady:
     covariance: Array
     speed: float
     """V0, m/s."""
+    pressure: float
+    """Mean dynamic pressure, Pa, at which the upwash is that told; NaN without the air's density."""
     wind: Array
     """(n, 2) north and east, m/s."""
     wind_sd: Array
@@ -165,6 +172,8 @@ class _Problem:
         self.used = {r: every if r in ("airspeed", "dynamic_pressure") else blocks.steady for r in self.rows}
         needs = {"dynamic_pressure": "pressure_scale", "beta_vane": "beta_zero", "ay": "ay_zero"}
         lacking = {name for row, name in needs.items() if row not in self.rows}
+        if not np.isfinite(blocks.density).all():
+            lacking.add("upwash_slope")
         if not self.has_heading:
             lacking |= {"psi_zero", "beta_zero"}
         self.names = tuple(n for n in priors if n not in lacking)
@@ -173,6 +182,7 @@ class _Problem:
             self.mean[self.names.index("vane_x")] = place.x
         self.sd = np.array([known[n][1] if n in known else priors[n] for n in self.names])
         self.speed = float(np.mean(c["airspeed"]))
+        self.pressure = float(np.mean(0.5 * blocks.density * c["airspeed"] ** 2))
         self._knots()
 
     def _knots(self) -> None:
@@ -224,10 +234,13 @@ class _Problem:
         # Corrected readings less the motion's: what is left is a gust.
         scale = 1 + p["airspeed_slope"]
         true = self.speed + (c["airspeed"] - self.speed - p["airspeed_error"]) / scale
+        upwash = p["upwash"]
+        if "upwash_slope" in p:
+            upwash = upwash + p["upwash_slope"] * (0.5 * self.blocks.density * true**2 - self.pressure) / PASCALS
         lever = (1 + place.upwash_body) * (q * p["vane_x"] - roll * place.y) / v
         made = {
             "airspeed": true - v,
-            "alpha_vane": (c["alpha_vane"] - p["vane_zero"] + lever) / (1 + p["upwash"]) - alpha,
+            "alpha_vane": (c["alpha_vane"] - p["vane_zero"] + lever) / (1 + upwash) - alpha,
         }
         if "dynamic_pressure" in self.rows:
             made["dynamic_pressure"] = c["dynamic_pressure"] - (1 + p["pressure_scale"]) * (
@@ -311,6 +324,7 @@ class _Problem:
             values=x[:n],
             covariance=c[:n, :n],
             speed=self.speed,
+            pressure=self.pressure,
             wind=self.wind(x),
             wind_sd=sd,
             walk=walk,

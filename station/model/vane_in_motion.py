@@ -1,12 +1,12 @@
 """Lag, place and upwash of a vane from manoeuvres, with the profile's upwash memory and vane dynamics.
 
-    vane(t) = H [ (1 + k_body) (a - q x/V) + k_wing F a ] (t - delay) + e(t)
+    vane(t) = H [ (1 + k_body + slope dP) (a - q x/V) + k_wing F a ] (t - delay) + e(t)
 
-a is the inertial angle of attack, H the vane on its spring of air, F the memory of the wing's upwash; their constants
-have the priors of the profile. An aircraft answers gusts, which are in e, so a and q are no fair regressors: their
-parts that the elevator made, its input through the aircraft's slow and fast modes, are the instruments (two-stage least
-squares), and where nobody moves the elevator against gusts the estimate is free of bias in any air. e is an
-autoregressive process, found along. SI, rad.
+a is the inertial angle of attack, dP the dynamic pressure less that of the steady parts, H the vane on its spring of
+air, F the memory of the wing's upwash; their constants have the priors of the profile. An aircraft answers gusts, which
+are in e, so a and q are no fair regressors: their parts that the elevator made, its input through the aircraft's slow
+and fast modes, are the instruments (two-stage least squares), and where nobody moves the elevator against gusts the
+estimate is free of bias in any air. e is an autoregressive process, found along. SI, rad.
 
 Sources: Ljung 1999, section 7.6 (instrumental variables); Söderström and Stoica 1983; physics of the upwash as in
 station/simulation, written apart from it.
@@ -41,12 +41,15 @@ MARGIN_S: Final = 3.0
 MODES: Final = (1.0, 2.0, 3.5, 5.5, 9.0)
 """rad/s, of second-order filters with damping 0.7 that the elevator is put through: slow aircraft to fast."""
 ROUNDS: Final = 8
-NAMES: Final = ("delay", "vane_x", "upwash", "wing", "rate", "frequency", "damping")
-"""Delay, s; place, m; steady upwash; and, relative to the profile, the wing's share, the rate of its memory, frequency
+NAMES: Final = ("delay", "vane_x", "upwash", "wing", "rate", "frequency", "damping", "upwash_slope")
+"""Delay, s; place, m; steady upwash, and its slope, 1/kPa; the others relative to the profile: the wing's share, the
+rate of its memory, frequency
 and damping of the vane."""
-LARGEST_STEP: Final = (0.03, 1.0, 0.1, 0.3, 0.3, 0.1, 0.2)
+LARGEST_STEP: Final = (0.03, 1.0, 0.1, 0.3, 0.3, 0.1, 0.2, 0.05)
 DELAY_PRIOR_S: Final = 0.3
 UPWASH_PRIOR: Final = 0.5
+SLOPE_PRIOR: Final = 0.2
+"""1/kPa: ten times what a boom bends by."""
 WEAK: Final = 0.15
 """Share of the inertial angle's variance that the elevator must have made."""
 
@@ -61,6 +64,8 @@ class Stretch:
     q: Array
     speed: Array
     elevator: Array
+    pressure: float
+    """Mean dynamic pressure less that which the upwash is told at, kPa."""
     dt: float
 
 
@@ -92,16 +97,18 @@ def vane_in_motion(
     aircraft: Aircraft,
     place_sd: float,
     upwash: tuple[float, float] | None = None,
+    slope: tuple[float, float] | None = None,
 ) -> InMotion:
-    """`place_sd`: of the vane's place by the profile, m; `upwash`: what the steady parts of the flight tell of it, and
-    its standard deviation. Raises NotIdentifiable without manoeuvres that move the angle of attack by the elevator."""
+    """`place_sd`: of the vane's place by the profile, m; `upwash` and `slope`: what the steady parts of the flight tell
+    of them, and their standard deviations. Raises NotIdentifiable without manoeuvres that move the angle of attack by
+    the elevator."""
     usable = [s for s in stretches if len(s.vane) * s.dt > LEAST_S + 2 * MARGIN_S]
     boom = aircraft.boom
     if boom is None:
         raise NotIdentifiable("the profile has no boom")
     if not usable:
         raise NotIdentifiable("no dynamic input: fly elevator doublets, 3-2-1-1 or multisines")
-    fit = _Fit(usable, aircraft, boom, place_sd, upwash)
+    fit = _Fit(usable, aircraft, boom, place_sd, upwash, slope)
     if fit.forced < WEAK:
         raise NotIdentifiable(
             f"the elevator made {fit.forced:.0%} of the angle of attack's motion: fly larger inputs, in calmer air"
@@ -117,16 +124,18 @@ class _Fit:
         boom: Boom,
         place_sd: float,
         steady: tuple[float, float] | None,
+        slope: tuple[float, float] | None,
     ) -> None:
         self.stretches, self.boom = stretches, boom
         u, known = aircraft.unsteady, aircraft.uncertainty
         self.memory: Indicial | None = u.upwash_motion
         self.chord = u.reference_chord or aircraft.geometry.chord
         upwash, upwash_sd = steady or (boom.upwash_body + boom.upwash_wing, UPWASH_PRIOR)
-        self.start = np.array([0.0, boom.vane_x, upwash, 1.0, 1.0, 1.0, 1.0])
+        bends, bends_sd = slope or (0.0, SLOPE_PRIOR)
+        self.start = np.array([0.0, boom.vane_x, upwash, 1.0, 1.0, 1.0, 1.0, bends])
         priors = (
             DELAY_PRIOR_S, place_sd, upwash_sd, known.upwash_wing, known.upwash_rate, known.vane_frequency,
-            known.vane_damping,
+            known.vane_damping, bends_sd,
         )  # fmt: skip
         self.precision = np.diag(np.maximum(priors, 1e-4) ** -2.0)
         self.forcing = [self._forced(s) for s in stretches]
@@ -158,9 +167,9 @@ class _Fit:
 
     def predicted(self, s: Stretch, alpha: Array, q: Array, x: Array) -> Array:
         """What the vane shows of a motion, in the band."""
-        delay, place, upwash, share, rate, frequency, damping = x
+        delay, place, upwash, share, rate, frequency, damping, slope = x
         wing = self.boom.upwash_wing * share
-        body = 1 + upwash - wing
+        body = 1 + upwash + slope * s.pressure - wing
         flow = body * (alpha - place * q / s.speed) + wing * self._remembered(alpha, float(s.speed.mean()), rate, s.dt)
         seen = shown(flow, self.boom.vane_frequency * frequency, max(self.boom.vane_damping * damping, 0.05), s.dt)
         t = np.arange(len(seen)) * s.dt
@@ -178,7 +187,7 @@ class _Fit:
         return made
 
     def _slopes(self, s: Stretch, alpha: Array, q: Array, x: Array) -> Array:
-        steps = np.array([1e-3, 0.01, 0.01, 0.02, 0.02, 0.02, 0.02])
+        steps = np.array([1e-3, 0.01, 0.01, 0.02, 0.02, 0.02, 0.02, 0.01])
         columns = []
         for i, h in enumerate(steps):
             up, down = x.copy(), x.copy()

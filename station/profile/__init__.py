@@ -12,14 +12,12 @@ from station.profile.aircraft import (
     Actuator,
     Aircraft,
     Boom,
-    Calibrated,
     Derivative,
     Drag,
     Geometry,
     Indicial,
     Inertia,
     Instrument,
-    Measured,
     Separation,
     Unsteady,
 )
@@ -85,6 +83,7 @@ from station.profile.rig_loop import (
 )
 from station.profile.shapes import DiscreteGust, Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
+from station.profile.told_by_flight import Calibrated, Measured
 
 __all__ = [
     "AIR",

@@ -27,6 +27,7 @@ from station.profile.quantity import (
     nearest,
     quantity,
 )
+from station.profile.told_by_flight import Calibrated, Measured
 from station.profile.uncertainty import Uncertainty
 
 
@@ -52,7 +53,8 @@ class Geometry(Frozen):
 
 class Inertia(Frozen):
     mass: Annotated[Kilograms, Positive]
-    """All-up mass; a recorded one takes precedence."""
+    """All-up mass, at the beginning of a recording that has the fuel flow and no mass; a recorded one takes
+    precedence."""
     ixx: Annotated[KilogramMetres2, Positive] | None = None
     """Roll inertia about the CG; needed for Cl and Cn."""
     iyy: Annotated[KilogramMetres2, Positive] | None = None
@@ -245,59 +247,6 @@ class Instrument(Frozen):
     """Per square of the signal's SI unit."""
 
 
-class Measured(Frozen):
-    """What `station baseline` measured: the aircraft as it is, which a flight is held against. Measured derivatives,
-    and their sd with the scatter between points in it, are the profile's."""
-
-    points: int = Field(ge=1)
-    """Test points that it is pooled of."""
-    condition: str = ""
-    """What they were flown in: configuration, air."""
-    lowest_speed: MetresPerSecond
-    """Mean airspeed of the slowest point,"""
-    highest_speed: MetresPerSecond
-    """and of the fastest."""
-    CD_0: float | None = None
-    """Drag beside the induced, as measured with the recorded thrust; none where that was not recorded."""
-    CD_0_sd: float = Field(default=0.0, ge=0)
-    """By which that of another point would lie off it, standard deviation."""
-
-
-class Calibrated(Frozen):
-    """What `station calibrate` found of the boom and the instruments, whose values stand there: when, of what, and how
-    well, standard deviations."""
-
-    date: str
-    """Of the first recording, UTC."""
-    recordings: tuple[str, ...]
-    """Their names."""
-    lowest_speed: MetresPerSecond
-    """True airspeeds between which it was flown, the lowest"""
-    highest_speed: MetresPerSecond
-    """and the highest."""
-    airspeed_error_sd: MetresPerSecond | None = None
-    """Of the airspeed's position error at the mean of these speeds."""
-    airspeed_slope_sd: float | None = Field(default=None, ge=0)
-    """Of its slope: of the airspeed's gain."""
-    pressure_scale_sd: float | None = Field(default=None, ge=0)
-    """Of the dynamic pressure's gain."""
-    vane_zero_sd: Radians | None = None
-    """Of the vane's zero, attitude's included."""
-    upwash_sd: float | None = Field(default=None, ge=0)
-    """Of the steady upwash, body and wing together."""
-    vane_x_sd: Metres | None = None
-    """Of the vane's place."""
-    vane_delay_sd: Seconds | None = None
-    """Of its latency."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _recordings(cls, raw: Any) -> Any:
-        if isinstance(raw, dict) and isinstance(raw.get("recordings"), list):
-            raw = {**raw, "recordings": tuple(raw["recordings"])}
-        return raw
-
-
 COEFFICIENTS = ("CL", "CD", "Cm", "CY", "Cl", "Cn")
 ARGUMENTS = ("0", "V", "alpha", "alpha2", "alpha3", "q", "de", "beta", "p", "r", "da", "dr", "gust")
 DERIVATIVE_NAMES = tuple(f"{c}_{a}" for c in COEFFICIENTS for a in ARGUMENTS)
@@ -339,6 +288,9 @@ class Aircraft(Frozen):
     """Geometry and mass are placeholders: instruments can be calibrated with such a profile, derivatives not found."""
     measured: Measured | None = None
     calibrated: Calibrated | None = None
+    static_position: float = Field(default=0.0, gt=-1, lt=1)
+    """Static pressure shown less true, over the dynamic pressure: the altimeter's position error. Simulations fly it;
+    that of airspeed and dynamic pressure stands whole in [instruments], and the air's density takes no harm."""
     instruments: dict[str, Instrument] = Field(default_factory=dict)
     """Errors of sensors that the rig does not know of, by signal: diagnosis writes them, the simulation flies them."""
     imu_offset: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)

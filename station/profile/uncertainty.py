@@ -19,9 +19,10 @@ from station.profile.quantity import (
 
 class Uncertainty(Frozen):
     """Prior standard deviations of what the methods take from the profile, relative to the value where no unit is
-    named: of mass and inertia in every method, of the others in `physical`, `split+gust` and diagnosis; trims, zeros,
-    thrust and wind in diagnosis. Zero says that a constant is right; the defaults are those of a profile put together
-    from drawings, handbook methods and a vortex lattice. Of derivatives each says so itself (`sd`)."""
+    named: of mass, inertia and dynamic pressure in every method, of the others in `physical`, `split+gust` and
+    diagnosis; trims, zeros, thrust and wind in diagnosis. Zero says that a constant is right; the defaults are those of
+    a profile put together from drawings, handbook methods and a vortex lattice. Of derivatives each says so itself
+    (`sd`)."""
 
     mass: float = Field(default=0.03, ge=0)
     """Of the mass where it is not recorded: fuel, crew and payload by estimate."""
@@ -65,6 +66,9 @@ class Uncertainty(Frozen):
     pressure_delay: Seconds = 0.02
     """Of the air data against the wing: a pitot stands a metre before or behind it, and lift follows a gust along the
     path within a chord (Drischler and Diederich 1957, NACA TN 3956)."""
+    dynamic_pressure: float = Field(default=0.0, ge=0)
+    """Of the dynamic pressure, airspeed with it: the position error as it is stated. Derivatives of every method are
+    uncertain by it, those by rates by half of it, and diagnosis estimates it along."""
     vane_scale: float = Field(default=0.03, ge=0)
     """Of the vane's scale, by the steady upwash of wing and body: two digits of a calibration, or a panel method's."""
     vane_frequency: float = Field(default=0.1, ge=0)

@@ -8,6 +8,8 @@ from typing import Any, Final
 
 from station.clock import utc_date
 from station.log import metadata
+from station.model.air_data_calibration import PASCALS
+from station.numerics.random_effects import NORMAL_95
 from station.profile import NO_BOOM, Aircraft, Calibrated, Instrument
 from station.programme.calibration import Calibration, Constant
 from station.rows import UsageError
@@ -17,6 +19,10 @@ ZEROS: Final = {"phi_zero": "phi", "theta_zero": "theta", "psi_zero": "psi", "ax
 OF_UNCERTAINTY: Final = {"vane_zero": "vane_zero", "theta_zero": "theta_zero", "ax_zero": "ax_zero",
                          "az_zero": "az_zero", "vane_delay": "vane_delay"}  # fmt: skip
 """Constants whose standard deviation becomes the prior of later analyses, and its key."""
+
+OF_CALIBRATED: Final = ("airspeed_error", "airspeed_slope", "pressure_scale", "static_position", "vane_zero", "upwash",
+                        "vane_x", "vane_delay")  # fmt: skip
+"""Constants whose standard deviation the profile's [calibrated] has."""
 
 
 def calibrated_aircraft(made: Calibration) -> Aircraft:
@@ -31,6 +37,13 @@ def calibrated_aircraft(made: Calibration) -> Aircraft:
         moved["zero"] = told["vane_zero"].value
     if "upwash" in told:
         moved["upwash_body"] = told["upwash"].value - boom.upwash_wing
+    slope = told.get("upwash_slope")
+    if slope is not None and "upwash" in told and abs(slope.value) > NORMAL_95 * slope.sd:
+        # The profile's upwash is that of a boom without load.
+        whole, load = 1 + told["upwash"].value, made.steady.pressure / PASCALS
+        bends = slope.value / (whole - slope.value * load)
+        moved["tip_load"] = boom.tip_load + bends
+        moved["upwash_body"] = whole / (1 + bends * load) - 1 - boom.upwash_wing
     if "vane_x" in told:
         moved["vane_x"] = told["vane_x"].value
     return aircraft.model_copy(
@@ -38,6 +51,7 @@ def calibrated_aircraft(made: Calibration) -> Aircraft:
             "name": f"{aircraft.name}_calibrated",
             "boom": boom.model_copy(update=moved),
             "instruments": _instruments(aircraft, told, made.steady.speed),
+            "static_position": told["static_position"].value if "static_position" in told else aircraft.static_position,
             "uncertainty": aircraft.uncertainty.model_copy(update=_known(told, made)),
             "calibrated": _calibrated(made, told),
         }
@@ -70,17 +84,17 @@ def _known(told: Mapping[str, Constant], made: Calibration) -> dict[str, float]:
         known["vane_scale"] = told["upwash"].sd / (1 + told["upwash"].value)
     if "vane_x" in told:
         known["vane_x"] = told["vane_x"].sd / made.steady.speed
+    if "pressure_scale" in told:
+        known["dynamic_pressure"] = told["pressure_scale"].sd
+    elif "airspeed_error" in told:
+        known["dynamic_pressure"] = 2 * told["airspeed_error"].sd / made.steady.speed
     return known
 
 
 def _calibrated(made: Calibration, told: Mapping[str, Constant]) -> Calibrated:
     low, high = made.speeds
     first = min(metadata(path).utc_ns for path in made.logs)
-    sds: dict[str, Any] = {
-        f"{n}_sd": told[n].sd
-        for n in ("airspeed_error", "airspeed_slope", "pressure_scale", "vane_zero", "upwash", "vane_x", "vane_delay")
-        if n in told and math.isfinite(told[n].sd)
-    }
+    sds: dict[str, Any] = {f"{n}_sd": told[n].sd for n in OF_CALIBRATED if n in told and math.isfinite(told[n].sd)}
     return Calibrated.model_construct(
         date=utc_date(first),
         recordings=tuple(p.name for p in made.logs),

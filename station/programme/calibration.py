@@ -15,8 +15,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.model.air_data_calibration import PRIORS, Place, Steady, solve
+from station.model.air_data_calibration import PASCALS, PRIORS, Place, Steady, solve
 from station.model.inertial_path import inertial_path
+from station.model.static_port import StaticPort, static_port
 from station.model.vane_in_motion import InMotion, Stretch, vane_in_motion
 from station.numerics.random_effects import NORMAL_95
 from station.numerics.regression import NotIdentifiable
@@ -81,6 +82,8 @@ class Calibration:
     steady: Steady
     motion: InMotion | None
     motion_why: str
+    static: StaticPort | None
+    """Where static pressure, temperature and altitude are recorded, and speeds flown that tell it."""
     constants: Mapping[str, Constant]
     remarks: tuple[str, ...]
 
@@ -121,16 +124,52 @@ def calibrate(
         motion = vane_in_motion(stretches, aircraft, place_sd)
         say(f"  {motion.seconds:.0f} s of manoeuvres")
         told = {n: (motion.value(n), motion.sd(n)) for n in ("vane_x", "upwash")}
+        told["upwash_slope"] = _with_prior(motion.value("upwash_slope"), motion.sd("upwash_slope"))
         # Of slow motion, a vane's lag and its upwash look alike: what steady flight tells of the one is the other's.
         upwash = steady.value("upwash"), steady.sd("upwash")
+        slope = (steady.value("upwash_slope"), steady.sd("upwash_slope")) if "upwash_slope" in steady.names else None
         steady = solve(flown.blocks, place, priors, told)
-        motion = vane_in_motion(stretches, aircraft, place_sd, upwash)
+        motion = vane_in_motion(stretches, aircraft, place_sd, upwash, slope)
     except NotIdentifiable as error:
         why = str(error)
     constants = _constants(aircraft, flown, steady, motion, why)
-    return Calibration(
-        aircraft, tuple(logs), flown, steady, motion, why, constants, (*flown.remarks, *_remarks(flown, steady, why))
-    )
+    port, blocked = _static_port(flown, steady)
+    constants |= _ports(aircraft, port, blocked, constants.get("pressure_scale"))
+    remarks = (*flown.remarks, *_remarks(flown, steady, why))
+    return Calibration(aircraft, tuple(logs), flown, steady, motion, why, port, constants, remarks)
+
+
+def _with_prior(value: float, sd: float) -> tuple[float, float]:
+    """What manoeuvres tell of the upwash's slope, with what was known before."""
+    precision = sd**-2 + PRIORS["upwash_slope"] ** -2
+    return value * sd**-2 / precision, precision**-0.5
+
+
+def _static_port(flown: Calibrating, steady: Steady) -> tuple[StaticPort | None, str]:
+    """Its error, or why there is none to tell."""
+    c = flown.blocks.columns
+    lacking = [n for n in ("static_pressure", "altitude", "air_temperature") if n not in c]
+    if lacking:
+        return None, f"not recorded: {', '.join(lacking)}"
+    pressure = 0.5 * flown.blocks.density * steady.flow["speed"] ** 2
+    try:
+        return static_port(flown.blocks.time, c["static_pressure"], c["altitude"], c["air_temperature"], pressure), ""
+    except NotIdentifiable as why:
+        return None, str(why)
+
+
+def _ports(aircraft: Aircraft, port: StaticPort | None, why: str, whole: Constant | None) -> dict[str, Constant]:
+    """Static port and pitot apart: dynamic pressure is wrong by the pitot's error less the static port's."""
+    value, sd = (port.error, port.sd) if port else (0.0, math.inf)
+    made = {
+        "static_position": Constant("static_position", "static_position", "1", value, sd, aircraft.static_position, why)
+    }
+    if whole is not None:
+        words = f"{whole.key}, less the static port's"
+        before = whole.before + aircraft.static_position
+        both = whole.value + value, math.hypot(whole.sd, sd)
+        made["pitot_position"] = Constant("pitot_position", words, "1", *both, before, why or whole.why)
+    return made
 
 
 def _stretches(flown: Calibrating, steady: Steady) -> list[Stretch]:
@@ -171,7 +210,9 @@ def _stretch(recorded: Recorded, steady: Steady, begin: float, end: float) -> li
         path = inertial_path(whole, alpha, side if np.isfinite(side).all() else np.zeros(len(v)), record.dt)
     except NotIdentifiable:
         return []
-    return [Stretch(motion["alpha_vane"], path.alpha, motion["q"], path.speed, motion["elevator"], record.dt)]
+    beyond = (0.5 * record.mean_density * float(np.mean(path.speed)) ** 2 - steady.pressure) / PASCALS
+    beyond = beyond if math.isfinite(beyond) else 0.0
+    return [Stretch(motion["alpha_vane"], path.alpha, motion["q"], path.speed, motion["elevator"], beyond, record.dt)]
 
 
 def _constants(
@@ -186,6 +227,7 @@ def _constants(
         "pressure_scale": getattr(stated.get("dynamic_pressure"), "gain", 1.0) - 1,
         "vane_zero": boom.zero,
         "upwash": boom.upwash_body + boom.upwash_wing,
+        "upwash_slope": boom.tip_load * (1 + boom.upwash_body + boom.upwash_wing),
         "vane_x": boom.vane_x,
         **{f"{n}_zero": getattr(stated.get(n), "bias", 0.0) for n in ("phi", "theta", "psi", "ax", "ay", "az")},
         "beta_zero": getattr(stated.get("beta_vane"), "bias", 0.0),
@@ -193,10 +235,11 @@ def _constants(
     }
     keys = {"airspeed_error": "instruments.airspeed.bias", "airspeed_slope": "instruments.airspeed.gain",
             "pressure_scale": "instruments.dynamic_pressure.gain", "vane_zero": "boom.zero",
-            "upwash": "boom.upwash_body", "vane_x": "boom.vane_x", "beta_zero": "instruments.beta_vane.bias",
-            "vane_delay": "instruments.alpha_vane.latency"}  # fmt: skip
-    units = {"airspeed_error": "m/s", "airspeed_slope": "1", "pressure_scale": "1", "upwash": "1", "vane_x": "m",
-             "vane_delay": "s", **dict.fromkeys(("ax_zero", "ay_zero", "az_zero"), "m/s2")}  # fmt: skip
+            "upwash": "boom.upwash_body", "upwash_slope": "boom.tip_load", "vane_x": "boom.vane_x",
+            "beta_zero": "instruments.beta_vane.bias", "vane_delay": "instruments.alpha_vane.latency"}  # fmt: skip
+    units = {"airspeed_error": "m/s", "vane_x": "m", "vane_delay": "s", "upwash_slope": "1/kPa",
+             **dict.fromkeys(("airspeed_slope", "pressure_scale", "upwash"), "1"),
+             **dict.fromkeys(("ax_zero", "ay_zero", "az_zero"), "m/s2")}  # fmt: skip
     reasons = _not_told(flown, steady)
     made = {}
     for name in steady.names:

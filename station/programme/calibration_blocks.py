@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from station.estimation.flight_record import FlightRecord
 from station.estimation.instrument_errors import known
 from station.identification.cleaning import cleaned
-from station.identification.preparation import corrected, flight_record
+from station.identification.preparation import corrected, flight_record, less_fuel
 from station.log import About, Table, metadata, table
 from station.model.air_data_calibration import Blocks
 from station.numerics.atmosphere import air_densities
@@ -27,7 +27,9 @@ Array = NDArray[np.float64]
 BLOCK_S: Final = 4.0
 """Of a mean: shorter than a gust's passage, longer than a short period."""
 NEEDED: Final = ("airspeed", "alpha_vane", "theta", "phi", "v_north", "v_east", "v_down", "p", "q", "r", "ax", "az")
-OPTIONAL: Final = ("psi", "beta_vane", "ay", "dynamic_pressure", "altitude", "mass")
+OPTIONAL: Final = (
+    "psi", "beta_vane", "ay", "dynamic_pressure", "altitude", "mass", "static_pressure", "air_temperature",
+)  # fmt: skip
 CALIBRATED: Final = (
     "airspeed", "dynamic_pressure", "alpha_vane", "beta_vane", "phi", "theta", "psi", "ax", "ay", "az",
 )  # fmt: skip
@@ -113,9 +115,10 @@ def calibrating(logs: Sequence[Path], aircraft: Aircraft, read: Opened = opened)
     recordings: list[Recorded] = []
     parts: list[tuple[dict[str, Array], Array]] = []
     runs: list[Run] = []
-    after, count = 0.0, 0
+    after, count, mass = 0.0, 0, aircraft.inertia.mass
     for path, utc in _in_order(logs):
-        record, words = _record(path, subject, read)
+        record, words = _record(path, subject, read, mass)
+        mass = float(np.ravel(record.airframe.mass)[-1])
         remarks += [f"{path.name}: {w}" for w in words]
         time, columns = _blocks(record)
         if not len(time):
@@ -158,10 +161,16 @@ def _in_order(logs: Sequence[Path]) -> list[tuple[Path, float | None]]:
     return [(p, begins[p] - begins[ordered[0]]) for p in ordered]
 
 
-def _record(path: Path, subject: Aircraft, read: Opened) -> tuple[FlightRecord, list[str]]:
-    """Raises UsageError for one without what is needed."""
+def _record(path: Path, subject: Aircraft, read: Opened, mass: float) -> tuple[FlightRecord, list[str]]:
+    """`mass`: at its beginning, kg, where the fuel flow is recorded. Raises UsageError for one without what is
+    needed."""
     flown, about = read(path)
     whole, words = cleaned(flown)
+    loading = subject.inertia.model_copy(update={"mass": mass})
+    whole, subject = less_fuel(whole, subject.model_copy(update={"inertia": loading}))
+    if "mass" in whole.columns and "mass" not in flown.columns:
+        left = whole.columns["mass"]
+        words = [*words, f"mass by the fuel flow: {left[0]:.0f} kg at the beginning, {left[-1]:.0f} kg at the end"]
     ready = corrected(whole, subject, about.noise_si(whole.aligned), about.imu_position)
     lacking = [n for n in NEEDED if n not in ready.columns or not np.isfinite(ready.columns[n]).any()]
     if "v_north" in lacking or "v_east" in lacking:

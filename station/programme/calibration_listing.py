@@ -18,8 +18,11 @@ WORDS: Final = {
     "airspeed_error": "position error at {speed:.0f} m/s",
     "airspeed_slope": "its slope over speed",
     "pressure_scale": "dynamic pressure, scale - 1",
+    "static_position": "static port, error over q",
+    "pitot_position": "pitot, error over q",
     "vane_zero": "alpha vane, zero",
     "upwash": "steady upwash, d(vane)/d(alpha) - 1",
+    "upwash_slope": "its slope over q, 1/kPa",
     "vane_x": "vane ahead of the CG",
     "vane_delay": "alpha vane, late by",
     "beta_zero": "beta vane, zero",
@@ -32,7 +35,7 @@ WORDS: Final = {
 }
 """In the order listed."""
 SHOWN_IN: Final = {"rad": "deg", "s": "ms", "1": "%"}
-PLAIN: Final = ("upwash",)
+PLAIN: Final = ("upwash", "upwash_slope")
 """Numbers that are no per cent."""
 
 

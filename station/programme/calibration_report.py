@@ -35,6 +35,7 @@ def write_report(made: Calibration, folder: Path) -> Path:
         '<p class="note">Airspeed shown less true airspeed, by GNSS velocity less wind; each point a block of four '
         "seconds, its scatter gusts along the path. Triangles: steady runs, pointing where they were headed, north up. "
         "Band: 95 %.</p>",
+        *_static(made),
         f'<p class="note">Recordings: {text(logs)}</p>',
         *(f'<p class="note">{text(r)}</p>' for r in made.remarks),
         "<h2>Vane</h2>",
@@ -126,6 +127,27 @@ def _position_error(made: Calibration) -> str:
     panel.legend(frameon=False, fontsize=8)
     without_frame(panel, "top", "right")
     return image(figure, "Position error of the airspeed over true airspeed, with its 95 % band and the blocks")
+
+
+def _static(made: Calibration) -> Iterator[str]:
+    port = made.static
+    if port is None:
+        return
+    figure = _figure(2.6)
+    panel = figure.subplots()
+    panel.plot(port.dynamic_pressure, port.shown_less, ".", color=INK, ms=4)
+    line = np.linspace(port.dynamic_pressure.min(), port.dynamic_pressure.max(), 2)
+    panel.plot(line, port.error * line, color=ORANGE)
+    for side in (-NORMAL_95, NORMAL_95):
+        panel.plot(line, (port.error + side * port.sd) * line, color=ORANGE, lw=0.6)
+    panel.set_xlabel("dynamic pressure, Pa", loc="right")
+    panel.set_ylabel("shown - true, Pa")
+    without_frame(panel, "top", "right")
+    yield image(figure, "Static pressure shown less that of the height, over dynamic pressure, and the line found")
+    yield (
+        '<p class="note">Static pressure, by GNSS altitude; the constant part is the day\'s. Lines: found, and 95 %. '
+        "What the pitot errs by is the rest of the airspeed's error.</p>"
+    )
 
 
 def _rows(made: Calibration, kind: str) -> NDArray[np.bool_]:

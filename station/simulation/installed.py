@@ -94,6 +94,7 @@ class Installed:
         and the signal only. `truth`: a card's; `declared`: what the rig declares. Raises ProfileError for an error that
         cannot be flown."""
         self._altered = AlteredAircraft(aircraft, truth)
+        self._static = aircraft.static_position
         changing = {key.split(".")[1] for key in self._altered.keys if key.startswith("instruments.")}
         errors = {n: e for n, e in aircraft.instruments.items() if e != Instrument() or n in changing}
         errors |= {n: Instrument() for n in changing - errors.keys()}
@@ -142,17 +143,28 @@ class Installed:
                 made = stage.feed(seen, self._now(name, len(seen)))
                 shown[name] = made[len(made) - ready :]
         self.truth = {name: values[:ready] for name, values in rows.items()}
+        times = np.arange(self._given, self._given + ready, dtype=np.float64) * DT
+        self._of_aircraft(shown, times)
         if self._declared is not None:
             shown |= self._declared.rows(self.truth)
         for name, walk in self._walks.items():
             if name in shown:
                 shown[name] = shown[name] + walk.next(ready)
-        times = np.arange(self._given, self._given + ready, dtype=np.float64) * DT
         self.truth |= {key: self._altered.number(key, times) for key in self._altered.keys}
         self._given += ready
         self._fed += len(next(iter(flown.values())))
         self._kept = {name: values[ready:] for name, values in rows.items()}
         return shown
+
+    def _of_aircraft(self, shown: dict[str, Array], times: Array) -> None:
+        """What the aircraft does to its instruments: the air at the static port, and fuel that is burnt."""
+        static = self._altered.number("static_position", times) if "static_position" in self._altered.keys else None
+        error = self._static if static is None else static
+        if np.any(error) and {"static_pressure", "dynamic_pressure"} <= self.truth.keys():
+            shown["static_pressure"] = shown["static_pressure"] + error * self.truth["dynamic_pressure"]
+        if "inertia.mass" in self._altered.keys and "fuel_flow" not in shown:
+            burnt = self._altered.number("inertia.mass", times) - self._altered.number("inertia.mass", times + DT)
+            shown["fuel_flow"] = np.maximum(burnt / DT, 0.0)
 
     def _now(self, name: str, n: int) -> dict[str, Array]:
         """Errors of the signal that change, for the next n rows of the flight."""

@@ -8,7 +8,7 @@ from known import surely
 
 from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.procedure import diagnose
-from station.profile import load_aircraft
+from station.profile import Calibrated, load_aircraft
 from station.profile.profile_text import to_toml
 
 OF_THE_DAY = {**{f"{n}_zero": x for n, x in BIASES.items()}, **MODEL_BIASES}
@@ -42,6 +42,36 @@ def test_every_constant_can_be_known_by_itself():
         doubt = plain.uncertainty.model_copy(update={key: 0.0})
         left = {f.name for f in free_parameters(plain.model_copy(update={"uncertainty": doubt}), 56.6)}
         assert every - left == names, key
+
+
+def test_a_calibrated_upwash_is_as_uncertain_as_its_calibration():
+    """Without one, the vane's scale is uncertain by the wing's share; a flight that told the sum leaves the share open
+    and the sum not."""
+    plain = aircraft()
+    doubt = plain.uncertainty.model_copy(update={"vane_scale": 0.008, "dynamic_pressure": 0.006})
+    told = Calibrated.model_validate(
+        {
+            "date": "2026-01-01",
+            "recordings": ["a.mcap"],
+            "lowest_speed": "45 m/s",
+            "highest_speed": "70 m/s",
+            "upwash_sd": 0.01,
+        }
+    )
+    known = plain.model_copy(update={"uncertainty": doubt, "calibrated": told})
+    frees = {f.name: f for f in free_parameters(known, 56.6)}
+    assert frees["vane scale"].sd == 0.008
+    share = frees["upwash wing"].extend(known, 0.03)
+    assert plain.boom is not None
+    assert share.boom is not None
+    assert share.boom.upwash_wing == pytest.approx(plain.boom.upwash_wing + 0.03)
+    assert share.boom.steady_calibration == pytest.approx(plain.boom.steady_calibration)
+    pitot = frees["dynamic pressure"]
+    assert pitot.sd == 0.006
+    high = pitot.extend(known, 0.006).instruments
+    assert high["dynamic_pressure"].gain == pytest.approx(1.006)
+    assert high["airspeed"].gain ** 2 == pytest.approx(1.006)
+    assert "dynamic pressure" not in {f.name for f in free_parameters(plain, 56.6)}
 
 
 def test_what_is_known_is_written_and_read_back(tmp_path):

@@ -13,6 +13,7 @@ from station.conventions import LATERAL, LONGITUDINAL
 from station.identification.analysis import identify
 from station.identification.request import Request
 from station.log import Table
+from station.model.airframe_error import relative_errors
 from station.profile import Aircraft, Card, Doublet, Flight, load_aircraft, load_rig
 from station.rows import ParamEstimate
 from station.simulation.sortie import fly
@@ -79,3 +80,26 @@ def test_a_profile_five_per_cent_too_heavy_gives_derivatives_five_per_cent_too_l
             ratio = wrong[method][name].value / right[method][name].value
             # The tail's own lift, known beside, does not scale, and thrust, estimated from the drag polar, does.
             assert ratio == pytest.approx(1.05, abs=0.012), (method, name)
+
+
+def test_an_air_data_error_of_which_the_profile_speaks_is_in_every_error() -> None:
+    """Coefficients are forces over the dynamic pressure; rates are normalised by its root."""
+    exact = known(inertia=0.05)
+    doubtful = known(inertia=0.05, dynamic_pressure=0.04)
+    names = ("CL_alpha", "CL_q", "Cm_alpha", "Cm_q", "Cn_beta", "Cn_r", "CL_de")
+    before, after = relative_errors(exact, names)[0], relative_errors(doubtful, names)[0]
+    more = [0.04, 0.02, 0.04, 0.02, 0.04, 0.02, 0.04]
+    assert after.tolist() == pytest.approx(np.hypot(before, more).tolist())
+
+
+def test_with_the_dynamic_pressure_four_per_cent_too_high_derivatives_are_as_much_too_small() -> None:
+    """Which that error is for; airspeed with it, as one pitot gives both."""
+    right = made(known())
+    high = {n: c.copy() for n, c in columns().items() if n not in ("mass", "thrust", "pdot", "qdot", "rdot")}
+    high["dynamic_pressure"] *= 1.04
+    high["airspeed"] *= math.sqrt(1.04)
+    table = Table(np.arange(len(high["q"])) * 0.02, high, known(), 0)
+    found = identify(table, known(), Request(["II"], 20.0, noise=RIG.noise_si())).methods["II"]
+    for name, share in (("CL_alpha", 1.0), ("Cm_alpha", 1.0), ("Cm_de", 1.0), ("Cm_q", 0.5)):
+        ratio = next(p.value for p in found.parameters if p.name == name) / right["II"][name].value
+        assert ratio == pytest.approx(1.04**-share, abs=0.006), name

@@ -30,6 +30,7 @@ from station.profile import (
     rig_loop,
     shapes,
     step,
+    told_by_flight,
     uncertainty,
 )
 
@@ -153,7 +154,8 @@ def aircraft_keys() -> str:
         ("`[uncertainty]`", uncertainty.Uncertainty),
         ("`[elevator]`, `[aileron]`, `[rudder]`", aircraft.Actuator),
         ("`[instruments.SIGNAL]`", aircraft.Instrument),
-        ("`[measured]`", aircraft.Measured),
+        ("`[measured]`", told_by_flight.Measured),
+        ("`[calibrated]`", told_by_flight.Calibrated),
     )
 
 

@@ -13,7 +13,8 @@ import pytest
 from station.__main__ import app
 from station.commands.calibrate import calibrate
 from station.commands.simulate import simulate
-from station.profile import load_aircraft
+from station.profile import Instrument, load_aircraft
+from station.profile.profile_text import write_profile
 from station.rows import UsageError
 
 HEAD = """
@@ -38,6 +39,7 @@ TRUTH = """
 "boom.upwash_body" = { at = ["0 s"], value = [0.12] }
 "instruments.airspeed.bias" = { at = ["0 s"], value = [-2.0] }
 "instruments.airspeed.gain" = { at = ["0 s"], value = [1.05] }
+"static_position" = { at = ["0 s"], value = [0.04] }
 """
 INPUT = """
 [[manoeuvres]]
@@ -48,6 +50,7 @@ amplitude = "2.5 deg"
 low = "0.1 Hz"
 high = "1.5 Hz"
 """
+LATE_S = 0.06
 LATER = """
 [[manoeuvres]]
 kind = "3-2-1-1"
@@ -58,21 +61,26 @@ unit = "0.5 s"
 """
 
 
-def flown(folder: Path, seconds: float, legs: str = "", more: str = "", rig: str = "boom_thrust") -> Path:
-    card, log = folder / "card.toml", folder / "flight.mcap"
-    card.write_text(HEAD.format(aircraft="twin_otter", rig=rig, legs=legs.replace("\n", " ")) + more)
+def flown(
+    folder: Path, seconds: float, legs: str = "", more: str = "", rig: str = "boom_thrust", late: float = 0.0
+) -> Path:
+    """`late`: the vane's, s; the log has that aircraft's profile."""
+    card, log, profile = folder / "card.toml", folder / "flight.mcap", folder / "flown.toml"
+    vane = {"alpha_vane": Instrument.model_validate({"latency": f"{late} s"})}
+    write_profile(load_aircraft("twin_otter").model_copy(update={"instruments": vane}), profile, "flown")
+    card.write_text(HEAD.format(aircraft=profile, rig=rig, legs=legs.replace("\n", " ")) + more)
     simulate(str(card), log, None, 3, seconds)
     return log
 
 
 @pytest.fixture(scope="module")
 def programme(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return flown(tmp_path_factory.mktemp("calibration"), 440.0, LEGS, TRUTH + INPUT)
+    return flown(tmp_path_factory.mktemp("calibration"), 440.0, LEGS, TRUTH + INPUT, late=LATE_S)
 
 
 def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -> None:
     page, profile = tmp_path / "found.json", tmp_path / "mine.toml"
-    calibrate([programme], profile, None, str(page), tmp_path / "report")
+    calibrate([programme], profile, "twin_otter", str(page), tmp_path / "report")
     found = json.loads(page.read_text())
     assert found["schema"] == "station.calibrate/1"
     constants = found["constants"]
@@ -81,8 +89,10 @@ def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -
         "airspeed_error": -2.0 + 0.05 * speed,
         "airspeed_slope": 0.05,
         "vane_zero": math.radians(0.8),
+        "static_position": 0.04,
+        "pitot_position": 0.04,
         "upwash": 0.12 + 0.107,
-        "vane_delay": 0.0,
+        "vane_delay": LATE_S,
         "vane_x": 5.3,
     }
     accuracy = {"airspeed_error": 0.5, "vane_zero": math.radians(0.3), "upwash": 0.05, "vane_delay": 0.02}
@@ -97,8 +107,13 @@ def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -
     made = load_aircraft(str(profile))
     assert made.boom is not None
     assert made.calibrated is not None
+    assert made.static_position == pytest.approx(constants["static_position"]["estimate"])
+    assert made.calibrated.static_position_sd == pytest.approx(constants["static_position"]["std_error"])
+    assert abs(constants["upwash_slope"]["estimate"] or 0.0) < 0.07
     assert made.boom.zero == pytest.approx(constants["vane_zero"]["estimate"])
     assert made.boom.upwash_body + made.boom.upwash_wing == pytest.approx(constants["upwash"]["estimate"])
+    assert made.uncertainty.vane_delay == pytest.approx(constants["vane_delay"]["std_error"])
+    assert made.uncertainty.dynamic_pressure == pytest.approx(constants["pressure_scale"]["std_error"])
     errors = made.instruments["airspeed"]
     assert errors.gain * speed + errors.bias - speed == pytest.approx(constants["airspeed_error"]["estimate"])
     assert made.calibrated.vane_zero_sd == pytest.approx(constants["vane_zero"]["std_error"])
@@ -114,14 +129,14 @@ def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -
     assert (float(told[1]), float(told[2])) == pytest.approx((zero, half), abs=0.005)
     assert "NOT calibrated" not in sentence
     with pytest.raises(UsageError, match="never replaces"):
-        calibrate([programme], profile, None, None, None)
+        calibrate([programme], profile, "twin_otter", None, None)
 
 
 @pytest.mark.slow
 def test_calibrated_profile_finds_the_same_again(programme: Path, tmp_path: Path) -> None:
     """Stated errors are taken out and found anew, not twice."""
     first, second, profile = tmp_path / "1.json", tmp_path / "2.json", tmp_path / "mine.toml"
-    calibrate([programme], profile, None, str(first), None)
+    calibrate([programme], profile, "twin_otter", str(first), None)
     calibrate([programme], None, str(profile), str(second), None)
     a, b = (json.loads(p.read_text())["constants"] for p in (first, second))
     for name in ("airspeed_error", "airspeed_slope", "vane_zero", "upwash"):
@@ -132,18 +147,19 @@ def test_calibrated_profile_finds_the_same_again(programme: Path, tmp_path: Path
 @pytest.mark.slow
 def test_the_next_diagnosis_finds_nothing_more(programme: Path, tmp_path: Path) -> None:
     """Another flight of the same aircraft, in other gusts: with the profile written nothing is wrong, with the one
-    before something is."""
+    before the vane is late."""
     profile, next_flight = tmp_path / "mine.toml", tmp_path / "next"
-    calibrate([programme], profile, None, None, None)
+    calibrate([programme], profile, "twin_otter", None, None)
     next_flight.mkdir()
-    log = flown(next_flight, 80.0, more=TRUTH + LATER)
-    verdicts = {}
+    log = flown(next_flight, 80.0, more=TRUTH + LATER, late=LATE_S)
+    found = {}
     for name in (str(profile), "twin_otter"):
-        page = tmp_path / "found.json"
+        page = tmp_path / f"{Path(name).stem}.json"
         app(["diagnose", str(log), "--aircraft", name, "--json", str(page)], prog_name="station", standalone_mode=False)
-        verdicts[name] = json.loads(page.read_text())["verdict"]
-    assert verdicts[str(profile)] == "no_effect"
-    assert verdicts["twin_otter"] != "no_effect"
+        found[name] = json.loads(page.read_text())
+    assert found[str(profile)]["verdict"] == "no_effect"
+    assert found["twin_otter"]["verdict"] != "no_effect"
+    assert "alpha_vane.delay" in {e["id"] for e in found["twin_otter"]["effects"]}
 
 
 def test_one_heading_at_one_speed_says_what_it_cannot_tell(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from station.profile import Aircraft, Card, Instrument, load_aircraft, load_card, load_rig
+from station.profile import Aircraft, Card, Change, Instrument, load_aircraft, load_card, load_rig
 from station.rows import ProfileError
 from station.simulation import Simulation, fly
 from station.simulation.installed import Installed
@@ -161,3 +161,34 @@ def test_the_lateral_card_flies_six_degrees_of_freedom() -> None:
     shown, truth = fly(flown.aircraft, flown.rig, flown.card, 30.0)
     assert np.ptp(truth["beta"]) > math.radians(2)
     assert np.ptp(shown["rudder"]) > math.radians(8)
+
+
+class Steady:
+    """A source at 1,000 Pa of dynamic pressure."""
+
+    def __init__(self) -> None:
+        self.k = 0
+
+    def advance(self, n: int) -> Mapping[str, np.ndarray]:
+        self.k += n
+        return {"static_pressure": np.full(n, 9e4), "dynamic_pressure": np.linspace(1000, 2000, n)}
+
+
+def test_the_static_port_errs_by_dynamic_pressure() -> None:
+    """What airspeed and dynamic pressure show is stated whole in [instruments]."""
+    aircraft = load_aircraft("twin_otter").model_copy(update={"static_position": 0.03})
+    flight = Installed(Steady(), aircraft)
+    shown = flight.advance(N)
+    np.testing.assert_allclose(shown["static_pressure"], 9e4 + 0.03 * np.linspace(1000, 2000, N))
+    np.testing.assert_array_equal(shown["dynamic_pressure"], np.linspace(1000, 2000, N))
+    np.testing.assert_array_equal(flight.truth["static_pressure"], np.full(N, 9e4))
+
+
+def test_mass_that_falls_flows_as_fuel() -> None:
+    """0.05 kg/s from 1 s to 3 s of flight."""
+    burnt = Change.model_validate({"at": ["1 s", "3 s"], "value": ["4900 kg", "4899.9 kg"]})
+    shown = Installed(Line(), load_aircraft("twin_otter"), truth={"inertia.mass": burnt}).advance(N)
+    t = np.arange(N) * DT
+    np.testing.assert_allclose(shown["fuel_flow"][(t > 1) & (t < 2.99)], 0.05, rtol=1e-6)
+    assert not shown["fuel_flow"][(t < 0.99) | (t > 3.01)].any()
+    assert "fuel_flow" not in Installed(Line(), load_aircraft("twin_otter")).advance(N)
