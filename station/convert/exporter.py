@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from array import array
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,13 +14,14 @@ import numpy as np
 from station.convert.delimited import write_csv
 from station.convert.fdata import write_fdata
 from station.convert.foxglove import write_mcap
-from station.convert.groups import Gathered, Group, Told
+from station.convert.groups import ROWS, Gathered, Group, Told
 from station.convert.new_file import new_file
 from station.convert.tlog import Splitter, write_tlog
+from station.convert.tracks import Column
 from station.convert.ulog_writer import write_ulog
-from station.log import Table, make_folder, metadata, read_rows, table
+from station.log import Table, make_folder, metadata, read_rows, row_times, table
 from station.profile import to_json
-from station.rows import AlphaEstimate, LogError
+from station.rows import AlphaEstimate, Frame, LogError
 
 Format = Literal["csv", "parquet", "mat", "mdf4", "ulog", "tlog", "mcap"]
 
@@ -41,7 +44,7 @@ def export(
     write: Mapping[Format, Callable[[], list[Path]]] = {
         "csv": lambda: _separate(path, out, told, lambda to, group: write_csv(to, group.columns, group.blocks())),
         "parquet": lambda: _separate(path, out, told, partial(_parquet, to_json(metadata(path).aircraft))),
-        "mat": lambda: _mat(path, table(path), out),
+        "mat": lambda: _mat(path, out, told),
         "mdf4": lambda: _mdf4(path, out, told),
         "ulog": lambda: _single(out, partial(write_ulog, path, told=told)),
         "tlog": lambda: _single(out, partial(write_tlog, path, splitter=splitter, told=told)),
@@ -93,15 +96,42 @@ def _parquet(aircraft: str, target: Path, group: Group) -> None:
             writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
 
 
-def _mat(path: Path, flown: Table, out: Path) -> list[Path]:
-    alphas = list(read_rows(path, (AlphaEstimate,)))
-    alpha_cg = None
-    if alphas:
-        t_ns = np.array([a.t_ns for a in alphas], dtype=np.int64)
-        values = np.array([a.alpha for a in alphas if isinstance(a, AlphaEstimate)])
-        at = np.round(flown.t_s * 1e9)
-        alpha_cg = np.interp(at, (t_ns - flown.t0_ns).astype(np.float64), values, np.nan, np.nan)
-    return _single(out, lambda partial_path: write_fdata(partial_path, flown, alpha_cg))
+def _mat(path: Path, out: Path, told: Told) -> list[Path]:
+    zero = next(read_rows(path, (Frame,)), None)
+    if zero is None:
+        flown = table(path)
+        times, alpha = flown.t_s, _alpha_cg(path, flown.t0_ns, flown.t_s)
+        times = times if flown.record_ns is None else flown.record_ns / 1e9
+        return _single(out, lambda to: write_fdata(to, flown.aircraft, times, [(flown, alpha)]))
+    times = (row_times(path, Frame) - zero.t_ns) / 1e9
+    alpha, aircraft = _alpha_cg(path, zero.t_ns, times), metadata(path).aircraft
+    return _single(out, lambda to: write_fdata(to, aircraft, times, _blocks(path, times, alpha, told)))
+
+
+def _alpha_cg(path: Path, zero_ns: int, times: Column) -> Column | None:
+    """(n,) as estimated in flight, rad."""
+    t_s, values = array("d"), array("d")
+    for row in read_rows(path, (AlphaEstimate,)):
+        if isinstance(row, AlphaEstimate):
+            t_s.append((row.t_ns - zero_ns) / 1e9)
+            values.append(row.alpha)
+    if not t_s:
+        return None
+    return np.asarray(np.interp(times, t_s, values, np.nan, np.nan), dtype=np.float64)
+
+
+def _blocks(path: Path, times: Column, alpha: Column | None, told: Told) -> Iterator[tuple[Table, Column | None]]:
+    """The frames, ROWS at a time."""
+    info = metadata(path)
+    rows = (r for r in read_rows(path, (Frame,)) if isinstance(r, Frame))
+    done = 0
+    while some := list(islice(rows, ROWS)):
+        told(some[-1].t_ns)
+        values = np.array([r.values for r in some], dtype=np.float64)
+        here = slice(done, done + len(some))
+        columns = {n: values[:, i] for i, n in enumerate(info.about.signals)}
+        yield Table(times[here], columns, info.aircraft, some[0].t_ns), None if alpha is None else alpha[here]
+        done += len(some)
 
 
 def _mdf4(path: Path, out: Path, told: Told) -> list[Path]:

@@ -8,16 +8,19 @@ off.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat, savemat
+from scipy.io import loadmat
 
 from station.conventions import Unit, unit_named
+from station.convert.mat_file import MatrixFile
 from station.convert.tracks import Column, Record, Track, from_si, in_si, ordered
 from station.log import Table
 from station.profile import Aircraft
@@ -79,6 +82,7 @@ _OTHER_CHANNELS: Final = _channels(
     (80, "beta_measured alpha_measured", "deg"),
     (82, " ".join(f"channel_{i}" for i in range(82, CHANNELS + 1)), "1"),
 )
+_BY_NAME: Final = {c.name: c for c in (*_SIGNAL_CHANNELS, *_OTHER_CHANNELS)}
 EXTRA_UNITS: Final[Mapping[str, str]] = {c.name: c.unit.si for c in _OTHER_CHANNELS}
 _LBF: Final = unit_named("lbf")
 _LENGTHS: Final = ("wing_area", "span", "chord")
@@ -143,18 +147,40 @@ def _mean(values: Column) -> float:
     return float(values[0]) if np.all(values == values[0]) else float(np.mean(values))
 
 
-def write_fdata(path: Path, table: Table, alpha_cg: Column | None) -> None:
-    """A table as `fdata` (n, 90) with the usual scalars. `alpha_cg` (n,), rad, goes to channel 4 where there is one.
+def write_fdata(path: Path, aircraft: Aircraft, times: Column, blocks: Iterable[tuple[Table, Column | None]]) -> None:
+    """A table, in blocks of rows one after the other, as `fdata` (n, 90) with the usual scalars; `times` (n,) of all of
+    them, s. The angle of attack at the CG (n,), rad, of a block goes to channel 4 where there is one.
 
-    What is not known stays zero, SIDPAC's mark of an empty channel. Raises OSError.
+    What is not known stays zero, SIDPAC's mark of an empty channel. Raises OSError and LogError.
     """
-    times = table.t_s if table.record_ns is None else table.record_ns / 1e9
-    fdata = np.zeros((len(times), CHANNELS))
-    fdata[:, 0] = times
-    own = {"wing_area": table.aircraft.geometry.wing_area, "span": table.aircraft.geometry.span}
-    own |= {"chord": table.aircraft.geometry.chord, "mass": table.aircraft.inertia.mass}
-    own |= {n: getattr(table.aircraft.inertia, n) or 0.0 for n in _INERTIAS}
-    known: dict[str, Column] = {n: np.full(len(times), value) for n, value in own.items()}
+    own = {"wing_area": aircraft.geometry.wing_area, "span": aircraft.geometry.span, "chord": aircraft.geometry.chord}
+    own |= {"mass": aircraft.inertia.mass} | {n: getattr(aircraft.inertia, n) or 0.0 for n in _INERTIAS}
+    made = (_rows(table, alpha_cg, own) for table, alpha_cg in blocks)
+    first = next(made)
+    scalars: dict[str, Any] = {
+        "t": (times - times[0]).reshape(-1, 1),
+        "dt": float(np.median(np.diff(times))) if len(times) > 1 else math.nan,
+        "npts": len(times),
+        "sarea": first[0, 76],
+        "bspan": first[0, 77],
+        "cbar": first[0, 78],
+    }
+    done = 0
+    with MatrixFile(path, scalars, "fdata", len(times), CHANNELS) as file:
+        for block in chain((first,), made):
+            block[:, 0] = times[done : done + len(block)]
+            done += len(block)
+            file.add(block)
+        for name, value in own.items():
+            channel = _BY_NAME[name]
+            file.fill(channel.number - 1, from_si(np.array([value]), channel.unit)[0])
+
+
+def _rows(table: Table, alpha_cg: Column | None, own: Mapping[str, float]) -> NDArray[np.float64]:
+    """(n, 90) without the times; NaN where nothing is known."""
+    count = len(table.t_s)
+    fdata = np.full((count, CHANNELS), np.nan)
+    known: dict[str, Column] = {n: np.full(count, value) for n, value in own.items()}
     if not table.extra:
         known |= _vanes_and_rates(table)
     known |= table.extra
@@ -166,17 +192,7 @@ def write_fdata(path: Path, table: Table, alpha_cg: Column | None) -> None:
             fdata[:, channel.number - 1] = from_si(known[channel.name], channel.unit)
     if "thrust" in known and not any(f"thrust_{i}" in table.extra for i in range(1, 5)) and _LBF is not None:
         fdata[:, _THRUST[0] - 1] = from_si(known["thrust"], _LBF)
-    content: dict[str, Any] = {
-        "fdata": fdata,
-        "t": (times - times[0]).reshape(-1, 1),
-        "dt": 1.0 / table.rate_hz,
-        "npts": len(times),
-        "sarea": fdata[0, 76],
-        "bspan": fdata[0, 77],
-        "cbar": fdata[0, 78],
-    }
-    with path.open("xb") as file:
-        savemat(file, content)
+    return fdata
 
 
 def _vanes_and_rates(table: Table) -> dict[str, Column]:
