@@ -131,7 +131,11 @@ def entries(
 def times(data: Any, index: Index, wanted: frozenset[int]) -> NDArray[np.int64]:
     """Of all messages of the `wanted` channels, ns, chunk by chunk; no message is read."""
     found = [np.zeros(0, dtype=np.uint64)]
+    kept_from = 0
     for chunk in index.chunks:
+        if chunk.at - kept_from > _PIECE:
+            let_go(data)
+            kept_from = chunk.at
         for channel, at in np.frombuffer(chunk.lists, _PLACE).tolist():
             if channel in wanted:
                 found.append(_listed(data, at, chunk.first_ns, chunk.last_ns)["t_ns"])

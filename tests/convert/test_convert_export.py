@@ -14,6 +14,7 @@ from scipy.io import loadmat
 
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS, Stream
 from station.convert import export, import_file
+from station.convert.mat_file import MatrixFile
 from station.log import About, table, write_log
 from station.profile import load_aircraft
 from station.rows import (
@@ -126,6 +127,33 @@ def test_mat_of_a_flight_is_fdata(flight: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(fdata[:, 71], qhat)
     # Channel 4 is the angle of attack at the CG that the station estimated, not the vane's.
     assert not np.allclose(fdata[:, 3], fdata[:, 80])
+
+
+def test_mat_written_in_blocks_is_the_same(flight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    export(flight, "mat", tmp_path / "whole.mat")
+    monkeypatch.setattr("station.convert.exporter.ROWS", 7)
+    export(flight, "mat", tmp_path / "blocks.mat")
+    whole, blocks = (loadmat(tmp_path / f"{name}.mat") for name in ("whole", "blocks"))
+    np.testing.assert_array_equal(blocks["fdata"], whole["fdata"])
+    for name in ("npts", "sarea", "cbar", "dt"):
+        assert blocks[name].item() == whole[name].item()
+
+
+def test_a_column_whose_first_value_comes_late_is_missing_before(tmp_path: Path) -> None:
+    """Two blocks of three rows: of column 2 nothing until row 5; of column 3 nothing at all; column 4 is filled."""
+    block, nan = np.arange(12.0).reshape(3, 4), np.nan
+    block[:, 1:] = nan
+    late = block.copy()
+    late[1, 1] = 5.0
+    with MatrixFile(tmp_path / "a.mat", {"n": 6}, "m", 6, 4) as file:
+        file.add(block)
+        file.add(late)
+        file.fill(0, 9.0)
+        file.fill(3, 7.0)
+    found = loadmat(tmp_path / "a.mat")
+    expected = [[0, nan, 0, 7], [4, nan, 0, 7], [8, nan, 0, 7], [0, nan, 0, 7], [4, 5, 0, 7], [8, nan, 0, 7]]
+    np.testing.assert_array_equal(found["m"], expected)
+    assert found["n"].item() == 6
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "mat", "mdf4"])
