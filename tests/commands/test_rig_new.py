@@ -157,7 +157,9 @@ def test_an_aircraft_is_asked_for_and_may_be_left_out_of(
 ) -> None:
     """An answer without its unit, of another kind or below zero is refused at once, and asked for again."""
     area = ("", "420", "420 ft", "-420 ft2", "420 ft2")
-    answers = iter((*area, "65 ft", "6.5 ft", "340 slug", "24640 slug ft2", "", "", "", "", "", "0.04", "high", "0.05"))
+    answers = iter(
+        (*area, "65 ft", "6.5 ft", "340 slug", "24640 slug ft2", "", "", "", "", "", "24.5 ft", "0.04", "high", "0.05")
+    )
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     assert station("aircraft", "new", "otter", "--folder", str(tmp_path), monkeypatch=monkeypatch) == 0
@@ -170,6 +172,8 @@ def test_an_aircraft_is_asked_for_and_may_be_left_out_of(
     found = read_profile(Aircraft, tmp_path / "aircraft" / "otter.toml")
     assert found.inertia.mass == pytest.approx(4961.9, abs=0.1)
     assert found.boom is None
+    assert found.unsteady.tail_arm == pytest.approx(7.4676)
+    assert not found.unsteady.memory
     assert found.drag is not None
 
 
