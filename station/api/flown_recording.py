@@ -4,7 +4,7 @@ files from elsewhere and of the simulation."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -210,8 +210,16 @@ def import_file(
     return Recording(out)
 
 
-def write_import(path: Path, out: Path, aircraft: Aircraft, signals: Mapping[str, str], rig: Rig | None = None) -> int:
-    """The recording of a file from elsewhere; returns its rows. `rig`: which declares further columns of a CSV."""
+def write_import(
+    path: Path,
+    out: Path,
+    aircraft: Aircraft,
+    signals: Mapping[str, str],
+    rig: Rig | None = None,
+    told: Callable[[float | None], None] = lambda _: None,
+) -> int:
+    """The recording of a file from elsewhere; returns its rows. `rig`: which declares further columns of a CSV. `told`
+    hears None while the file is read, then the share that is written."""
     from drivers.dataflash import left_out, read_dataflash
     from station.convert import CH10, Importer, ch10_rows, reader_of
     from station.convert import import_file as write
@@ -219,7 +227,7 @@ def write_import(path: Path, out: Path, aircraft: Aircraft, signals: Mapping[str
     if signals and path.suffix.lower() not in CH10:
         raise UsageError(f"{path}: --signal names measurements of a Chapter 10 file ({', '.join(CH10)})")
     dataflash = Importer(".bin", "ArduPilot's DataFlash", reader_of("dataflash", read_dataflash, left_out))
-    return write(path, out, aircraft, (dataflash, *ch10_rows(signals)), rig)
+    return write(path, out, aircraft, (dataflash, *ch10_rows(signals)), rig, told)
 
 
 def simulate(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Final, cast
 
 import typer
 
@@ -13,7 +13,10 @@ from station.commands.common import LogPath, judged, profiles_of, there
 from station.commands.long_work import shown
 from station.console import say
 from station.log import make_folder, metadata, read_rows
-from station.rows import LogError
+from station.rows import LogError, Rows
+
+_EVERY: Final = 10_000
+"""Rows: a twentieth of a second."""
 
 
 class ExportFormat(StrEnum):
@@ -35,6 +38,14 @@ def _packets() -> Callable[[bytes], list[bytes]]:
     return lambda data: [bytes(message.get_msgbuf()) for message in framer.feed(data)]
 
 
+def telling(rows: Iterator[Rows], told: Callable[[int], None]) -> Iterator[Rows]:
+    """The rows, telling now and then how far they have come."""
+    for count, row in enumerate(rows):
+        if not count % _EVERY:
+            told(row.t_ns)
+        yield row
+
+
 def export(
     log: LogPath,
     to: Annotated[
@@ -52,9 +63,9 @@ def export(
     if to is ExportFormat.rrd:
         make_folder(out.parent)
         try:
-            with shown("drawing"), new_file(out) as partial:
+            with shown(f"exporting {log.name}", log) as told, new_file(out) as partial:
                 title = f"{about.source} of {about.aircraft.name}"
-                write_rrd(read_rows(log), partial, profiles_of(about), title=title)
+                write_rrd(telling(read_rows(log), told), partial, profiles_of(about), title=title)
         except FileExistsError:
             raise LogError(f"{out}: exists already and is not overwritten") from None
         say(str(out))

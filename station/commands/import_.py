@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.long_work import shown
+from station.commands.long_work import shares
 from station.console import judge, say
 from station.profile import load_aircraft, load_rig
 from station.rows import UsageError
@@ -31,9 +31,9 @@ def import_(
     from station.log import metadata
 
     names = dict(_pair(text) for text in signal or ())
-    with shown(f"importing {file.name}", moving=False):
+    with shares(f"importing {file.name}") as told:
         declaring = None if rig is None else load_rig(rig)
-        rows = write_import(file, out, load_aircraft(aircraft), names, declaring)
+        rows = write_import(file, out, load_aircraft(aircraft), names, declaring, told)
     say(f"{out}: {rows} rows")
     notes = metadata(out).about.notes
     for about, words in notes.items():

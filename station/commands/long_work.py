@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from station.console import say
 from station.log import span_ns
 
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
 EVERY_S: Final = 0.25
 """Between two pictures of the bar: a computation has better to do."""
+STOPPED: Final = "station: stopped: nothing was left half-written"
 
 
 @contextmanager
-def shown(words: str, log: Path | None = None, moving: bool = True) -> Iterator[Callable[[int], None]]:
+def shown(words: str, log: Path | None = None) -> Iterator[Callable[[int], None]]:
     """While work is done, on stderr: a bar with the time left where `log` says how long it is, else the time it has
-    taken; gone when it is done. Not `moving`, it needs no thread, which a process that is forked should not have. Gives
-    a function to be told the station time (ns) that the work has come to."""
+    taken; gone when it is done. Gives a function to be told the station time (ns) that the work has come to."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -36,15 +39,45 @@ def shown(words: str, log: Path | None = None, moving: bool = True) -> Iterator[
         return
     span = span_ns(log) if log is not None else None
     columns: tuple[ProgressColumn, ...] = (TextColumn("  {task.description}"),)
-    if moving:
-        columns += (BarColumn(), TimeRemainingColumn()) if span else (SpinnerColumn("line"), TimeElapsedColumn())
+    columns += (BarColumn(), TimeRemainingColumn()) if span else (SpinnerColumn("line"), TimeElapsedColumn())
     try:
-        with Progress(
-            *columns, console=console, transient=True, refresh_per_second=1 / EVERY_S, auto_refresh=moving
-        ) as progress:
+        with Progress(*columns, console=console, transient=True, refresh_per_second=1 / EVERY_S) as progress:
             first, last = span or (0, 0)
             bar = progress.add_task(words, total=last - first if span else None)
             yield lambda t_ns: progress.update(bar, completed=t_ns - first)
     except KeyboardInterrupt:
-        say("station: stopped: nothing was left half-written")
+        say(STOPPED)
+        raise
+
+
+@contextmanager
+def shares(words: str) -> Iterator[Callable[[float | None], None]]:
+    """The same without a thread, which a process that is forked should not have: gives a function to be told what
+    share of the work is done, None where nobody knows; a bar with the time taken and, after the first share, that
+    left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    columns = (TextColumn("  {task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    try:
+        with Progress(*columns, console=console, transient=True, auto_refresh=False) as progress:
+            reading = progress.add_task(words, total=None)
+            writing: list[TaskID] = []
+
+            def told(share: float | None) -> None:
+                if share is not None and not writing:
+                    progress.remove_task(reading)
+                    writing.append(progress.add_task(f"{words}: writing", total=1.0))
+                if share is not None:
+                    progress.update(writing[0], completed=share)
+                progress.refresh()
+
+            progress.refresh()
+            yield told
+    except KeyboardInterrupt:
+        say(STOPPED)
         raise

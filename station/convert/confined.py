@@ -21,14 +21,21 @@ BYTES_A_SECOND: Final = 50_000
 MEMORY: Final = 512 * 2**20
 MEMORY_A_BYTE: Final = 60
 """Beyond what the station has already: modules of parsers; Python's numbers of 32 bytes for a file's of 4, twice."""
+EVERY_S: Final = 0.25
 _MIB: Final = 2**20
 _FORK: Final = multiprocessing.get_context("fork")
 
 Found = TypeVar("Found")
 
 
-def confined(path: Path, read: Callable[[], Found], seconds: int = SECONDS, memory: int = MEMORY) -> Found:
-    """What `read` makes of the file at `path`. Raises LogError for whatever becomes of it.
+def confined(
+    path: Path,
+    read: Callable[[], Found],
+    seconds: int = SECONDS,
+    memory: int = MEMORY,
+    waiting: Callable[[], None] = lambda: None,
+) -> Found:
+    """What `read` makes of the file at `path`; `waiting` is called meanwhile. Raises LogError whatever becomes of it.
 
     This guards against damaged files and against bugs of parsers, not against an attack by way of one.
     """
@@ -39,6 +46,8 @@ def confined(path: Path, read: Callable[[], Found], seconds: int = SECONDS, memo
     child.start()
     theirs.close()
     try:
+        while not ours.poll(EVERY_S):
+            waiting()
         found = ours.recv()
     except (EOFError, OSError):
         child.join()

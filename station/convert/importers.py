@@ -85,10 +85,16 @@ def reader_of(
 
 
 def import_file(
-    path: Path, out: Path, aircraft: Aircraft, more: Sequence[Importer] = (), rig: Rig | None = None
+    path: Path,
+    out: Path,
+    aircraft: Aircraft,
+    more: Sequence[Importer] = (),
+    rig: Rig | None = None,
+    told: Callable[[float | None], None] = lambda _: None,
 ) -> int:
     """Make a recording of a file of another kind; returns the number of rows. `more` kinds are asked first; `rig`: of
-    the station's own CSV, whose columns it may declare.
+    the station's own CSV, whose columns it may declare. `told` hears None while the file is read, then what share of
+    the recording is written.
 
     Raises LogError, for an unknown suffix naming those known.
     """
@@ -114,4 +120,4 @@ def import_file(
             )
         return read_csv(path, aircraft, rig)
 
-    return write_record(out, confined(path, read))
+    return write_record(out, confined(path, read, waiting=lambda: told(None)), told)

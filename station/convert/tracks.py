@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from station.profile import Aircraft, Rig, from_json, to_json
 from station.rows import Extra, LogError, ProfileError, Rows, Sample
 
 Column = NDArray[np.float64]
+
+EVERY: Final = 5_000
+"""Rows: about a tenth of a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +47,9 @@ class Record:
     """Which declares signals of the tracks beyond the station's."""
 
 
-def write_record(path: Path, record: Record) -> int:
-    """Make a recording of it: station time 0 is the record's first sample. Returns the number of rows.
+def write_record(path: Path, record: Record, told: Callable[[float], None] = lambda _: None) -> int:
+    """Make a recording of it: station time 0 is the record's first sample. Returns the number of rows; `told` hears
+    now and then what share of them is written.
 
     Raises LogError if the record is empty, its aircraft cannot be (whoever reads the recording would refuse it), or the
     file cannot be written.
@@ -65,10 +70,10 @@ def write_record(path: Path, record: Record) -> int:
         imported=True,
         notes=record.notes,
     )
-    return write_log(path, about, _rows(tracks))
+    return write_log(path, about, _rows(tracks, told))
 
 
-def _rows(tracks: Sequence[Track]) -> Iterator[Rows]:
+def _rows(tracks: Sequence[Track], told: Callable[[float], None]) -> Iterator[Rows]:
     zero = min(int(t.t_ns[0]) for t in tracks)
     # By time, then in the order of the tracks.
     times = np.concatenate([t.t_ns for t in tracks])
@@ -76,7 +81,9 @@ def _rows(tracks: Sequence[Track]) -> Iterator[Rows]:
     values = [list(zip(*(c.tolist() for c in t.columns.values()), strict=True)) for t in tracks]
     extras = [list(zip(*(c.tolist() for c in t.extra.values()), strict=True)) for t in tracks]
     at = [0] * len(tracks)
-    for i in which[np.argsort(times, kind="stable")].tolist():
+    for count, i in enumerate(which[np.argsort(times, kind="stable")].tolist()):
+        if not count % EVERY:
+            told(count / len(times))
         track, k = tracks[i], at[i]
         at[i] += 1
         t_ns = int(track.t_ns[k])

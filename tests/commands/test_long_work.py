@@ -76,6 +76,21 @@ def test_on_a_terminal_there_is_a_bar_with_the_time_left(log: Path, tmp_path: Pa
     assert len((tmp_path / "a.csv").read_text().splitlines()) == FRAMES + 1
 
 
+def test_an_import_shows_that_it_reads_then_how_much_is_written(tmp_path: Path) -> None:
+    source, out = tmp_path / "a.csv", tmp_path / "a.mcap"
+    source.write_text("time [s],q [deg/s]\n" + "".join(f"{0.02 * k:.2f},{k % 7}\n" for k in range(FRAMES)))
+    words = ["import", str(source), "-o", str(out), "--aircraft", "twin_otter"]
+    code, told = on_a_terminal(words)
+    assert code == 0
+    assert "importing a.csv" in told
+    assert re.search(r"importing a\.csv: writing .*\d:\d\d:\d\d", told)
+    out.unlink()
+    code, told = on_a_terminal(words, "importing")
+    assert code == 130
+    assert "stopped: nothing was left half-written" in told
+    assert list(tmp_path.iterdir()) == [source]
+
+
 def test_elsewhere_there_is_none(log: Path, tmp_path: Path, station) -> None:
     code, out, err = station("export", log, "--to", "csv", "-o", tmp_path / "a.csv")
     assert (code, out) == (0, "")
