@@ -5,21 +5,26 @@
 Each goes on until it has had so many inputs or taken so much processor time. A codec must never raise, must give only
 numbers, and must read a sound message after a reset. A reader must end in a LogError or in what can be read; files from
 elsewhere are read in a child (station/convert/confined.py), a hundred inputs each, and one that ends its child is tried
-again as a user's import would. No input may take longer than LONGEST_S, or memory beyond GROWTH_MIB.
+again as a user's import would. No input may take longer than LONGEST_S, or memory beyond GROWTH_MIB. The table's inputs
+add up over its calls, each with a seed of its own, for as long as the code that reads them is the same.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import hashlib
+import json
 import random
 import resource
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from drivers.can_dbc import CanCodec
 from drivers.can_dronecan import DronecanCodec, DronecanEncoder
@@ -36,7 +41,7 @@ from drivers.serial_vectornav import VECTORNAV, VectorNavCodec
 from station.convert import IMPORTERS, import_file
 from station.convert.confined import confined
 from station.log import read_rows, summarise, write_log
-from station.profile import CanDevice, DronecanDevice, MavlinkDevice, load_rig, profiles_dir
+from station.profile import CanDevice, DronecanDevice, MavlinkDevice, Rig, load_rig, profiles_dir
 from station.rows import LogError, Rows
 from tests.reliability.endings import about, tick_rows
 from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
@@ -59,6 +64,10 @@ BATCH: Final = 100
 """Files that one child reads: a child of its own for each would take longer than reading it."""
 
 
+ASKED: Final = 1_000_000
+"""Inputs of each."""
+
+
 @dataclass(slots=True)
 class Flown:
     """What has been tried, and what came of it."""
@@ -75,9 +84,17 @@ class Flown:
     """The first fault."""
 
     @property
-    def holds(self) -> bool:
+    def is_sound(self) -> bool:
         limit_s = FOREIGN_S if self.name in FOREIGN else LONGEST_S
         return not self.raised and self.longest_s <= limit_s and self.growth_mib <= GROWTH_MIB
+
+    def add(self, more: Flown) -> None:
+        """Those of another call."""
+        self.inputs, self.read = self.inputs + more.inputs, self.read + more.read
+        self.raised, self.first = self.raised + more.raised, self.first or more.first
+        self.longest_s = max(self.longest_s, more.longest_s)
+        self.growth_mib = max(self.growth_mib, more.growth_mib)
+        self.took_s += more.took_s
 
     def fault(self, seed: str, what: str) -> None:
         self.raised += 1
@@ -96,21 +113,26 @@ class Link(NamedTuple):
     sound: Sequence[bytes]
 
 
+@cache
+def rig_of(name: str) -> Rig:
+    return load_rig(name)
+
+
 def can_codec() -> CanCodec:
-    device = load_rig("can_only").devices[0]
+    device = rig_of("can_only").devices[0]
     assert isinstance(device, CanDevice)
     return CanCodec(device, profiles_dir() / "rigs")
 
 
 def dronecan_codec() -> DronecanCodec:
-    device = load_rig("dronecan").devices[0]
+    device = rig_of("dronecan").devices[0]
     assert isinstance(device, DronecanDevice)
     return DronecanCodec(device)
 
 
 def dronecan_transfers() -> list[bytes]:
     """Of all that the rig reads, in turn; most take several frames."""
-    node, streams = DronecanEncoder(42), load_rig("dronecan").devices[0].streams
+    node, streams = DronecanEncoder(42), rig_of("dronecan").devices[0].streams
     return [
         node.encode(Reading(s.message, k * 10**7, None, {c.field: 0.1 for c in s.signals.values()}))
         for k in range(4)
@@ -119,7 +141,7 @@ def dronecan_transfers() -> list[bytes]:
 
 
 def mavlink_codec(key: bytes | None = None) -> MavlinkCodec:
-    device = load_rig("mavlink_only").devices[0]
+    device = rig_of("mavlink_only").devices[0]
     assert isinstance(device, MavlinkDevice)
     return MavlinkCodec(device, key)
 
@@ -283,6 +305,65 @@ def _imported(path: Path, out: Path, content: bytes, flown: Flown) -> tuple[bool
     return True, _spent_s() - began
 
 
+def code_of(name: str) -> str:
+    """A digest of the code that reads `name`: its module and what of the same wing that imports, in turn."""
+    root = Path(__file__).parents[2]
+    codec = type(links()[name].codec()).__module__ if name in LINKS else "station.convert"
+    wings = (
+        ("drivers",) if name in LINKS else ("station.log",) if name == "mcap" else ("station.convert", "station.log")
+    )
+    waiting, seen = [*wings[:1], codec] if name in LINKS else list(wings), set[Path]()
+    digest = hashlib.sha256()
+    while waiting:
+        module = root / waiting.pop().replace(".", "/")
+        path = module / "__init__.py" if module.is_dir() else module.with_suffix(".py")
+        if path in seen or not path.exists():
+            continue
+        seen.add(path)
+        tree = ast.parse(path.read_text())
+        imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+        within = [node for node in imported if str(node.module).startswith(wings)]
+        waiting += [str(node.module) for node in within]
+        waiting += [f"{node.module}.{alias.name}" for node in within for alias in node.names]
+    for path in sorted(seen):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def added(name: str, inputs: int, seconds: float, kept: Path | None) -> Flown:
+    """Those of earlier calls in `kept`, of the same code, and more of them up to `inputs`."""
+    if kept is None:
+        return fly(name, inputs, seconds)
+    before = _read(kept)
+    code, flown = code_of(name), Flown(name)
+    if (row := before.get(name)) is not None and row["code"] == code:
+        flown = Flown(**{field: value for field, value in row.items() if field != "code"})
+    if flown.inputs < inputs:
+        # A seed of its own: the inputs of a call are not those of one before.
+        flown.add(fly(name, inputs - flown.inputs, seconds, seed=flown.inputs + 1))
+        kept.write_text(json.dumps(_read(kept) | {name: asdict(flown) | {"code": code}}, indent=1) + "\n")
+    return flown
+
+
+def is_short(name: str, kept: Path) -> bool:
+    """Whether there are inputs still to be tried of `name`."""
+    row = _read(kept).get(name)
+    return row is None or row["inputs"] < ASKED or row["code"] != code_of(name)
+
+
+def _read(kept: Path) -> dict[str, Any]:
+    """Raises SystemExit for a file that holds something else."""
+    try:
+        found: dict[str, Any] = json.loads(kept.read_text())
+        if all(set(row) == {*Flown.__slots__, "code"} for row in found.values()):
+            return found
+    except FileNotFoundError:
+        return {}
+    except (ValueError, AttributeError, TypeError):
+        pass
+    raise SystemExit(f"{kept}: no counts of inputs; remove it")
+
+
 def _memory_mib() -> float:
     own, children = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return max(own, children) / 1024
@@ -316,7 +397,7 @@ def _spent_s() -> float:
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--inputs", type=int, default=1_000_000, help="of each")
+    options.add_argument("--inputs", type=int, default=ASKED, help="of each")
     options.add_argument("--seconds", type=float, default=600.0, help="of processor time for each, at most")
     options.add_argument("--only", default=",".join(NAMES), help="some of them, with commas between")
     options.add_argument("--seed", type=int, default=1)
@@ -327,7 +408,7 @@ def main() -> None:
     holds = True
     for name in names:
         flown = fly(name, chosen.inputs, chosen.seconds, chosen.seed)
-        holds &= flown.holds
+        holds &= flown.is_sound
         print(f"{flown.words()}; {flown.took_s:.0f} s", flush=True)
     sys.exit(not holds)
 

@@ -1,12 +1,12 @@
 """What the station withstands, as a table: each trial with its limit, how it came out, and of which commit.
 
-    uv run python -m tests.reliability.table                        all of it: three hours, one of them the soak
+    uv run python -m tests.reliability.table                        all: three hours, one of them the soak
     uv run python -m tests.reliability.table --only kill,soak       these anew, the others as they were kept
-    uv run python -m tests.reliability.table --missing              those that were never made
+    uv run python -m tests.reliability.table --missing              those never made, bad inputs short of a million
     uv run python -m tests.reliability.table --quick                a twentieth of each; nothing is kept
 
-Results are kept in logs/reliability.json, each with the commit that it is of; the table is printed from there. Needs
-root, loop devices and ext4 for the power cuts of a real file system; without them it says so.
+Results are kept beside this file, each with the commit that it is of; the table is printed from there. Bad inputs add
+up over calls. Needs root, loop devices and ext4 for the power cuts of a real file system; without them it says so.
 """
 
 from __future__ import annotations
@@ -22,12 +22,17 @@ from typing import Final, TypedDict
 
 from tests.reliability import inputs, recordings
 from tests.reliability.endings import CUT_S, KILLED_S, cut_on_ext4, kill, may_mount
-from tests.reliability.mutations import NAMES
+from tests.reliability.mutations import ASKED, NAMES, is_short
 from tests.reliability.recordings import Told
 
 ROOT: Final = Path(__file__).parents[2]
-KEPT: Final = ROOT / "logs" / "reliability.json"
+KEPT: Final = Path(__file__).with_name("results.json")
+MUTATED: Final = {f"mutated-{name.replace(' ', '-')}": name for name in NAMES}
 UNMOUNTABLE: Final = "not made: needs root, loop devices and mkfs.ext4"
+
+
+NO_CODE: Final = (":!*.json", ":!*.md")
+"""What is written here, and the pages, change no result."""
 
 
 class Result(TypedDict):
@@ -40,8 +45,8 @@ class Result(TypedDict):
     commit: str
 
 
-def trials(part: int, seconds: float) -> dict[str, Callable[[], Told]]:
-    """By name; each 1/`part` of its size, mutations for so much processor time each."""
+def trials(part: int, seconds: float, counts: Path | None = None) -> dict[str, Callable[[], Told]]:
+    """By name; each 1/`part` of its size, mutations for so much processor time each, those of before in `counts`."""
     found: dict[str, Callable[[], Told]] = {
         "kill": lambda: recordings.endings("kill -9", 100 // part, KILLED_S, kill),
         "cuts-of-power": lambda: recordings.journal(50),
@@ -61,9 +66,10 @@ def trials(part: int, seconds: float) -> dict[str, Callable[[], Told]]:
         "flood": lambda: inputs.fast_links(8, 200, 60 / part, is_flooded=True),
         "fast-links": lambda: inputs.fast_links(32, 1000, 60 / part, is_flooded=False),
         "soak": lambda: inputs.soak(60 / part),
+        "soak-stressed": lambda: inputs.soak(15 / part, stressed=True),
     }
-    many = 1_000_000 // part
-    return found | {f"mutated-{n.replace(' ', '-')}": partial(inputs.mutations, n, many, seconds) for n in NAMES}
+    many = ASKED // part
+    return found | {trial: partial(inputs.mutations, n, many, seconds, counts) for trial, n in MUTATED.items()}
 
 
 def _on_ext4(moments: int) -> Told:
@@ -75,8 +81,11 @@ def _on_ext4(moments: int) -> Told:
 
 def commit() -> str:
     """Of the working tree; with a mark where that has been changed."""
-    words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
-    return subprocess.run(words, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+    made, changed = (
+        subprocess.run(["git", *words], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+        for words in (["rev-parse", "--short", "HEAD"], ["status", "--porcelain", "--", ".", *NO_CODE])
+    )
+    return f"{made}{'+' if changed else ''}"
 
 
 def kept(path: Path) -> dict[str, Result]:
@@ -101,25 +110,27 @@ def table(results: dict[str, Result], wanted: Iterable[str]) -> Iterable[str]:
         if (r := results.get(name)) is None:
             yield f"| {name} | | not made | **open** | |"
         else:
-            verdict = "holds" if r["holds"] else "**does not hold**"
+            fallen = "**open**" if r["found"].endswith(inputs.SO_FAR) else "**does not hold**"
+            verdict = "holds" if r["holds"] else fallen
             yield f"| {r['name']} | {r['limit']} | {r['found']} | {verdict} | `{r['commit']}` |"
 
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--only", default="", help="trials, with commas between")
-    options.add_argument("--missing", action="store_true", help="those without a kept result")
+    options.add_argument("--missing", action="store_true", help="those without a kept result, or short of inputs")
     options.add_argument("--quick", action="store_true", help="a twentieth of each")
     options.add_argument("--seconds", type=float, default=60.0, help="of processor time for the mutations of a reader")
     options.add_argument("--results", type=Path, default=KEPT, help="where results are kept")
     chosen = options.parse_args()
-    all_trials = trials(20 if chosen.quick else 1, chosen.seconds)
+    counts = chosen.results.with_name("mutated.json")
+    all_trials = trials(20 if chosen.quick else 1, chosen.seconds, None if chosen.quick else counts)
     results = {} if chosen.quick else kept(chosen.results)
     asked = [name for name in chosen.only.split(",") if name] or list(all_trials)
     if unknown := set(asked) - set(all_trials):
         raise SystemExit(f"--only: no {', '.join(sorted(unknown))}; known: {', '.join(all_trials)}")
     if chosen.missing:
-        asked = [name for name in asked if name not in results]
+        asked = [n for n in asked if n not in results or (n in MUTATED and is_short(MUTATED[n], counts))]
     for name in asked:
         print(f"{name} ...", file=sys.stderr, flush=True)
         told, limit, found, holds = all_trials[name]()

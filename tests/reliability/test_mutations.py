@@ -14,7 +14,7 @@ from tests.reliability.mutations import LINKS, NAMES, Flown, Link, fly, fly_link
 @pytest.mark.parametrize("inputs", [60, pytest.param(20_000, marks=pytest.mark.slow)])
 def test_mutated_inputs(name: str, inputs: int) -> None:
     flown = fly(name, inputs, seconds=600.0)
-    assert flown.holds, flown.words()
+    assert flown.is_sound, flown.words()
     assert flown.inputs == inputs
     assert flown.read < inputs
 
@@ -49,4 +49,4 @@ def test_a_codec_that_raises_is_seen() -> None:
         next(flight)
     assert flown.raised > 10
     assert "ValueError: bad" in flown.first
-    assert not flown.holds
+    assert not flown.is_sound

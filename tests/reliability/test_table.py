@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from tests.reliability import table
-from tests.reliability.inputs import soaked
+from tests.reliability.inputs import mutations, soaked
+from tests.reliability.mutations import added, code_of, is_short
 
 GOOD = {"name": "a", "limit": "1 s", "found": "0.5 s", "holds": True, "commit": "abc1234"}
 FLOWN = """ticks done after 1.60 ms (median), 21.65 ms (p99), 344.0 ms (worst); {} missed
-memory from 10 min on: {} MiB/h, extremes 1.8 MiB apart"""
+memory from 10 min on: {} MiB/h, extremes 1.8 MiB apart
+at real-time priority, load 7.5 on 2 cores; files: 2; exit code: {}"""
 
 
 def test_rows_are_of_a_commit_and_what_was_not_made_is_open() -> None:
@@ -45,10 +47,47 @@ def test_an_unknown_trial_is_told_before_any_is_made(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("missed", "slope", "holds"), [(0, "+0.42", True), (1, "+0.42", False), (0, "+7.57", False), (0, "-0.10", True)]
+    ("missed", "slope", "code", "holds"),
+    [
+        (0, "+0.42", 0, True),
+        (1, "+0.42", 0, False),
+        (0, "+7.57", 0, False),
+        (0, "-0.10", 0, True),
+        (0, "+0.42", 3, False),
+    ],
 )
-def test_an_hour_in_the_air_is_judged(missed: int, slope: str, holds: bool) -> None:
-    _, limit, found, held = soaked(FLOWN.format(missed, slope), 60)
+def test_an_hour_in_the_air_is_judged(missed: int, slope: str, code: int, holds: bool) -> None:
+    told = FLOWN.format(missed, slope, code)
+    name, limit, found, held = soaked(told, 60)
     assert held is holds
+    assert name == "a flight of 60 min on the bench, at real-time priority, load 7.5 on 2 cores"
     assert limit == "0; 1 MiB/h"
-    assert found == f"{missed} ticks missed, 21.65 ms (p99); {slope} MiB/h from 10 min on"
+    assert found == f"{missed} ticks missed, 21.65 ms (p99); {slope} MiB/h from 10 min on; files: 2, exit code {code}"
+    # With one core kept busy the ticks count, and how late they are is told.
+    name, limit, _, held = soaked(told, 15, stressed=True)
+    assert "one core kept busy" in name
+    assert limit == "0"
+    assert held is (not missed and not code)
+
+
+def test_bad_inputs_add_up_while_their_reader_is_the_same(tmp_path: Path) -> None:
+    counts = tmp_path / "mutated.json"
+    first = added("lines", 100, 60.0, counts)
+    assert added("lines", 100, 60.0, counts) == first
+    again = added("lines", 250, 60.0, counts)
+    assert (again.inputs, again.raised) == (250, 0)
+    # The same inputs a second time would find the same again.
+    assert again.read not in (first.read, 2.5 * first.read)
+    assert is_short("lines", counts)
+    *_, words, holds = mutations("lines", 300, 0.0, counts)
+    assert words.endswith(" of 300 so far") is not holds
+    counts.write_text(counts.read_text().replace(code_of("lines"), "0"))
+    assert added("lines", 100, 60.0, counts).inputs == 100
+    counts.write_text("{]")
+    with pytest.raises(SystemExit, match="no counts of inputs; remove it"):
+        added("lines", 100, 60.0, counts)
+
+
+def test_code_of_a_reader_is_what_it_rests_on() -> None:
+    assert code_of("ubx") == code_of("nmea")  # one module
+    assert len({code_of(name) for name in ("ubx", "lines", "mavlink", "can", "dronecan", "mcap", "csv")}) == 7
