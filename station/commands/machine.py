@@ -26,6 +26,8 @@ LEAST_HOURS: Final = 2.0
 """Of recording that the disk should have room for."""
 LEAST_CORES: Final = 2
 """One for the loop, one for the page."""
+PRIORITY: Final = 5
+"""Of the system's real-time priorities, 1 to 99: above all ordinary work, below its own."""
 LEAST_COLUMNS, LEAST_ROWS = 80, 24
 """Of a terminal that the station's screen fits in."""
 
@@ -44,6 +46,7 @@ def examine(folder: Path) -> Iterator[Finding]:
     """Everything, the recordings being kept in `folder`."""
     yield from _versions()
     yield from _processor()
+    yield from _priority()
     yield from _clock()
     yield _disk(folder)
     yield from _ports()
@@ -89,6 +92,24 @@ def _processor() -> Iterator[Finding]:
     if memory:
         total, free = (int(memory.get(n, 0)) * 1024 / GIB for n in ("MemTotal", "MemAvailable"))
         yield Finding("memory", f"{free:.1f} of {total:.1f} GiB free")
+
+
+def _priority() -> Iterator[Finding]:
+    """Whether a flight may go before what else runs."""
+    if not hasattr(os, "sched_getscheduler"):
+        return
+    import resource
+
+    may = os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_RTPRIO)[0] >= PRIORITY
+    if os.sched_getscheduler(0) in (os.SCHED_RR, os.SCHED_FIFO):
+        yield Finding("priority", "real-time")
+    elif may:
+        yield Finding("priority", f"real-time granted: chrt -r {PRIORITY} station run CARD flies before all else")
+    else:
+        yield Finding(
+            "priority", "real-time not granted", "note",
+            f"where others load the machine: ulimit -r {PRIORITY} as root, then chrt -r {PRIORITY} station run CARD",
+        )  # fmt: skip
 
 
 def _driver() -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -32,10 +33,48 @@ def no_ports(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_machine_without_faults(station, tmp_path: Path) -> None:
     code, found = findings(station, "--log", str(tmp_path))
     assert code == (3 if any(f["state"] == "mend" for f in found.values()) else 0)
-    wanted = ("station", "python", "libraries", "processor", "disk", "serial port", "CAN interface", "terminal", "page")
+    wanted = (
+        "station",
+        "python",
+        "libraries",
+        "processor",
+        "priority",
+        "disk",
+        "serial port",
+        "CAN interface",
+        "terminal",
+        "page",
+    )
     assert set(wanted) <= set(found)
     assert "numpy 2." in found["libraries"]["found"]
     assert "missing" not in found["libraries"]["found"]
+
+
+@pytest.mark.parametrize(
+    ("policy", "user", "granted", "found", "state"),
+    [
+        (os.SCHED_RR, 1000, 0, "real-time", "ok"),
+        (os.SCHED_OTHER, 0, 0, "real-time granted: chrt -r 5 station run CARD", "ok"),
+        (os.SCHED_OTHER, 1000, 5, "real-time granted: chrt -r 5 station run CARD", "ok"),
+        (os.SCHED_OTHER, 1000, 4, "real-time not granted", "note"),
+    ],
+)
+def test_whether_a_flight_may_go_first(
+    station,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    policy: int,
+    user: int,
+    granted: int,
+    found: str,
+    state: str,
+) -> None:
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: policy)
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (granted, granted))
+    told = findings(station, "--log", str(tmp_path))[1]["priority"]
+    assert told["found"].startswith(found)
+    assert told["state"] == state
 
 
 def test_a_port_without_permission_says_how_to_get_it(station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
