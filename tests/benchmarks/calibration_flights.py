@@ -31,8 +31,10 @@ DEG = math.pi / 180
 SHOWN = {
     "airspeed_error": ("position error at the mean speed, m/s", 1.0, "0.5"),
     "airspeed_slope": ("its slope over speed, %", 100.0, "–"),
+    "static_position": ("static port's error over q, %", 100.0, "–"),
     "vane_zero": ("vane zero, deg", 1 / DEG, "0.1"),
-    "upwash": ("steady upwash", 1.0, "0.02"),
+    "upwash": ("steady upwash at the mean dynamic pressure", 1.0, "0.02"),
+    "upwash_slope": ("its slope, 1/kPa", 1.0, "–"),
     "vane_delay": ("vane's lag, ms", 1000.0, "5"),
     "vane_x": ("vane's place, m", 1.0, "–"),
     "theta_zero": ("pitch attitude's zero, deg", 1 / DEG, "–"),
@@ -40,8 +42,9 @@ SHOWN = {
 """Constant: its words, unit, and what is asked of its error."""
 
 
-def drawn(rng: np.random.Generator) -> tuple[Aircraft, dict[str, float]]:
-    """An aircraft, and what of it is to be found; the airspeed's error by bias and gain."""
+def drawn(rng: np.random.Generator, other: np.random.Generator) -> tuple[Aircraft, dict[str, float]]:
+    """An aircraft, and what of it is to be found; the airspeed's error by bias and gain, the upwash without load.
+    `other`: of what was drawn later, so that the rest stays."""
     a = load_aircraft("twin_otter")
     boom, u = a.boom, a.unsteady
     assert boom is not None
@@ -57,6 +60,8 @@ def drawn(rng: np.random.Generator) -> tuple[Aircraft, dict[str, float]]:
         "airspeed_slope": gain - 1,
         "vane_zero": 0.6 * DEG * rng.standard_normal(),
         "upwash": 0.05 + 0.04 * rng.standard_normal() + wing,
+        "tip_load": 0.02 * other.standard_normal(),
+        "static_position": 0.03 * other.standard_normal(),
         "vane_delay": rng.uniform(0.0, 0.05),
         "vane_x": 5.3 + 0.4 * rng.standard_normal(),
         "theta_zero": 0.1 * DEG * rng.standard_normal(),
@@ -79,11 +84,13 @@ def drawn(rng: np.random.Generator) -> tuple[Aircraft, dict[str, float]]:
                 "upwash_wing": wing,
                 "upwash_body": true["upwash"] - wing,
                 "vane_x": true["vane_x"],
+                "tip_load": true["tip_load"],
                 "vane_frequency": 9.0 * (1 + 0.1 * rng.standard_normal()),
                 "vane_damping": 0.35 * (1 + 0.15 * rng.standard_normal()),
             }
         ),
         "unsteady": u.model_copy(update={"upwash_motion": memory}),
+        "static_position": true["static_position"],
         "inertia": a.inertia.model_copy(update={"mass": a.inertia.mass * (1 + 0.05 * rng.standard_normal())}),
         "derivatives": derivatives,
         "instruments": {n: Instrument().model_copy(update=e) for n, e in instruments.items()},
@@ -103,7 +110,7 @@ def recording(settings: dict[str, object], seed: int) -> tuple[Table, About]:
 def counted(number: int, folder: Path) -> dict[str, tuple[float, float]] | None:
     """Error and standard error of each constant of one programme; None where it could not be flown."""
     rng = np.random.default_rng((number, 15))
-    aircraft, true = drawn(rng)
+    aircraft, true = drawn(rng, np.random.default_rng((number, 16)))
     profile = folder / f"{number}.toml"
     write_profile(aircraft, profile, "drawn")
     wind, way = rng.uniform(0, 14), rng.uniform(0, 2 * math.pi)
@@ -120,6 +127,9 @@ def counted(number: int, folder: Path) -> dict[str, tuple[float, float]] | None:
     except Exception:
         traceback.print_exc()
         return None
+    whole, load = 1 + true["upwash"], made.steady.pressure / 1000
+    true["upwash"] = whole * (1 + true["tip_load"] * load) - 1
+    true["upwash_slope"] = whole * true["tip_load"]
     true["airspeed_error"] = (true["gain"] - 1) * made.steady.speed + true["bias"]
     return {n: (made.constants[n].value - true[n], made.constants[n].sd) for n in SHOWN if made.constants[n].is_told}
 
