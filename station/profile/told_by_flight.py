@@ -33,7 +33,7 @@ class Calibrated(Frozen):
     well, standard deviations."""
 
     date: str
-    """Of the first recording, UTC."""
+    """Of the first recording, UTC; "unknown" where that says none."""
     recordings: tuple[str, ...]
     """Their names."""
     lowest_speed: MetresPerSecond

@@ -20,6 +20,8 @@ OF_UNCERTAINTY: Final = {"vane_zero": "vane_zero", "theta_zero": "theta_zero", "
                          "az_zero": "az_zero", "vane_delay": "vane_delay"}  # fmt: skip
 """Constants whose standard deviation becomes the prior of later analyses, and its key."""
 
+UNDATED: Final = "unknown"
+"""Of a simulation, or of a record whose file says no date."""
 OF_CALIBRATED: Final = ("airspeed_error", "airspeed_slope", "pressure_scale", "static_position", "vane_zero", "upwash",
                         "vane_x", "vane_delay")  # fmt: skip
 """Constants whose standard deviation the profile's [calibrated] has."""
@@ -96,7 +98,7 @@ def _calibrated(made: Calibration, told: Mapping[str, Constant]) -> Calibrated:
     first = min(metadata(path).utc_ns for path in made.logs)
     sds: dict[str, Any] = {f"{n}_sd": told[n].sd for n in OF_CALIBRATED if n in told and math.isfinite(told[n].sd)}
     return Calibrated.model_construct(
-        date=utc_date(first),
+        date=utc_date(first) if first > 0 else UNDATED,
         recordings=tuple(p.name for p in made.logs),
         lowest_speed=low,
         highest_speed=high,
