@@ -35,9 +35,9 @@ PENDING: Final = 128
 LATE_NS: Final = 50_000_000
 SUSPECT_AFTER_JUMP_NS: Final = 1_000_000_000
 REPEAT_NS: Final = 500_000_000
+"""Like events of one source are told at once and then counted, at most one row in this time."""
 WORDS_IN_S_MS: Final = 1000.0
 """A jump from here on is told in seconds."""
-"""Like events of one source are told at once and then counted, at most one row in this time."""
 NAN: Final = math.nan
 
 
