@@ -65,6 +65,7 @@ class Air(NamedTuple):
     """Elevator at steps and half-steps, rad, beside the feedback of `hands`."""
     hands: Hands
     tremor: float
+    remnant: float
     """Standard deviation of what the noise of the feedback's sensors adds, rad."""
 
 
@@ -379,7 +380,9 @@ def fly_and_measure(
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
     flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)
     steps = air.command.shape[0]
-    command = air.command + Tremor(air.tremor, seed).half_steps(math.ceil(steps / (2 * EVERY)))[:steps]
+    command = (
+        air.command + Tremor(air.tremor, seed, remnant=air.remnant).half_steps(math.ceil(steps / (2 * EVERY)))[:steps]
+    )
     advance(flown, memory, command, field, EVERY, truth)
     measure(sensors, truth, white, shown)
     true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]

@@ -173,7 +173,13 @@ class Pilot(Frozen):
     yaw_rate: Annotated[Seconds, Field(ge=0, le=5)] = 0.0
     """Yaw damper: rudder by yaw rate beyond that of a level turn with the bank that there is."""
     delay: Annotated[Seconds, Field(ge=0, le=0.3)] = 0.04
-    """From what is measured to what the actuator is asked for, a multiple of 5 ms."""
+    """From what is measured to what the actuator is asked for, a multiple of 5 ms: 0.2 s to 0.3 s of a human, who sees,
+    decides and moves (McRuer and Krendel 1974)."""
+    neuromuscular: Annotated[Seconds, Field(ge=0, le=0.5)] = 0.0
+    """Time constant of a human's arm on the control: about 0.1 s."""
+    remnant: Annotated[Radians, Field(ge=0, le=0.1)] = 0.0
+    """Standard deviation of what a human does beside that, on each surface that it moves: noise of the first order,
+    below 3 rad/s."""
 
     @property
     def flies(self) -> bool:
@@ -204,7 +210,8 @@ class Pilot(Frozen):
             (self.yaw_rate, f"yaw damper {self.yaw_rate:g} s"),
         )
         named = ", ".join(words for gain, words in gains if gain)
-        return f"{named}, {1000 * self.delay:g} ms late" if named else "hands off"
+        human = "a human's " if self.neuromuscular or self.remnant else ""
+        return f"{human}{named}, {1000 * self.delay:g} ms late" if named else "hands off"
 
     @model_validator(mode="after")
     def _bank_for_heading(self) -> Self:

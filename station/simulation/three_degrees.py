@@ -125,13 +125,15 @@ class Simulation:
 
 def tremor(flight: Flight, pilot: Pilot, seed: int | None, rate_hz: int = RATE_HZ) -> Tremor:
     """The noise of the feedback's sensors; `seed` in place of the flight's; `rate_hz`: steps a second."""
-    return Tremor(deviation(pilot), flight.seed if seed is None else seed, rate_hz)
+    remnant = pilot.remnant if "elevator" in pilot.moved else 0.0
+    return Tremor(deviation(pilot), flight.seed if seed is None else seed, rate_hz, remnant=remnant)
 
 
 def tremors_across(flight: Flight, pilot: Pilot, seed: int | None, rate_hz: int = RATE_HZ) -> tuple[Tremor, Tremor]:
     """The same, of aileron and rudder."""
     own, (aileron, rudder) = flight.seed if seed is None else seed, deviations_across(pilot)
-    return Tremor(aileron, own, rate_hz, 1), Tremor(rudder, own, rate_hz, 2)
+    of = {s: pilot.remnant if s in pilot.moved else 0.0 for s in ("aileron", "rudder")}
+    return Tremor(aileron, own, rate_hz, 1, of["aileron"]), Tremor(rudder, own, rate_hz, 2, of["rudder"])
 
 
 def gusts_of(flight: Flight, flown: FlownAircraft, seed: int | None) -> GustField | PlaneField:

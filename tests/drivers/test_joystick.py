@@ -204,6 +204,7 @@ def _bench(pipe: Path) -> Profiles:
     return profiles.model_copy(update={"rig": rig, "card": profiles.card.model_copy(update={"flight": flight})})
 
 
+@pytest.mark.slow
 def test_a_pulled_stick_pitches_the_aircraft_up_and_unplugged_it_goes_back(pipe: Path) -> None:
     with flying(_bench(pipe)) as (said, heard, _):
         until(lambda: len(values(heard, "boom.vanes", 0, 200)) == 200)
