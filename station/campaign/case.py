@@ -94,8 +94,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
         first=first,
         command=constants.trim_elevator + added + np.zeros_like(half_steps),
         hands=hands(pilot, constants.trim_alpha, constants.trim_height, flight.speed),
-        tremor=deviation(pilot),
-        remnant=pilot.remnant if "elevator" in pilot.moved else 0.0,
+        tremor=(deviation(pilot), pilot.remnant if "elevator" in pilot.moved else 0.0),
     )
     channels = sensors_flown(scenario)
     d = campaign.distortion
@@ -200,9 +199,7 @@ def _physical(campaign: Campaign, known: Aircraft) -> physical.Constants | None:
 def fly_case(setup: Setup, seeds: range, quiet: bool = False) -> Iterator[tuple[range, Results]]:
     """Fly the seeds, TOGETHER at a time. `quiet`: without turbulence and noise."""
     if quiet:
-        calm = setup.air._replace(
-            field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)), plane=None, tremor=0.0, remnant=0.0
-        )
+        calm = setup.air._replace(field=setup.air.field._replace(sigmas=(0.0, 0.0, 0.0)), plane=None, tremor=(0.0, 0.0))
         silent = setup.sensors._replace(noisy=np.empty(0, dtype=np.int64), noise=np.empty(0))
         setup = replace(setup, air=calm, sensors=silent)
     room = Room.of(setup, TOGETHER)

@@ -64,9 +64,8 @@ class Air(NamedTuple):
     command: Array
     """Elevator at steps and half-steps, rad, beside the feedback of `hands`."""
     hands: Hands
-    tremor: float
-    remnant: float
-    """Standard deviation of what the noise of the feedback's sensors adds, rad."""
+    tremor: tuple[float, float]
+    """Standard deviations of what the noise of the feedback's sensors and a human's remnant add, rad."""
 
 
 class Sensors(NamedTuple):
@@ -380,9 +379,8 @@ def fly_and_measure(
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
     flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)
     steps = air.command.shape[0]
-    command = (
-        air.command + Tremor(air.tremor, seed, remnant=air.remnant).half_steps(math.ceil(steps / (2 * EVERY)))[:steps]
-    )
+    shakes = Tremor(air.tremor[0], seed, remnant=air.tremor[1])
+    command = air.command + shakes.half_steps(math.ceil(steps / (2 * EVERY)))[:steps]
     advance(flown, memory, command, field, EVERY, truth)
     measure(sensors, truth, white, shown)
     true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]
