@@ -379,9 +379,8 @@ def fly_and_measure(
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
     flown = Flown(air.constants, air.tables, air.vane, air.site, air.hands)
     steps = air.command.shape[0]
-    shakes = Tremor(air.tremor[0], seed, remnant=air.tremor[1])
-    command = air.command + shakes.half_steps(math.ceil(steps / (2 * EVERY)))[:steps]
-    advance(flown, memory, command, field, EVERY, truth)
+    shakes = Tremor(air.tremor[0], seed, remnant=air.tremor[1]).half_steps(math.ceil(steps / (2 * EVERY)))
+    advance(flown, memory, air.command + shakes[:steps], field, EVERY, truth)
     measure(sensors, truth, white, shown)
     true_alpha[:] = truth[: sensors.ticks, _TRUE_ALPHA]
     return float(memory.x[DISTANCE])

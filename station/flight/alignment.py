@@ -258,6 +258,8 @@ class Aligner:
                     self._count(row.t_ns, buffer.stream.name, Code.GAP, gap, "messages lost by sequence number")
                 last = seq
             buffer.same = buffer.same + 1 if row.values == last_values else 0
+            if buffer.may_be_still and last_values is not None:
+                buffer.learn(row.values, last_values)
             last_values = row.values
         buffer.last_seq = last
 
@@ -298,7 +300,7 @@ class Aligner:
         stale = silent_ns > (2_000_000_000 if never else buffer.stale_ns)
         if stale is not (Code.STALE in active):
             self._turn(now_ns, buffer, Code.STALE, f"nothing for {silent_ns * 1e-9:.2f} s")
-        stuck = 0 < buffer.stuck_count_at <= buffer.same and not stale
+        stuck = buffer.is_stuck and not stale
         if stuck is not (Code.STUCK in active):
             self._is_stuck[buffer.index] = stuck
             self._turn(now_ns, buffer, Code.STUCK, "the same values again and again")

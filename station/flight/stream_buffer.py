@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from operator import sub
 from typing import Final
 
-from station.conventions import TICK_NS, Signal, Stream
+from station.conventions import SURFACES, TICK_NS, Signal, Stream
 from station.flight.timebase import ClockMap
 from station.rows import Code, Sample
 
@@ -17,6 +17,13 @@ NOISE_JUMP: Final = 8.0
 """Standard deviations of noise that two samples may differ by without it being a jump."""
 SLOW_SHARE: Final = 0.8
 LAW_OF_READS: Final = 3
+LAW_OF_STILLNESS: Final = 5
+"""From this clock law on a surface may keep still: surfaces alone are stuck only against noise that they showed."""
+BY_CHANCE: Final = 1e-6
+"""So seldom noise repeats itself for STUCK_AFTER_S, where a repetition counts as stuck."""
+FEWEST_TURNS: Final = 10
+TURNED_SHARE: Final = 1 / 3
+"""Of the changes of a signal that noise turns back, at least: of white noise two thirds, of a motion hardly any."""
 ALONE: Final = ((0, 1),)
 """Where a read of one sample begins and ends."""
 MANY: Final = 4
@@ -54,6 +61,11 @@ class Buffer:
         can_stick = any(noise.get(name, 0.0) > 0 for name in stream.signals)
         self.stuck_count_at = max(4, round(STUCK_AFTER_S * stream.rate_hz)) if can_stick else 0
         self.same = 0
+        self.may_be_still = law >= LAW_OF_STILLNESS and set(stream.signals) <= set(SURFACES)
+        self.still, self.changed, self.turned = 0, 0, 0
+        """Messages that repeat the one before but for those that are stuck, that do not, and that turn it back."""
+        self.steps: tuple[float, ...] = ()
+        """From the message before."""
         self.suspect_until = [0] * len(stream.signals)
         self.waiting: list[Sample] = []
         """What has come since the last frame."""
@@ -70,6 +82,27 @@ class Buffer:
         self.few = SLOW_SHARE * self.window_ns / self.period_ns - 1
         self.active: dict[Code, int] = {}
         """Conditions that hold, and since when."""
+
+    def learn(self, values: tuple[float, ...], last: tuple[float, ...]) -> None:
+        """Whether a surface's sensor shows noise, which a motion does not look like."""
+        if values == last:
+            self.still += self.same < self.stuck_count_at
+            return
+        steps = tuple(map(sub, values, last))
+        self.changed += 1
+        self.turned += any(a * b < 0 for a, b in zip(steps, self.steps, strict=False))
+        self.steps = steps
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether it repeats itself as what it measures does not."""
+        if not 0 < self.stuck_count_at <= self.same:
+            return False
+        if not self.may_be_still:
+            return True
+        repeats = self.still / max(1, self.still + self.changed)
+        shows_noise = self.turned >= max(FEWEST_TURNS, TURNED_SHARE * self.changed)
+        return shows_noise and repeats**self.stuck_count_at < BY_CHANCE
 
     def reads(self, rows: list[Sample]) -> list[tuple[int, int]]:
         """Where those begin and end that came in one read, their device times in order: the last was the least late,

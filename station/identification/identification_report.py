@@ -69,6 +69,7 @@ def write_report(found: Identification, folder: Path) -> Path:
         _summary(found),
         *(lag_page(found.instruments) if found.instruments is not None else []),
         "<h2>Estimates</h2>",
+        _scale_note(found),
         *(part for names in groups(found) for part in (_estimates(found, names), estimates_table(found, names))),
         _refusals(found),
     ]
@@ -89,6 +90,16 @@ def write_report(found: Identification, folder: Path) -> Path:
     body += input_pages(found)
     body.append(_settings(found))
     return write_page(f"Identification: {found.aircraft.name}", body, folder / FILE_NAME)
+
+
+def _scale_note(found: Identification) -> str:
+    """What no instrument shows of the derivatives by surfaces."""
+    share = found.aircraft.uncertainty.surface_scale
+    known = f"{100 * share:g} % of it is in their errors" if share else "the profile takes it for exact"
+    return (
+        '<p class="note">Derivatives by a surface (CL_de, Cl_da, Cn_dr, ...) stand and fall with the scale of what '
+        f"measures the surface, which no other instrument shows: {known} (surface_scale of [uncertainty]).</p>"
+    )
 
 
 def _fitted(found: Identification) -> tuple[str, Array | None]:

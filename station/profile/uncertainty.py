@@ -19,9 +19,9 @@ from station.profile.quantity import (
 
 class Uncertainty(Frozen):
     """Prior standard deviations of what the methods take from the profile, relative to the value where no unit is
-    named: of mass, inertia and dynamic pressure in every method, of the others in `physical`, `split+gust` and
-    diagnosis; trims, zeros, thrust and wind in diagnosis. Zero says that a constant is right; the defaults are those of
-    a profile put together from drawings, handbook methods and a vortex lattice. Of derivatives each says so itself
+    named: of mass, inertia, surfaces and dynamic pressure in every method, of the others in `physical`, `split+gust`
+    and diagnosis; trims, zeros, thrust and wind in diagnosis. Zero says that a constant is right; the defaults are those
+    of a profile put together from drawings, handbook methods and a vortex lattice. Of derivatives each says so itself
     (`sd`)."""
 
     mass: float = Field(default=0.03, ge=0)
@@ -30,6 +30,9 @@ class Uncertainty(Frozen):
     """Of a recorded mass: weighed, less the fuel burnt."""
     inertia: float = Field(default=0.06, ge=0)
     """Of the moments of inertia: scaled from another loading, or added up from components."""
+    surface_scale: float = Field(default=0.0, ge=0)
+    """Of the scale of what measures elevator, aileron and rudder, of each by itself. No other instrument shows it: a
+    pot 20 % short makes the derivatives of its surface 25 % large, and nothing else."""
 
     tail_lift_slope: float = Field(default=0.2, ge=0)
     """Of the tail's lift slope."""

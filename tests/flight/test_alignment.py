@@ -255,3 +255,57 @@ def test_angles_are_interpolated_across_the_wrap():
     frames, _ = fly(aligner, sampled("ap.attitude", 50, 3, heading), 3, lag_s=0.067)
     for frame in frames[10:]:
         assert math.cos(frame.values[SIGNAL_INDEX["psi"]] - heading(frame.t_ns / S)) == pytest.approx(1.0, abs=1e-9)
+
+
+def doublets(t_s):
+    """4 deg each way for half a second every 5 s, the aircraft in trim meanwhile."""
+    phase = t_s % 5.0
+    return 0.07 if phase < 0.5 else -0.07 if phase < 1.0 else 0.0
+
+
+def hand(t_s):
+    """The same, no faster than a hand moves."""
+    return float(np.mean([doublets(t_s - lag) for lag in np.linspace(0.0, 0.1, 11)]))
+
+
+def pots(noise, step=0.0, seconds=20):
+    """Of a pot that is read in whole steps of an ADC."""
+    rows = sampled("can.pots", 100, seconds, f=hand, n=2, noise=noise)
+    return [Sample(s.t_ns, s.stream, None, s.seq, tuple(step * round(v / step) for v in s.values)) if step else s
+            for s in rows]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("noise", "step"),
+    [
+        pytest.param(0.0, 0.0, id="emulated without noise"),
+        pytest.param(0.0, 1.7e-4, id="a 12-bit ADC, no noise"),
+        pytest.param(3e-5, 1.7e-4, id="noise below a step"),
+    ],
+)
+def test_a_surface_that_keeps_still_is_not_stuck(noise, step):
+    surfaces = stream("can.pots", ("aileron", "rudder"), rate=100.0, stale=0.2)
+    frames, events = fly(Aligner([surfaces], {"aileron": 3.5e-4, "rudder": 3.5e-4}), pots(noise, step), 20)
+    assert not [e for e in events if e.code is Code.STUCK]
+    column = SIGNAL_INDEX["aileron"]
+    assert all(f.quality[column] == Quality.FRESH for f in frames[50:])
+
+
+@pytest.mark.parametrize("step", [0.0, 1.7e-4])
+def test_a_surface_that_has_shown_its_noise_and_shows_it_no_more_is_stuck(step):
+    surfaces = stream("can.pots", ("aileron", "rudder"), rate=100.0, stale=0.2)
+    healthy = pots(3.5e-4, step)
+    held = healthy[1200].values
+    stuck = [s if s.t_ns < 12 * S else Sample(s.t_ns, s.stream, None, s.seq, held) for s in healthy]
+    frames, events = fly(Aligner([surfaces], {"aileron": 3.5e-4, "rudder": 3.5e-4}), stuck, 20)
+    assert next(e for e in events if e.code is Code.STUCK).t_ns / S == pytest.approx(12.3, abs=0.2)
+    # Once, to the end.
+    assert len([e for e in events if e.code is Code.STUCK]) == 1
+    assert all(f.quality[SIGNAL_INDEX["aileron"]] == Quality.SUSPECT for f in frames[-300:])
+
+
+def test_a_vane_without_noise_is_stuck_still():
+    """Air is never still."""
+    still = [Sample(s.t_ns, s.stream, None, s.seq, (0.05,)) for s in sampled("boom.vanes", 200, 3)]
+    _, events = fly(Aligner([stream()], {"alpha_vane": 1e-3}), still, 3)
+    assert flagged(events, Code.STUCK, 0.0) <= 0.5
