@@ -21,8 +21,8 @@ class Uncertainty(Frozen):
     """Prior standard deviations of what the methods take from the profile, relative to the value where no unit is
     named: of mass, inertia, surfaces and dynamic pressure in every method, of the others in `physical`, `split+gust`
     and diagnosis; trims, zeros, thrust and wind in diagnosis. Zero says that a constant is right; the defaults are
-    those of a profile put together from drawings, handbook methods and a vortex lattice. Of derivatives each says so itself
-    (`sd`)."""
+    those of a profile put together from drawings, handbook methods and a vortex lattice. Of derivatives each says so
+    itself (`sd`)."""
 
     mass: float = Field(default=0.03, ge=0)
     """Of the mass where it is not recorded: fuel, crew and payload by estimate."""
