@@ -122,6 +122,8 @@ def _write(file: BinaryIO, path: Path, info: LogInfo, told: Told) -> int:
 def _known(body: Any) -> Any:
     """Without what is missing: its schema says number, and readers that hold to it refuse a null; an array with
     missing numbers is left out whole."""
+    if isinstance(body, list):
+        return [_known(item) for item in body]
     if not isinstance(body, dict):
         return body
     return {k: _known(v) for k, v in body.items() if v is not None and not (isinstance(v, list) and None in v)}

@@ -20,7 +20,7 @@ from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS, Stream, ned_from
 from station.convert import export, import_file
 from station.log import About, table, write_log
 from station.profile import load_aircraft, load_card
-from station.rows import AlphaEstimate, Code, Event, Frame, LogError, RawBlock, Rows, Sample
+from station.rows import AlphaEstimate, Code, Event, Frame, Health, LogError, RawBlock, Rows, Sample, StreamHealth
 
 TWIN_OTTER = load_card("mavlink_only")
 STREAMS = (
@@ -64,6 +64,8 @@ def flight(tmp_path: Path) -> Path:
         rows.append(Sample(t, "box.air", t, k, (55.0, 1500.0, 0.0625, -0.03125)))
         rows.append(Frame(t, k, tuple(values), (0.0,) * len(SIGNALS), (0,) * len(SIGNALS)))
         rows.append(AlphaEstimate(t, *[0.0625] * 12, "light", *[0.5] * 3, True, ""))
+    silent = StreamHealth("fc.imu", "fc", 0.0, math.nan, "none", math.nan, math.nan, 0, 0, 0, False)
+    rows.append(Health(ZERO, (silent,)))
     rows.append(Event(ZERO + TICK_NS, "box", Code.STALE, 1, "nothing for 0.20 s"))
     path = tmp_path / "flight.mcap"
     about = About(TWIN_OTTER.aircraft, STREAMS, TWIN_OTTER.rig, TWIN_OTTER.card)
@@ -140,6 +142,7 @@ def test_mcaps_reader_reads_it_for_foxglove_and_every_message_fits_its_schema(fl
     assert {t: found[t][0][0] for t in ("/location", "/pose", "/event")} == {
         "/location": "foxglove.LocationFix", "/pose": "foxglove.PoseInFrame", "/event": "foxglove.Log",
     }  # fmt: skip
+    assert "age_s" not in found["/health"][0][2]["streams"][0]
     assert not any(topic.startswith("/raw") for topic in found)
     assert len(found["/frame"]) == ROWS
     assert "mass" not in found["/frame"][0][2], "missing throughout, and null is no number"
