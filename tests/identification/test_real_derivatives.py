@@ -100,6 +100,35 @@ def test_attas_lateral_derivatives_of_another_manoeuvre(tmp_path: Path) -> None:
         assert not any(p.name.startswith("Cm") and p.status is Status.ESTIMATED for p in result.parameters)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fAttasRud1", "fAttasAil1"])
+def test_attas_rudder_and_aileron_alone(name: str, tmp_path: Path) -> None:
+    """Each against least squares on the manoeuvre that moves both: every interval of every method holds, and of what
+    the still surface does nothing is told."""
+    air = ATTAS_FRAME | {"density": 0.7387}
+    of_both = sides(attas("fAttasAilRud1"), air, 13.08, ATTAS_IMU)
+    known = regression({k: v for k, v in of_both.items() if k in ("CY", "Cl", "Cn")})
+    found = identified(attas(name), "attas", tmp_path)
+    shown = {"fAttasRud1": {"CY_dr", "Cl_dr", "Cn_dr", "Cl_p"}, "fAttasAil1": {"Cl_beta", "Cl_p", "Cl_da", "Cn_beta"}}
+    for method in ("I", "II", "split", "split+gust", "fe"):
+        given = estimated(found, method)
+        assert shown[name] <= given.keys(), method
+        assert all(holds(p, known[n]) for n, p in given.items() if n in known), method
+
+
+@pytest.mark.slow
+def test_a_rudder_input_of_another_simulation_by_methods_that_agree(tmp_path: Path) -> None:
+    """DASMAT's rudder 3-2-1-1, the actuator's lag stated: a Dutch roll in which sideslip, roll and yaw rate are almost
+    one motion. Where the program of SIDPAC has an interval, every method's reaches into it."""
+    found = identified(dasmat("dr3211_1", 1.0), "citation_actuated", tmp_path)
+    published = {p.name: p for p in found.methods["sidpac"].parameters if p.status is Status.ESTIMATED}
+    assert {"Cl_r", "Cn_r", "Cn_dr"} <= published.keys()
+    for method in ("I", "II", "split", "split+gust", "fe"):
+        for name, p in estimated(found, method).items():
+            other = published.get(name)
+            assert other is None or abs(p.value - other.value) <= CI95 * (p.sd + other.sd), (method, name)
+
+
 def test_what_an_elevator_manoeuvre_shows_of_the_lateral_motion(tmp_path_factory: pytest.TempPathFactory) -> None:
     """A pilot who keeps the wings level: a fifth of a degree of sideslip, moved by the pitching too."""
     known = {"CY_beta": -1.05, "Cl_r": 0.148, "Cl_p": -0.383, "Cn_beta": 0.129, "Cn_da": -0.0063, "Cl_da": -0.098}
