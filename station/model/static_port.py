@@ -1,9 +1,11 @@
 """Position error of the static port, apart from the pitot's: static pressure over GNSS altitude, by dynamic pressure.
 
-    p shown = p0 exp(-g (h - h0)/(R T)) + k q + e(t)
+    p shown = p0 exp(-g (h - h0)/(R (T0 + T(h))/2)) + k q + e(t)
 
 The day's pressure p0 is unknown, and walks with the weather and the way flown; k, the error over the dynamic pressure,
-shows as the speed changes. A temperature that is wrong by its own error makes heights wrong by as much. e is white
+shows as the speed changes. q is what the port meets, gusts included: of a speed over the ground less the mean wind it
+would have errors, and k would come out small by their share. T(h) is the straight line through the measured
+temperatures, which are wrong by an error of their own and make heights wrong by as much. e is white
 noise, a process of SLOW_S for the wander of GNSS heights, and the walk, whose variances are the restricted maximum
 likelihood's. An error of the pitot is in the airspeed and not here: with q shown = (1 + s) q, the total pressure is
 wrong by (s + k) q. SI.
@@ -54,14 +56,15 @@ class StaticPort:
 
 
 def static_port(time: Array, static: Array, altitude: Array, temperature: Array, dynamic_pressure: Array) -> StaticPort:
-    """From block means (n,): s, Pa, m, K and the true dynamic pressure, Pa. Raises NotIdentifiable."""
+    """From block means (n,): s, Pa, m, K and the dynamic pressure of the air met, Pa. Raises NotIdentifiable."""
     if len(time) < LEAST:
         raise NotIdentifiable("too short")
     low, high = np.percentile(dynamic_pressure, (5, 95))
     if high - low < LEAST_SPAN * dynamic_pressure.mean():
         raise NotIdentifiable("flown at one speed: the static port's error and the day's pressure cannot be told apart")
     warm, above = float(temperature.mean()), altitude - altitude.mean()
-    standard = static.mean() * np.exp(-G0 * above / (GAS_CONSTANT * warm))
+    lapse = float(above @ temperature) / max(float(above @ above), 1.0)
+    standard = static.mean() * np.exp(-G0 * above / (GAS_CONSTANT * (warm + 0.5 * lapse * above)))
     y = static - standard
     density = static.mean() / (GAS_CONSTANT * warm)
     x = np.column_stack([np.ones(len(y)), dynamic_pressure, TEMPERATURE_ERROR * G0 * density * above])

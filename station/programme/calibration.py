@@ -151,11 +151,21 @@ def _static_port(flown: Calibrating, steady: Steady) -> tuple[StaticPort | None,
     lacking = [n for n in ("static_pressure", "altitude", "air_temperature") if n not in c]
     if lacking:
         return None, f"not recorded: {', '.join(lacking)}"
-    pressure = 0.5 * flown.blocks.density * steady.flow["speed"] ** 2
+    speed = _corrected(c["airspeed"], steady)
+    pressure = 0.5 * flown.blocks.density * speed**2
     try:
-        return static_port(flown.blocks.time, c["static_pressure"], c["altitude"], c["air_temperature"], pressure), ""
+        port = static_port(flown.blocks.time, c["static_pressure"], c["altitude"], c["air_temperature"], pressure)
     except NotIdentifiable as why:
         return None, str(why)
+    # What the airspeed's own error makes of the dynamic pressure.
+    share = 2 * math.hypot(steady.sd("airspeed_error") / steady.speed, steady.sd("airspeed_slope"))
+    return replace(port, sd=math.hypot(port.sd, port.error * share)), ""
+
+
+def _corrected(airspeed: Array, steady: Steady) -> Array:
+    """Without the errors found."""
+    beyond = airspeed - steady.speed - steady.value("airspeed_error")
+    return np.asarray(steady.speed + beyond / (1 + steady.value("airspeed_slope")))
 
 
 def _ports(aircraft: Aircraft, port: StaticPort | None, why: str, whole: Constant | None) -> dict[str, Constant]:
@@ -201,8 +211,7 @@ def _stretch(recorded: Recorded, steady: Steady, begin: float, end: float) -> li
     needed = ("alpha_vane", "q", "theta", "airspeed", "elevator", "v_down", "az", "ax")
     if any(n not in motion or not np.isfinite(motion[n]).all() for n in needed) or not len(motion["q"]):
         return []
-    slope = steady.value("airspeed_slope")
-    v = steady.speed + (motion["airspeed"] - steady.speed - steady.value("airspeed_error")) / (1 + slope)
+    v = _corrected(motion["airspeed"], steady)
     alpha = (motion["alpha_vane"] - steady.value("vane_zero")) / (1 + steady.value("upwash"))
     side = motion.get("beta_vane", np.zeros(len(v)))
     whole = motion | {"airspeed": v, "theta": motion["theta"] - steady.value("theta_zero")}

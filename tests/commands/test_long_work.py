@@ -39,6 +39,12 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def interruptible() -> None:
+    """As a terminal starts a program: a shell starts those in the background with the interrupt ignored, which all that
+    they start inherit."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def on_a_terminal(words: list[str], stop_at: str = "") -> tuple[int, str]:
     """Exit code and what a terminal was sent; interrupted when that holds `stop_at`."""
     here, there = pty.openpty()
@@ -46,6 +52,7 @@ def on_a_terminal(words: list[str], stop_at: str = "") -> tuple[int, str]:
     child = subprocess.Popen(
         [sys.executable, "-m", "station", *words], stdout=there, stderr=there, stdin=there,
         env={**kept, "TERM": "xterm", "COLUMNS": "80", "LINES": "24"}, start_new_session=True,
+        preexec_fn=interruptible,
     )  # fmt: skip
     os.close(there)
     limit = threading.Timer(60.0, child.kill)

@@ -74,7 +74,8 @@ def test_a_fast_link_that_stamps_its_messages_is_read_every_5_ms(protocol: str, 
     device = boom().model_dump() | {"protocol": protocol, "streams": [stream]}
     sink, _ = play([(0.001, data)] * 20, protocol_named(protocol).codec(), SerialDevice.model_validate(device))
     times = [s.t_ns for s in sink.samples()]
-    assert len(times) == 20
+    # The first line of a stream may lack its beginning and is passed over.
+    assert len(times) == (19 if protocol == "lines" else 20)
     # The first message tells whether it is stamped; it and the second come as they come.
     assert {b - a for a, b in itertools.pairwise(times[1:])} == {apart_ns}
 

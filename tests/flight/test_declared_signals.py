@@ -193,7 +193,7 @@ def test_every_export_has_them_with_units(flown: Path, tmp_path: Path, form: str
             frames = [(s, m) for s, c, m in make_reader(file).iter_messages(["/frame"])]
         known = json.loads(frames[0][0].data)["properties"]
         assert known["torque"]["unit"] == "N m"
-        found = [np.nan if (v := json.loads(m.data)["torque"]) is None else v for _, m in frames]
+        found = [json.loads(m.data).get("torque", np.nan) for _, m in frames]
     values = np.array(found, dtype=float)
     np.testing.assert_allclose(values[-150:], [torque(k) for k in range(TICKS - 153, TICKS - 3)], rtol=1e-6)
 
