@@ -39,8 +39,9 @@ LEAST_SPAN: Final = 0.3
 are one. A tenth of the speed either way."""
 _LOWEST: Final = 0.1
 """Pa: least standard deviation of a part of what is left."""
-_START: Final = (3.0, 5.0, 0.5)
-"""Pa, Pa, and Pa per root of a second: a sensor's, a metre of height in half, 1 hPa in three hours."""
+_STARTS: Final = ((3.0, 5.0, 0.5), (1.0, 0.3, 0.05))
+"""Pa, Pa, and Pa per root of a second: a sensor's, a metre of height in half, 1 hPa in three hours; and of good
+instruments in calm air. The likelihood may have a minimum each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +81,16 @@ def static_port(time: Array, static: Array, altitude: Array, temperature: Array,
         return 0.5 * (left + volume), found, np.asarray(np.linalg.inv(seen))
 
     low_logs = np.log(_LOWEST) * np.array([1.0, 1.0, 2.0])
-    best = minimize(
-        lambda logs: solved(np.maximum(logs, low_logs))[0],
-        np.log(_START),
-        method="Nelder-Mead",
-        options={"xatol": 0.1, "fatol": 0.05},
-    )
+    tried = [
+        minimize(
+            lambda logs: solved(np.maximum(logs, low_logs))[0],
+            np.log(start),
+            method="Nelder-Mead",
+            options={"xatol": 0.1, "fatol": 0.05},
+        )
+        for start in _STARTS
+    ]
+    best = min(tried, key=lambda r: float(r.fun))
     _, found, spread = solved(np.maximum(best.x, low_logs))
     less = y - x[:, 0] * found[0] - x[:, 2] * found[2]
     return StaticPort(float(found[1]), float(np.sqrt(spread[1, 1])), dynamic_pressure, less)
