@@ -50,6 +50,12 @@ _I16: Final = 32_767.0
 _SERVOS: Final = " ".join(f"servo{i}_raw" for i in range(1, 17))
 _ACTUATORS: Final = " ".join(f"actuator{i}" for i in range(32))
 _BODY_RATES: Final = _each("rollspeed pitchspeed yawspeed", "rad/s")
+_SCALED_IMU: Final = (
+    _each("xacc yacc zacc", "g", 1e3)
+    | _each("xgyro ygyro zgyro", "rad/s", 1e3)
+    | _each("xmag ymag zmag", "gauss", 1e3)
+    | _each("temperature", "degC", 100, 0.0)
+)
 
 TABLE: Final[Mapping[str, Layout]] = MappingProxyType(
     {
@@ -64,6 +70,14 @@ TABLE: Final[Mapping[str, Layout]] = MappingProxyType(
             | _each("temperature", "degC"),
             instance="id",
         ),
+        "RAW_IMU": Layout(  # counts of the sensor, but for ArduPilot's, which are mg and mrad/s
+            "time_usec",
+            _each("xacc yacc zacc xgyro ygyro zgyro xmag ymag zmag", "1") | _each("temperature", "degC", 100, 0.0),
+            instance="id",
+        ),
+        "SCALED_IMU": Layout("time_boot_ms", _SCALED_IMU),
+        "SCALED_IMU2": Layout("time_boot_ms", _SCALED_IMU),
+        "SCALED_IMU3": Layout("time_boot_ms", _SCALED_IMU),
         "ATTITUDE": Layout("time_boot_ms", _each("roll pitch yaw", "rad") | _BODY_RATES),
         "ATTITUDE_QUATERNION": Layout("time_boot_ms", _each("q1 q2 q3 q4", "1") | _BODY_RATES),
         "LOCAL_POSITION_NED": Layout("time_boot_ms", _each("x y z", "m") | _each("vx vy vz", "m/s")),

@@ -20,6 +20,11 @@ from station.rows import UsageError
 
 SHIPPED: Final = ("mavlink_only", "mixed", "boom_serial", "vectornav", "dronecan")
 """Rigs that between them map each protocol's usual messages."""
+_IMU: Final = (
+    *(("ax", "xacc", "g"), ("ay", "yacc", "g"), ("az", "zacc", "g")),
+    *(("p", "xgyro", "rad/s"), ("q", "ygyro", "rad/s"), ("r", "zgyro", "rad/s")),
+)
+_SCALED: Final = ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 ALSO: Final[Mapping[tuple[str, str | int], Mapping[str, Channel]]] = {
     ("msp", "AOA"): {
         "alpha_vane": Channel(field="aoa", unit="deg"),
@@ -35,17 +40,20 @@ ALSO: Final[Mapping[tuple[str, str | int], Mapping[str, Channel]]] = {
         "v_east": Channel(field="vy", unit="m/s"),
         "v_down": Channel(field="vz", unit="m/s"),
     },
+    ("mavlink", "RAW_IMU"): {n: Channel(field=f, unit=u, slope=1e-3) for n, f, u in _IMU},
+    **{("mavlink", m): {n: Channel(field=f, unit=u) for n, f, u in _IMU} for m in _SCALED},
     ("mavlink", "VFR_HUD"): {"airspeed": Channel(field="airspeed", unit="m/s")},
 }
 """What autopilots send where they have no HIGHRES_IMU nor AIRSPEED."""
 UNNAMED: Final = ("boombox", "boombox_ascii", "lines")
 """Protocols whose fields mean what the rig says,"""
-UNNAMED_MESSAGES: Final = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "uavcan.equipment.actuator.Status")
-"""and messages."""
+OUTPUTS: Final = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "uavcan.equipment.actuator.Status")
+"""and an autopilot's or servo's outputs. One that is 0 throughout is not connected, and is not asked for."""
 CAVEATS: Final[Mapping[tuple[str, str], str]] = {
     ("VFR_HUD", "airspeed"): "most autopilots send indicated airspeed here: true airspeed is wanted",
     ("AIRSPEED", "airspeed"): "most autopilots send indicated airspeed here: true airspeed is wanted",
     ("INS", "altitude"): "above the ellipsoid",
+    **{("RAW_IMU", n): f"ArduPilot's in m{u}: other autopilots send counts of the sensor here" for n, _, u in _IMU},
 }
 """What to mind of a signal in a message."""
 RATES: Final = (1, 2, 4, 5, 8, 10, 20, 25, 40, 50, 100, 125, 200, 250, 400, 500, 800, 1000)
@@ -53,6 +61,10 @@ MOST_ASKED: Final = 12
 """Fields of one message that are asked for."""
 
 WHICH: Final = "Which signal?\n(SIGNAL:UNIT[:SLOPE[:ZERO]], like alpha_vane:deg; empty: none)"
+WHICH_SURFACE: Final = (
+    "Which surface does it move?\n(SURFACE:deg:SLOPE:ZERO, deg = SLOPE x (value - ZERO), like elevator:deg:0.05:1500; "
+    "empty: none)"
+)
 
 Ask = Callable[[str], str]
 """A question and its answer, empty for none."""
@@ -95,7 +107,7 @@ def propose(heard: Sequence[Heard], ask: Ask, maps: Sequence[str]) -> Proposal:
         made.devices.append((name, found, streams))
         for message in sorted(found.messages, key=lambda m: (-found.messages[m].count, str(m))):
             fields = found.messages[message].fields
-            if found.protocol in UNNAMED or message in UNNAMED_MESSAGES:
+            if found.protocol in UNNAMED or message in OUTPUTS:
                 wanted = _asked(name, found, message, ask, told)
             else:
                 wanted = {n: c for n, c in known.get((found.protocol, message), {}).items() if c.field in fields}
@@ -144,14 +156,17 @@ def _asked(
     name: str, found: Heard, message: str | int, ask: Ask, told: dict[str, tuple[str, Channel]]
 ) -> dict[str, Channel]:
     wanted: dict[str, Channel] = {}
-    for field_name, (low, high, last) in list(found.messages[message].fields.items())[:MOST_ASKED]:
+    is_output = message in OUTPUTS
+    fields = [(n, x) for n, x in found.messages[message].fields.items() if any(x) or not is_output]
+    for field_name, (low, high, last) in fields[:MOST_ASKED]:
         keys = (f"{name}.{message}.{field_name}", f"{message}.{field_name}", field_name)
         key = next((k for k in keys if k in told), None)
         if key is not None:
             signal, channel = told.pop(key)
             wanted[signal] = channel
             continue
-        question = f"{name}, message {message}, {field_name}: {low:g} to {high:g}, now {last:g}. {WHICH}"
+        which = WHICH_SURFACE if is_output else WHICH
+        question = f"{name}, message {message}, {field_name}: {low:g} to {high:g}, now {last:g}. {which}"
         while answer := ask(question):
             try:
                 signal, channel = _channel(field_name, answer)

@@ -86,6 +86,7 @@ class Autopilot(Sender):
         for message in (
             m.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3),
             m.MAVLink_attitude_message(1000, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
+            m.MAVLink_raw_imu_message(1_000_000, 40, -10, -1001, 1, -250, 3, 0, 0, 0),
             m.MAVLink_servo_output_raw_message(0, 0, 1500, 1400, 1000, 1500, *[0] * 4),
         ):
             self._socket.sendto(message.pack(self._link), self._to)
@@ -116,6 +117,8 @@ def test_from_nothing_to_a_card_that_check_takes(
     assert signals["alpha_vane"].to_si(2.51) == pytest.approx(0.017628, abs=1e-6)  # 1.01 deg
     assert signals["elevator"].to_si(1400) == pytest.approx(-0.087266, abs=1e-6)  # -5 deg
     assert {"phi", "theta", "psi", "p", "q", "r", "v_north", "latitude"} <= signals.keys()
+    # ArduPilot's RAW_IMU is in mg and mrad/s; a level aircraft's az is -1 g. Rates come of ATTITUDE already.
+    assert signals["az"].to_si(-1001) == pytest.approx(-9.81646, abs=1e-4)
     assert "airspeed" not in profiles.card.needs
     assert profiles.aircraft.name == "uav"
     assert profiles.aircraft.inertia.iyy is None
@@ -141,6 +144,24 @@ def test_answers_of_a_terminal_are_taken_and_asked_again_where_they_do_not_fit(
     said = capsys.readouterr().err
     assert "alpha_vane: in which unit? like alpha_vane:rad; fitting: rad, mrad, deg" in said
     assert "alpha_vane is c0 already" in said
+
+
+def test_outputs_of_an_autopilot_are_asked_for_where_they_are_connected(
+    uav: tuple[Path, str, str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, *_, url = uav
+    answers = iter(("y", "", "elevator:deg:0.05:1500", "", "rudder:deg:-0.05:1500"))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("builtins.input", lambda _: next(answers))
+    words = ("--folder", str(folder), "--port", "none", "--mavlink", url, "--can", "none", "--seconds", "1")
+    assert station("rig", "new", "mine", *words, monkeypatch=monkeypatch) == 0
+    assert next(answers, None) is None, "those at 0 are not asked for"
+    said = capsys.readouterr().err
+    assert "servo2_raw: 1400 to 1400, now 1400. Which surface does it move?" in said
+    assert "SLOPE x (value - ZERO)" in said
+    (device,) = read_profile(Rig, folder / "rigs" / "mine.toml").devices
+    (outputs,) = [s.signals for s in device.streams if s.message == "SERVO_OUTPUT_RAW"]
+    assert outputs["rudder"].to_si(1600) == pytest.approx(-0.087266, abs=1e-6)  # -5 deg
 
 
 def test_area_span_and_chord_that_do_not_belong_together_are_said(

@@ -31,6 +31,10 @@ MESSAGES: dict[str, dict[str, float]] = {
     "ATTITUDE": {"roll": 0.1, "pitch": -0.2, "yaw": 3.0, "rollspeed": 0.01, "pitchspeed": -0.02, "yawspeed": 0.03},
     "ATTITUDE_QUATERNION": {"roll": 0.1, "pitch": -0.2, "yaw": 3.0, "pitchspeed": -0.02},
     "HIGHRES_IMU": {"xacc": 0.3, "zacc": -9.8, "ygyro": 0.05, "abs_pressure": 753.2, "temperature": 15.0},
+    "RAW_IMU": {"xacc": 31.0, "zacc": -1001.0, "ygyro": 50.0, "temperature": 15.0},
+    "SCALED_IMU": {"xacc": 0.031, "zacc": -1.001, "ygyro": 0.05, "temperature": -4.25},
+    "SCALED_IMU2": {"zacc": -1.001, "ygyro": 0.05},
+    "SCALED_IMU3": {"zacc": -1.001, "ygyro": 0.05},
     "LOCAL_POSITION_NED": {"x": 10.0, "z": -2500.0, "vx": 60.0, "vy": -1.5, "vz": 0.25},
     "GLOBAL_POSITION_INT": {"lat": 37.0862543, "lon": -76.3808217, "alt": 2500.123, "vx": 60.01, "hdg": 359.5},
     "GPS_RAW_INT": {"lat": 37.0862543, "lon": -76.3808217, "alt": 2500.123, "vel": 61.25, "cog": 12.5},
@@ -138,6 +142,11 @@ AOA_SSA_XML = """<mavlink><messages><message id="11020" name="AOA_SSA"><descript
 <field type="float" name="SSA">s</field></message></messages></mavlink>"""
 
 WIRE_COUNTS = {
+    ("RAW_IMU", "temperature"): 1500,
+    ("SCALED_IMU", "xacc"): 31,
+    ("SCALED_IMU", "temperature"): -425,
+    **{(name, "zacc"): -1001 for name in ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")},
+    **{(name, "ygyro"): 50 for name in ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")},
     ("GLOBAL_POSITION_INT", "lat"): 370862543,
     ("GLOBAL_POSITION_INT", "lon"): -763808217,
     ("GLOBAL_POSITION_INT", "alt"): 2500123,
