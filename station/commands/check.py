@@ -39,6 +39,7 @@ def check(
     board = Board(profiles, clock)
     told: list[Event] = []
     newest: dict[str, float] = {}
+    heard_at: dict[str, list[int]] = {}
     with ExitStack() as stack:
         tap = surface_tap(stack, profiles)
         emulated = emulated_flight(stack, profiles, bus, clock, tap)
@@ -52,10 +53,13 @@ def check(
         stop_on_signals(stop)
         # The last beat carries a health row: they come once a second.
         signals_of = {s.name: s.signals for s in streams}
+        now_ns = 0
         for tick, rows, _ in live.beats(bus, clock, profiles.card.lag, stop, math.ceil(seconds) + 0.02):
+            now_ns = tick.t_ns
             for row in rows:
                 aligner.accept(row)
                 if isinstance(row, Sample):
+                    heard_at.setdefault(row.stream, []).append(row.t_ns)
                     newest.update(zip(signals_of.get(row.stream, ()), row.values, strict=False))
             _, events, health = aligner.frame(tick.k, tick.t_ns, tick.frame_t_ns)
             told += [e for e in (*rows, *events) if isinstance(e, Event)]
@@ -65,6 +69,7 @@ def check(
     sent = {device.name: what_is_sent(device) for device in profiles.rig.devices}
     if profiles.card.emulate and profiles.rig.loop is not None:
         sent["the loop"] = profiles.rig.loop.sent
-    go = print_check(profiles.card.name, board, streams, told, sent)
+    rates = {name: (len(at) - 1) / (1e-9 * (now_ns - at[0])) for name, at in heard_at.items() if now_ns > at[0]}
+    go = print_check(profiles.card.name, board, streams, told, sent, rates, seconds)
     go &= print_signals(profiles.rig, newest)
     return DONE if print_steps(profiles, signals) and go else DEGRADED

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from station.clock import SystemClock
 from station.console import say
 from station.log import span_ns
 
@@ -45,6 +47,38 @@ def shown(words: str, log: Path | None = None) -> Iterator[Callable[[int], None]
             first, last = span or (0, 0)
             bar = progress.add_task(words, total=last - first if span else None)
             yield lambda t_ns: progress.update(bar, completed=t_ns - first)
+    except KeyboardInterrupt:
+        say(STOPPED)
+        raise
+
+
+@contextmanager
+def steps(words: str, begins: Mapping[str, float]) -> Iterator[Callable[[str], None]]:
+    """Gives a function to be told each step as it begins, which is a line on stderr. On a terminal a bar stands below:
+    the share of the work that is usually done when a step of such a name `begins`, the time taken, and that left if it
+    goes on so, which a step that has to be repeated makes longer."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    clock = SystemClock()
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda step: say(f"  {step}")
+        return
+    columns = (TextColumn("  {task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))
+    try:
+        with Progress(*columns, console=console, transient=True, refresh_per_second=1 / EVERY_S) as progress:
+            bar, begin_ns, done = progress.add_task(words, total=1.0, left=""), clock.now_ns(), 0.0
+
+            def told(step: str) -> None:
+                nonlocal done
+                progress.console.print(f"  {step}", markup=False, highlight=False)
+                done = max([done, *(share for name, share in begins.items() if step.startswith(name))])
+                passed_s = 1e-9 * (clock.now_ns() - begin_ns)
+                left = f"about {math.ceil(passed_s * (1 / done - 1))} s left" if done else ""
+                progress.update(bar, completed=done, left=left)
+
+            yield told
     except KeyboardInterrupt:
         say(STOPPED)
         raise

@@ -119,13 +119,14 @@ class _Flight:
         self.preparation = Preparation(card, profiles, streams, self.clock, self.bus.put)
         put = tap.putting(self.bus.put) if tap is not None else self.bus.put
         self.adapters = open_devices(rig, emulated.endpoints, rig_dir, self.clock, put)
+        # Ended last: compiling may take long to end, the recording is to be closed by then.
+        stack.callback(self.preparation.stop, say)
         about = About(profiles.aircraft, streams, rig, profiles.card, files=dbc_files(rig, rig_dir))
         self.writer = WriterThread(log, about, self.clock, self.bus.put)
         stack.callback(self.writer.close)
         say(f"recording: {self.writer.path}")
         self.viewer = View(view.value, f"{profiles.card.name}: {profiles.aircraft.name}", profiles, self.bus.put)
         stack.callback(self.viewer.close)
-        stack.callback(self.preparation.stop)
         self.board = Board(profiles, self.clock)
         self.points = Points(self.bus.put, self.clock, [p.note for p in profiles.card.points])
         self.guide = guide_of(profiles, self.board, self.points, self.bus.put, emulated.ask, auto=auto)

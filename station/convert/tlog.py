@@ -39,4 +39,6 @@ def write_tlog(path: Path, out: Path, splitter: Callable[[], Splitter] | None, t
                 for packet in ours[row.device](row.data):
                     file.write(stamp + packet)
                     count += 1
+    if not count:
+        raise LogError(f"{path}: has no raw MAVLink: only a recording by station run keeps what devices sent")
     return count

@@ -28,6 +28,8 @@ from station.rows import Code, Event, Rows
 NICE: Final = 10
 NICE_FRAMES: Final = 5
 """Frames are the smaller part, and wanted first."""
+GIVEN_UP_S: Final = 1.0
+"""In so long what is not amid a kernel is given up."""
 SETTLE_S: Final = 0.3
 """The first rows are to be recorded and shown before anything else wants the processor."""
 
@@ -50,10 +52,13 @@ class Preparation:
     def start(self) -> None:
         self._thread.start()
 
-    def stop(self) -> None:
-        """Give up what is not ready yet."""
+    def stop(self, say: Callable[[str], None] = lambda _: None) -> None:
+        """Give up what is not ready yet; a kernel that is being compiled is compiled to its end, which is said."""
         self._stopping.set()
         if self._thread.is_alive():
+            self._thread.join(GIVEN_UP_S)
+        if self._thread.is_alive():
+            say("ending the compilation that has begun, for the next flight; the recording is closed")
             self._thread.join()
 
     def is_under_way(self) -> bool:

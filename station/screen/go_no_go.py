@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from station.conventions import Stream, from_si
+from station.conventions import TICK_HZ, Stream, from_si
 from station.flight.board import CONDITIONS, Board
 from station.flight.verdict import obstacles
 from station.profile import DeclaredSignal, Derived, DerivedSignal, Profiles, Rig, why_none
@@ -20,12 +20,26 @@ from station.screen.plots import event_text
 
 WIDE: Final = 100
 """Columns from which on the table has room for what is out of range; below, it stands under the table."""
+LATE_SHARE: Final = 0.05
+"""Of the ticks of a check; beyond, a low rate may be this machine's doing. On a quiet one no tick is late."""
+_SLOW: Final = ("[red]NO-GO[/]", "[yellow]busy[/]")
+"""The verdict of a stream that is only too slow, on a machine that has time and on a busy one."""
 
 
 def print_check(
-    card: str, board: Board, streams: Sequence[Stream], told: Sequence[Event], sent: Mapping[str, str]
+    card: str,
+    board: Board,
+    streams: Sequence[Stream],
+    told: Sequence[Event],
+    sent: Mapping[str, str],
+    rates: Mapping[str, float],
+    seconds: float,
 ) -> bool:
-    """The go / no-go table of what was heard, what is the matter and what is `sent` to each device; whether all go."""
+    """The go / no-go table of what was heard, what is the matter and what is `sent` to each device; whether all go.
+
+    `rates`: of each stream (Hz) over the `seconds` that were listened; health's are those of its last half second,
+    which one late message moves below what is asked.
+    """
     console = Console()
     console = console if console.is_terminal else Console(width=100)
     grid, below = Table(title=f"check {card}"), list[str]()
@@ -33,22 +47,32 @@ def print_check(
         grid.add_column(name, no_wrap=name != "range")
     heard = board.health.streams if board.health is not None else ()
     all_go = bool(heard)
+    late = sum(e.count for e in told if e.code is Code.OVERRUN)
+    is_busy = late > LATE_SHARE * seconds * TICK_HZ
     for s, stream in zip(heard, streams, strict=False):
         mine = (s.stream, s.device)
         holding = [e for (source, _), e in board.conditions.items() if source in mine]
         outside = next((e.detail for e in told if e.source in mine and e.code is Code.RANGE), "")
-        go = s.alive and s.rate_hz >= 0.9 * stream.rate_hz and s.clock != "rejected"
-        go = go and not outside and not any(e.level is Level.ALARM or e.code is Code.STUCK for e in holding)
-        all_go &= go
+        rate = rates.get(s.stream, 0.0)
+        is_slow = not s.alive or rate < 0.9 * stream.rate_hz
+        go = s.clock != "rejected" and not outside
+        go &= not any((e.level is Level.ALARM and e.code is not Code.STALE) or e.code is Code.STUCK for e in holding)
+        verdict = "[red]NO-GO[/]" if not go else "[green]GO[/]" if not is_slow else _SLOW[is_busy]
+        all_go &= go and not is_slow
         if outside and console.width < WIDE:
             below.append(f"{s.stream}: {outside}")
             outside = "outside"
         grid.add_row(
-            *(s.stream, "yes" if s.alive else "no", f"{s.rate_hz:.0f} of {stream.rate_hz:g}", s.clock),
+            *(s.stream, "yes" if s.alive else "no", f"{rate:.0f} of {stream.rate_hz:g}", s.clock),
             Text(outside or ("ok" if s.alive else "-")),
-            "[green]GO[/]" if go else "[red]NO-GO[/]",
+            verdict,
         )
     console.print(grid)
+    if is_busy:
+        below.append(
+            f"this machine was too busy to judge rates: {late} of {seconds * TICK_HZ:.0f} ticks came late\n"
+            "stop what else runs, or check by `chrt -r 5 station check`"
+        )
     for line in [
         *below,
         *_remarks(board, streams, told),

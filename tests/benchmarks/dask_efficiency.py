@@ -1,5 +1,5 @@
-"""A campaign on a Dask cluster of two workers of this machine against the in-process engine with two: flights per second,
-processor time, and that both give the same rows.
+"""A campaign on a Dask cluster of two workers of this machine against the in-process engine with two: flights per
+second, processor time, and that both give the same rows.
 
 OPENBLAS_NUM_THREADS=1 uv run python tests/benchmarks/dask_efficiency.py [FLIGHTS [PAIRS]]        by default 10000 1
 
@@ -94,7 +94,9 @@ def main(flights: int, pairs: int) -> None:
                     passed[engine] += seconds
                     cpu[engine] += spent
                     rate = flights / seconds
-                    print(f"{engine:5} {flights:,} flights: {seconds:.1f} s, {rate:.0f} flights/s, {spent:.1f} s of CPU")
+                    print(
+                        f"{engine:5} {flights:,} flights: {seconds:.1f} s, {rate:.0f} flights/s, {spent:.1f} s of CPU"
+                    )
                 rows = [pq.read_table(folder / f"{engine}{k}" / "flights.parquet") for engine in passed]
                 print("the same rows" if rows[0].equals(rows[1]) else "OTHER ROWS")
     print(

@@ -55,7 +55,7 @@ def on_a_terminal(words: list[str], stop_at: str = "") -> tuple[int, str]:
         preexec_fn=interruptible,
     )  # fmt: skip
     os.close(there)
-    limit = threading.Timer(60.0, child.kill)
+    limit = threading.Timer(300.0, child.kill)
     limit.start()
     told, stopped = b"", False
     while True:
@@ -109,6 +109,24 @@ def test_ctrl_c_says_that_nothing_was_left_and_leaves_nothing(log: Path, tmp_pat
     assert code == 130
     assert "stopped: nothing was left half-written" in told
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_diagnosis_shows_its_steps_and_about_how_long_is_left(tmp_path: Path) -> None:
+    """And after Ctrl-C neither profile nor JSON is there."""
+    flight, profile, out = tmp_path / "flight.mcap", tmp_path / "new.toml", tmp_path / "a.json"
+    assert (
+        subprocess.run(
+            [sys.executable, "-m", "station", "simulate", "bench", "-o", str(flight), "--duration", "60"]
+        ).returncode
+        == 0
+    )
+    words = ["diagnose", str(flight), "--write-profile", str(profile), "--json", str(out)]
+    code, told = on_a_terminal(words, "s left")
+    assert code == 130
+    assert "diagnosing flight.mcap" in told
+    assert re.search(r"about \d+ s left", told)
+    assert "stopped: nothing was left half-written" in told
+    assert list(tmp_path.iterdir()) == [flight]
 
 
 def test_the_span_is_that_of_the_rows_and_unknown_of_a_file_that_was_cut(log: Path, tmp_path: Path) -> None:

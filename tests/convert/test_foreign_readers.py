@@ -128,6 +128,11 @@ def test_a_recording_without_mavlink_gives_no_telemetry_log(tmp_path: Path, stat
     code, _, err = station("export", tmp_path / "a.mcap", "--to", "tlog", "-o", tmp_path / "out.tlog")
     assert (code, "has no raw MAVLink: no device of its rig speaks it" in err) == (1, True)
     assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+    # Simulated: a rig that speaks it, and no bytes.
+    write_log(tmp_path / "b.mcap", About(TWIN_OTTER.aircraft, (), rig=TWIN_OTTER.rig), [])
+    code, _, err = station("export", tmp_path / "b.mcap", "--to", "tlog", "-o", tmp_path / "out.tlog")
+    assert (code, "only a recording by station run keeps what devices sent" in err) == (1, True)
+    assert not (tmp_path / "out.tlog").exists()
 
 
 def test_mcaps_reader_reads_it_for_foxglove_and_every_message_fits_its_schema(flight: Path, tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ from station.screen import go_no_go as checklist
 STREAMS = [Stream(f"can.{name}", ("q",), 200.0, 0.1, device="can") for name in ("gyro", "accel")]
 SOUND = {"device": "can", "rate_hz": 199.0, "age_s": 0.003, "clock": "synced", "offset_s": 1.0, "drift_ppm": 3.0}
 
+RATES = {s.name: 199.0 for s in STREAMS}
+
 
 def heard(*events, **gyro):
     rows = [
@@ -72,21 +74,43 @@ def heard(*events, **gyro):
 )
 def test_verdict_and_words(capsys, events, gyro, verdict, row, below):
     board, told = heard(*events, **gyro)
-    assert checklist.print_check("mine", board, STREAMS, told, {}) is verdict
+    rates = {s.stream: s.rate_hz for s in board.health.streams}
+    assert checklist.print_check("mine", board, STREAMS, told, {}, rates, 5.0) is verdict
     table, _, remarks = capsys.readouterr().out.partition("\u2514")
     assert row in [" ".join(line.replace("\u2502", " ").split()) for line in table.splitlines()]
     assert remarks.partition("\n")[2].strip() == below
 
 
 def test_nothing_heard_is_no_go(capsys):
-    assert not checklist.print_check("mine", Board(None, ManualClock(0)), STREAMS, [], {"can": "nothing"})
+    assert not checklist.print_check("mine", Board(None, ManualClock(0)), STREAMS, [], {"can": "nothing"}, {}, 5.0)
     assert capsys.readouterr().out.endswith("sent to can: nothing\n")
+
+
+def row_of(shown: str, stream: str) -> str:
+    return next(" ".join(line.replace("\u2502", " ").split()) for line in shown.splitlines() if stream in line)
+
+
+def test_a_rate_is_that_of_the_whole_time(capsys):
+    """One message late at the end takes the last half second's rate below what is asked, and not that of 5 s."""
+    board, told = heard(rate_hz=170.0)
+    assert checklist.print_check("mine", board, STREAMS, told, {}, RATES, 5.0)
+    assert row_of(capsys.readouterr().out, "can.gyro") == "can.gyro yes 199 of 200 synced ok GO"
+
+
+@pytest.mark.parametrize(("late", "verdict"), [(12, "NO-GO"), (13, "busy")])
+def test_a_machine_that_is_too_busy_judges_no_rate(capsys, late, verdict):
+    board, told = heard(Event(0, "loop", Code.OVERRUN, late, "the machine was busy"), alive=False)
+    assert not checklist.print_check("mine", board, STREAMS, told, {}, {"can.accel": 199.0, "can.gyro": 60.0}, 5.0)
+    shown = capsys.readouterr().out
+    assert row_of(shown, "can.gyro") == f"can.gyro no 60 of 200 synced - {verdict}"
+    assert row_of(shown, "can.accel").endswith(" GO")
+    assert (f"too busy to judge rates: {late} of 250 ticks" in shown) == (verdict == "busy")
 
 
 def test_what_is_out_of_range_stands_below_a_narrow_table(monkeypatch, capsys):
     monkeypatch.setattr(checklist, "Console", lambda **_: Terminal(width=80, force_terminal=True, color_system=None))
     board, told = heard(Event(0, "can.gyro", Code.RANGE, 3, "q = 12 cannot be true"))
-    assert not checklist.print_check("card", board, STREAMS, told, {})
+    assert not checklist.print_check("card", board, STREAMS, told, {}, RATES, 5.0)
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80
     assert "outside" in shown
