@@ -35,9 +35,6 @@ CLEAR: Final = 1.5
 """Reduction of the sum of log squared mismatches that shows a mistake."""
 FEW: Final = 0.05
 """Share of impossible values below which they are bit errors, not a unit."""
-ZERO: Final = 0.2
-"""m/s2: what zeros of accelerometer and pitch (0.1 m/s2, 1 deg) make of a mean acceleration along the path; in level
-flight at a steady speed nothing is larger, and the relation tells nothing."""
 TIED: Final = 0.7
 """Share of the largest reduction from which another mistake is as likely."""
 
@@ -147,11 +144,10 @@ def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str
         down = np.cos(theta) * np.cos(phi) * x["az"] - np.sin(theta) * x.get("ax", np.zeros(1))
         shares["sinking"] = _share(_rate(x["v_down"], dt), _moved(down, dt))
     if {"v_north", "v_east", "ax", "az", "theta"} <= set(x):
-        # Along the path: the forward acceleration less the climb.
+        # Over the ground: forward acceleration as the pitch lies; without means, which are the zeros' and the trim's.
         speed = np.hypot(x["v_north"], x["v_east"])
-        gained = np.full(1, (speed[-1] - speed[0]) / (len(speed) * dt))
-        pulls = _mean(np.cos(theta) * x["ax"]), _mean(np.sin(theta) * np.cos(phi) * x["az"])
-        shares["gaining"] = _share(gained, *pulls, zero=ZERO)
+        pulls = np.cos(theta) * x["ax"], np.sin(theta) * np.cos(phi) * x["az"]
+        shares["gaining"] = _share(_moved(speed, dt), *(_moved(np.cumsum(pull) * dt, dt) for pull in pulls))
     if {"airspeed", "dynamic_pressure"} <= set(x):
         by_pressure = np.sqrt(2 * np.maximum(x["dynamic_pressure"], 0.0) / _density(x, aircraft))
         shares["pressure"] = _share(_mean(x["airspeed"]), _mean(by_pressure))
@@ -180,11 +176,11 @@ def _by_profile(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[s
     return shares
 
 
-def _share(one: Array, *others: Array, zero: float = 0.0) -> float:
-    """Size of `one` - sum(others) over the sum of their sizes and of the `zero` that they may be wrong by."""
+def _share(one: Array, *others: Array) -> float:
+    """Size of `one` - sum(others) over the sum of their sizes."""
     n = min(len(a) for a in (one, *others))
     rest = one[:n] - sum((o[:n] for o in others), np.zeros(n))
-    size = zero + math.sqrt(float(one @ one)) + sum(math.sqrt(float(o @ o)) for o in others)
+    size = math.sqrt(float(one @ one)) + sum(math.sqrt(float(o @ o)) for o in others)
     return math.sqrt(float(rest @ rest)) / size if size > 0 else 0.0
 
 

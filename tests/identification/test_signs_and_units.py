@@ -40,6 +40,7 @@ PLANTED = [
     ({"airspeed": FT}, "airspeed in the wrong unit: ft/s for m/s"),
     (dict.fromkeys(SPEEDS, KT), "airspeed, v_north, v_east and v_down in the wrong unit: kt for m/s"),
     ({"az": 1 / 9.80665}, "az in the wrong unit: g for m/s2"),
+    ({"ax": 9.80665}, "ax in the wrong unit: m/s2 for g"),
     ({"dynamic_pressure": PSF}, "dynamic_pressure in the wrong unit: psf for Pa"),
 ]
 
