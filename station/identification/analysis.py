@@ -28,6 +28,7 @@ from station.identification.kinematics import kinematics
 from station.identification.left_out import knows_gusts, left_out, mostly_gusts
 from station.identification.model_structure import Comparison, structures
 from station.identification.plausibility import hint
+from station.identification.pitch_by_rates import RECONSTRUCTED, with_pitch
 from station.identification.preparation import Prepared, prepare
 from station.identification.remarks import (
     about_columns,
@@ -148,7 +149,7 @@ def _flown(wanted: tuple[str, ...], ready: Prepared, spectra: VaneSpectra | str 
     measured = spectra if isinstance(spectra, VaneSpectra) else None
     live = tuple(n for n in LIVE if n in wanted or n in witnesses)
     live += tuple(n for n in wanted if METHODS[n].needs_spectra) if measured else ()
-    return fly(ready.whole, ready.record, live, ready.request, measured) if live else None
+    return fly(with_pitch(ready.whole), ready.record, live, ready.request, measured) if live else None
 
 
 def _result(name: str, ready: Prepared, flown: Flown | None, spectra: VaneSpectra | str | None) -> MethodResult:
@@ -201,6 +202,7 @@ def _remarks(ready: Prepared, results: Mapping[str, MethodResult], level: str, f
         *ready.remarks,
         *about_columns(ready.cut),
         *ready.record.remarks,
+        *(() if ready.record.has("theta") or flown is None else (RECONSTRUCTED,)),
         *(about_gusts(results, level) if can_judge else ()),
         *(about_disagreement(results) if can_judge else ()),
         *(flown.warnings() if flown else ()),

@@ -87,9 +87,10 @@ def _moves(record: FlightRecord, name: str) -> bool:
 
 
 def knows_gusts(record: FlightRecord) -> bool:
-    """Whether there is what tells when a gust arrives: a boom, the tail behind it, attitude and path."""
+    """Whether there is what tells when a gust arrives: a boom, and the tail behind it. The motion that they are told
+    from is integrated from rates and accelerations, whatever attitude and path the record has beside."""
     aircraft = record.aircraft
-    return aircraft.boom is not None and aircraft.unsteady.tail_arm > 0 and record.has("theta", "v_down")
+    return aircraft.boom is not None and aircraft.unsteady.tail_arm > 0
 
 
 def mostly_gusts(record: FlightRecord, instruments: InstrumentTable | str | None) -> dict[str, str]:
