@@ -13,7 +13,7 @@ Source: Klein and Morelli 2006, sections 9.4 (time skews), 10.2 (data compatibil
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -43,6 +43,12 @@ SURFACES: Final = {"Cm": ("elevator", "de"), "Cl": ("aileron", "da"), "Cn": ("ru
 """The coefficient that shows a surface best, and its mark there."""
 LONGEST_S: Final = 0.3
 """Of a surface's lag: slower actuators do not control an aircraft."""
+LIFT: Final = ("CL", "CZ")
+"""Coefficients that follow the angle of attack: a vane that shows it after them is late."""
+LATEST_S: Final = 1.5
+"""Of a vane's lag."""
+VANE_S: Final = 0.1
+"""A vane on its spring, in upwash that comes late, is as late as this. Lift itself is later than the angle."""
 STEP_S: Final = 0.01
 
 
@@ -54,6 +60,8 @@ class Error:
     late: float = 0.0
     scale: float = 1.0
     follows: float = 0.0
+    by_lift: bool = False
+    """Lift came so long before: as late at least, for lift itself is later than the angle."""
 
     def undone(self, x: Array, t_s: Array) -> Array:
         """The signal `x` (n,) at `t_s` as it was."""
@@ -68,7 +76,8 @@ class Error:
         return np.asarray(x / self.scale)
 
     def worded(self, name: str) -> str:
-        parts = [f"{abs(1e3 * self.late):.0f} ms {'late' if self.late > 0 else 'early'}"] if self.late else []
+        how = "later than its lift, or more" if self.by_lift else "late" if self.late > 0 else "early"
+        parts = [f"{abs(1e3 * self.late):.0f} ms {how}"] if self.late else []
         parts += [f"scale {self.scale:.3g}"] if self.scale != 1.0 else []
         parts += [f"ahead of its moment by a lag of {1e3 * self.follows:.0f} ms"] if self.follows else []
         return f"{name} {' and '.join(parts)}"
@@ -92,20 +101,30 @@ def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, Erro
 
 
 def out_of_time(record: FlightRecord, axes: Axes) -> dict[str, Error]:
-    """Each surface whose moment follows what is recorded late, or early, by more than a sample."""
+    """Each surface whose moment follows what is recorded late, or early, by more than a sample, and a vane whose angle
+    lift has followed before it is shown."""
     found = {}
     for equation in equations(record, axes):
+        if equation.name in LIFT:
+            late = [Error(late=s, by_lift=True) for s in np.arange(0.0, LATEST_S + VANE_S / 2, VANE_S / 2)]
+            error = _timed(record, equation, record.alpha, equation.parameters.index(f"{equation.name}_alpha"), late)
+            if error is not None and error.late > VANE_S:
+                found["alpha_vane"] = error
         surface, mark = SURFACES.get(equation.name, ("", ""))
         name = f"{equation.name}_{mark}"
         if name not in equation.parameters or not np.isfinite(equation.measured[record.usable]).any():
             continue
-        error = _timed(record, equation, surface, equation.parameters.index(name))
+        steps = np.arange(STEP_S, LONGEST_S + STEP_S / 2, STEP_S)
+        tried = [Error(), *(Error(late=s) for s in (*steps, *-steps)), *(Error(follows=s) for s in steps)]
+        error = _timed(record, equation, record.motion[surface], equation.parameters.index(name), tried)
         if error is not None:
             found[surface] = error
     return found
 
 
-def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> Error | None:
+def _timed(record: FlightRecord, equation: Equation, signal: Array, at: int, tried: Sequence[Error]) -> Error | None:
+    """The error of those `tried`, from none to the largest, with which `signal` (n,), regressor `at`, explains the
+    coefficient best; None where that is none, or the largest, or is not sure."""
     good = record.usable & np.isfinite(equation.regressors).all(axis=1) & np.isfinite(equation.measured)
     if good.sum() < len(equation.parameters) + 2:
         return None
@@ -113,7 +132,7 @@ def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> E
 
     def moved(error: Error) -> Array:
         x = equation.regressors.copy()
-        x[:, at] = error.undone(record.motion[surface], record.t_s)
+        x[:, at] = error.undone(signal, record.t_s)
         return x
 
     def left(error: Error) -> float:
@@ -125,11 +144,9 @@ def _timed(record: FlightRecord, equation: Equation, surface: str, at: int) -> E
         estimate = np.linalg.lstsq(x, z, rcond=None)[0]
         return float(np.mean((z - x @ estimate) ** 2))
 
-    steps = np.arange(STEP_S, LONGEST_S + STEP_S / 2, STEP_S)
-    tried = [Error(), *(Error(late=s) for s in (*steps, *-steps)), *(Error(follows=s) for s in steps)]
     best = min(tried, key=left)
     size = abs(best.late) + best.follows
-    if not max(LATE_S, record.dt) < size < LONGEST_S - STEP_S / 2:
+    if not max(LATE_S, record.dt) < size < max(abs(e.late) + e.follows for e in tried):
         return None  # in time, or no best one among those tried
     x = moved(best)
     x = np.column_stack([x, np.gradient(x[:, at], record.dt)])
