@@ -27,8 +27,8 @@ from station.identification.instrument_table import InstrumentTable, instrument_
 from station.identification.kinematics import kinematics
 from station.identification.left_out import knows_gusts, left_out, mostly_gusts
 from station.identification.model_structure import Comparison, structures
-from station.identification.plausibility import hint
 from station.identification.pitch_by_rates import RECONSTRUCTED, with_pitch
+from station.identification.plausibility import hint
 from station.identification.preparation import Prepared, prepare
 from station.identification.remarks import (
     about_columns,

@@ -40,7 +40,7 @@ def with_pitch(table: Table) -> Table:
     if np.isfinite(columns.get("theta", np.empty(0))).any():
         return table
     t = table.t_s
-    if len(t) < 2 or t[-1] - t[0] < SHORTEST_S:
+    if not len(t) or t[-1] - t[0] < SHORTEST_S:
         return table
     x = {n: _filled(t, columns[n]) for n in (*NEEDED, "phi", "r") if np.isfinite(columns.get(n, np.empty(0))).any()}
     if not set(NEEDED) <= set(x):
