@@ -87,6 +87,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
         constants=constants,
         tables=ac.indicial_tables(flown, flight.is_plane),
         vane=vane_constants(boom, DT),
+        second=vane_constants(None, DT),
         site=site(flight, (0.0, 0.0, 0.0)),
         field=field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
         plane=plane_of(flight, flown, behind) if flight.is_plane else None,

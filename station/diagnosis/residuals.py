@@ -358,9 +358,9 @@ def _vane_response(boom: Boom, omega: Array) -> Complex:
 def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
     """The vane's response to a load that would flex the boom by an angle of 1: the mode also moves the tip."""
     if boom.mode_frequency is None:
-        return np.ones(len(omega), dtype=complex)
+        return np.full(len(omega), boom.mode_turn, dtype=complex)
     bent = second_order_response(boom.mode_frequency, boom.mode_damping, 1j * omega)
-    return np.asarray(bent * (1 - 1j * omega * boom.mode_length / speed), dtype=complex)
+    return np.asarray(bent * (boom.mode_turn - 1j * omega * boom.mode_length / speed), dtype=complex)
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,8 +87,8 @@ def vertical_gust(x: Mapping[str, Array], aircraft: Aircraft, dt: float) -> Arra
     chord = u.reference_chord or aircraft.geometry.chord
     of_motion = respond_throughout(response(u.upwash_motion), v * dt / chord, np.ascontiguousarray(alpha))
     here = (1 + boom.upwash_body) * (alpha - x["q"] * boom.vane_x / v) + boom.upwash_wing * of_motion
-    tip = boom.tip_load / 1000.0 * x["dynamic_pressure"]
-    bent = boom.flexure * x["az"]
+    tip = boom.mode_turn * boom.tip_load / 1000.0 * x["dynamic_pressure"]
+    bent = boom.mode_turn * boom.flexure * x["az"]
 
     n = len(alpha)
     mean = float(v.mean())

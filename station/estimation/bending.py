@@ -1,10 +1,11 @@
 """A nose boom's bending, as the profile has it, taken out of what its vane shows.
 
-    shown = H_v{flow + e} + bias,   e = H_b{c_b a + c_t qbar flow} - (L/V) d/dt H_b{...}
+    shown = H_v{flow + e} + bias,   e = n H_b{c_b a + c_t qbar flow} - (L/V) d/dt H_b{...}
 
-`flow` is the angle that a stiff boom's vane would stand at. Without a mode the boom bends at once (H_b = 1, L = 0)
-under a, the specific force down at the CG; with one H_b is the mode's, and a that at the vane. The dynamic pressure
-changes little over the vane's own lag, so that with y = H_v{flow} and the force's part of the bending taken out first
+n is the share of the bending that turns the vane: all of a boom's, next to none of a straight wing's. `flow` is the
+angle that a stiff boom's vane would stand at. Without a mode the boom bends at once (H_b = 1, L = 0) under a, the
+specific force down at the CG; with one H_b is the mode's, and a that at the vane. The dynamic pressure changes little
+over the vane's own lag, so that with y = H_v{flow} and the force's part of the bending taken out first
 
     y = shown - bias - H_b'{c_b H_v{a}} - H_b'{c_t qbar y}
 
@@ -57,6 +58,8 @@ class Constants(NamedTuple):
     mode: Annotated[Array, 8]
     mode_length: float
     """L, m."""
+    mode_turn: float
+    """n."""
 
 
 class State:
@@ -106,11 +109,15 @@ def straighten(c: Constants, s: State, u: Array) -> float:
     bending, rise = s.force[0], c.mode_length / v
     if c.has_mode:
         _forward(c.mode, s.swing, bending, begins)
-        bending = s.swing[0] - rise * s.swing[1]
-    tip = per_flow * (vane - c.bias - bending) / (1.0 + per_flow)
+        bending = c.mode_turn * s.swing[0] - rise * s.swing[1]
+    else:
+        bending *= c.mode_turn
+    tip = per_flow * (vane - c.bias - bending) / (1.0 + c.mode_turn * per_flow)
     if c.has_mode:
         _forward(c.mode, s.tip, tip, begins)
-        tip = s.tip[0] - rise * s.tip[1]
+        tip = c.mode_turn * s.tip[0] - rise * s.tip[1]
+    else:
+        tip *= c.mode_turn
     return float(vane - bending - tip)
 
 
@@ -142,6 +149,7 @@ class Bending:
                 has_mode=mode is not None,
                 mode=np.zeros(8) if mode is None else second_order(mode, boom.mode_damping, dt),
                 mode_length=0.0 if mode is None else boom.mode_length,
+                mode_turn=boom.mode_turn,
             )
         )
         self._dt = dt

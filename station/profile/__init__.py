@@ -18,6 +18,7 @@ from station.profile.aircraft import (
     Indicial,
     Inertia,
     Instrument,
+    SecondVane,
     Separation,
     Unsteady,
 )
@@ -159,6 +160,7 @@ __all__ = [
     "RadiansPerMetre",
     "RadiansPerSecond",
     "Rig",
+    "SecondVane",
     "Seconds",
     "Separation",
     "SerialDevice",

@@ -92,7 +92,8 @@ class Indicial(Frozen):
 
 
 class Boom(Frozen):
-    """The nose boom and its vane. Of the upwash, the body's part is quasi-steady and the wing's unsteady."""
+    """The boom and its vane, on the nose or, with `vane_y`, on a wing's tip. Of the upwash, the body's part is
+    quasi-steady and the wing's unsteady."""
 
     vane_x: Metres
     """Vane ahead of the CG, positive forward."""
@@ -104,6 +105,8 @@ class Boom(Frozen):
     """Upwash angle at the vane per angle of attack that fuselage and boom cause, without memory."""
     upwash_wing: float = Field(default=0.0, ge=-0.5, le=1.0)
     """The same of the wing, whose circulation follows the angle of attack late. k_u0 is the sum of both."""
+    upwash_roll: float = Field(default=0.0, ge=-0.5, le=1.0)
+    """The same of the wing's rolling, per flow angle p y/V at the vane; flown by simulations, unknown to estimators."""
     sidewash: float = Field(default=0.0, ge=-0.5, le=1.0)
     """Sidewash angle at the beta vane per flow angle there; simulations fly it, estimators take it for a gain."""
     zero: Radians = 0.0
@@ -122,6 +125,9 @@ class Boom(Frozen):
     """Damping ratio of that mode."""
     mode_length: Metres = 0.0
     """How far the vane rises per radian of bending: about 2/3 of a slender boom's length."""
+    mode_turn: float = Field(default=1.0, ge=-1.0, le=1.0)
+    """Share of the bending that turns the vane: 1 of a boom; of a wing less the sine of its sweep, as bending up
+    takes incidence from tips that are swept aft."""
     gust_lead: float = Field(default=1.0, ge=0, le=4)
     """How far ahead of the CG a gust meets the vane, in vane_x."""
 
@@ -134,6 +140,14 @@ class Boom(Frozen):
     def steady_calibration(self) -> float:
         """Flow angle over vane angle when steady: 1/(1 + k_u0)."""
         return 1.0 / (1.0 + self.upwash_body + self.upwash_wing)
+
+
+class SecondVane(Boom):
+    """A further vane of the angle of attack, on a wing's tip or elsewhere. A rig's signal that `measures =
+    "alpha_vane"` shows it; emulated it is `alpha_vane_2`."""
+
+    averaged: bool = False
+    """Whether the mean of both vanes, each brought to the first one's place, stands for it while they agree."""
 
 
 NO_BOOM: Final = Boom.model_validate({"vane_x": "0 m"})
@@ -262,6 +276,7 @@ class Aircraft(Frozen):
     geometry: Geometry
     inertia: Inertia
     boom: Boom | None = None
+    second_vane: SecondVane | None = None
     derivatives: dict[str, Derivative] = Field(default_factory=dict)
     """One table each, `[derivatives.CL_alpha]`: a coefficient of COEFFICIENTS, and what it multiplies, of ARGUMENTS."""
     rate_reference: Literal["instantaneous", "fixed"] = "instantaneous"

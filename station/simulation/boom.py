@@ -9,8 +9,9 @@ dynamics.
 
 The boom bends by c_b az under its own weight and by c_t qbar times the flow angle under the load on its tip. Without a
 mode it does so at once, az being that at the CG; with one, az is that at the vane, the bending is H_b's, the second
-order of the mode, and the tip's own velocity counts too: bend - length bend' / V. All lags are advanced exactly for
-inputs that are straight lines between samples.
+order of the mode, and the tip's own velocity counts too: turn bend - length bend' / V, where a boom turns its vane by
+all of the bending and a wing by hardly any. What rolls the aircraft moves a vane that is off the middle. All lags are
+advanced exactly for inputs that are straight lines between samples.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.profile import Boom
+from station.profile import NO_BOOM, Boom
 from station.simulation.trigonometry import arctangent
 
 
@@ -43,12 +44,17 @@ class SecondOrder(NamedTuple):
 class VaneConstants(NamedTuple):
     """One vane at a fixed sampling interval."""
 
+    there: bool
+
     x: float
+    y: float
     z: float
     gust_x: float
     """Where the vane meets gusts."""
     body: float
     wing: float
+    roll: float
+    """Upwash of the body, of the wing and of its rolling."""
     sidewash: float
     """What the beta vane shows beyond the flow angle where it is, as a share of it."""
     zero: float
@@ -64,6 +70,8 @@ class VaneConstants(NamedTuple):
     """Its damping, 2 zeta wn, 1/s."""
     mode_length: float
     """How far the vane rises per rad of bending, m."""
+    mode_turn: float
+    """Share of the bending that turns the vane."""
     dynamics: SecondOrder
     dt: float
     """The interval, s."""
@@ -83,16 +91,20 @@ def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
     return SecondOrder(*(float(v) for part in (a.ravel(), first - second, second) for v in part))
 
 
-def vane_constants(boom: Boom, dt: float) -> VaneConstants:
-    """The vane, and its boom, sampled every `dt` seconds."""
+def vane_constants(boom: Boom | None, dt: float) -> VaneConstants:
+    """The vane, and its boom, sampled every `dt` seconds; without a boom one that is at the CG and, `there`, is not."""
+    is_there, boom = boom is not None, boom or NO_BOOM
     frequency = boom.mode_frequency
     wn = 2 * math.pi * (frequency or 1.0)
     return VaneConstants(
+        is_there,
         boom.vane_x,
+        boom.vane_y,
         boom.vane_z,
         boom.gust_x,
         boom.upwash_body,
         boom.upwash_wing,
+        boom.upwash_roll,
         boom.sidewash,
         boom.zero,
         boom.flexure,
@@ -102,6 +114,7 @@ def vane_constants(boom: Boom, dt: float) -> VaneConstants:
         wn**2,
         2 * boom.mode_damping * wn,
         boom.mode_length,
+        boom.mode_turn,
         second_order(boom.vane_frequency, boom.vane_damping, dt),
         dt,
     )
@@ -149,13 +162,16 @@ def settle(state: NDArray[np.float64], value: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def flow_angle(v: VaneConstants, u: float, w: float, q: float, ug: float, wg: float, wing: float) -> float:
+def flow_angle(
+    v: VaneConstants, u: float, w: float, q: float, ug: float, wg: float, wing: float, p: float = 0.0
+) -> float:
     """The angle (rad) that a vane without dynamics would show.
 
-    u, w, q: inertial motion at the CG; ug, wg: gust at the vane, m/s; wing: incidence behind the wing's upwash, rad.
+    u, w, q, p: inertial motion at the CG; ug, wg: gust at the vane, m/s; wing: incidence behind the wing's upwash, rad.
     """
-    angle: float = (1.0 + v.body) * arctangent(w - q * v.x + wg, u + q * v.z + ug) + v.wing * wing
-    return angle
+    sinking = p * v.y
+    angle: float = (1.0 + v.body) * arctangent(w - q * v.x + sinking + wg, u + q * v.z + ug) + v.wing * wing
+    return angle + v.roll * sinking / u
 
 
 @njit(cache=True, error_model="numpy")
@@ -169,12 +185,12 @@ def bending(
     last load; changed in place, at rest under the load where the flight `begins`.
     """
     if not v.has_mode:
-        return v.flexure * az + v.tip_load * pressure * flow
+        return v.mode_turn * (v.flexure * az + v.tip_load * pressure * flow)
     load = v.flexure * (az - qdot * v.x) + v.tip_load * pressure * flow
     if begins:
         settle(state, load)
     bend = second_order_step(v.mode, state, load)
-    out: float = bend - v.mode_length * state[1] / speed
+    out: float = v.mode_turn * bend - v.mode_length * state[1] / speed
     return out
 
 

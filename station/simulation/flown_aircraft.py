@@ -112,7 +112,8 @@ class FlownAircraft:
         return Flown(
             trimmed,
             tables,
-            vane_constants(aircraft.boom or NO_BOOM, self._dt),
+            vane_constants(aircraft.boom, self._dt),
+            vane_constants(aircraft.second_vane, self._dt),
             site(flight, (x, y, z), self._wind),
             hands(self._pilot, self._trim.alpha, trimmed.trim_height, self._speed, self._rate_hz),
         )
@@ -134,7 +135,8 @@ def reach(aircraft: Aircraft, apart: bool = False) -> tuple[float, float]:
     behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
     if apart and aircraft.fin:
         behind = max(behind, aircraft.fin.arm)
-    return behind + 1.0, max(boom.gust_x, aircraft.geometry.chord) + 1.0
+    ahead = aircraft.second_vane.gust_x if aircraft.second_vane else 0.0
+    return behind + 1.0, max(boom.gust_x, ahead, aircraft.geometry.chord) + 1.0
 
 
 def site(flight: Flight, imu_position: tuple[float, float, float], wind: WalkingWind | None = None) -> Site:

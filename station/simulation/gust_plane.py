@@ -9,7 +9,9 @@ Weights, by the reverse-flow theorem (Heaslet and Spreiter 1953): a gust at y co
 uniform incidence there, elliptic, and in the rolling moment as that of a wing that rolls, y times the elliptic one:
     w_wing = sum w(y) e(y) / sum e(y)        p_g = sum w(y) y e(y) / sum y^2 e(y)        e = sqrt(1 - (2y/b)^2)
     r_g = - sum u(y) y e(y) / sum y^2 e(y)
-so that in a field of constant gradient p_g = dw_g/dy and r_g = -du_g/dy, as MIL-F-8785C has them. What rolls and yaws
+so that in a field of constant gradient p_g = dw_g/dy and r_g = -du_g/dy, as MIL-F-8785C has them. A wing whose
+quarter chord is swept (`sweep` of the profile's [planform]) meets the gust at y later by |y| tan(sweep) than in its
+middle, its elliptic mean no later than a straight one: 4/(3 pi) b/2 tan(sweep) behind its apex. What rolls and yaws
 the wing comes through the profile's `lift_gust`, one chord travelled being one chord of the field.
 
 The series are white noise through filters whose transfer matrix is the Cholesky factor of the cross-spectral matrix at
@@ -21,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +71,10 @@ class Across(NamedTuple):
     """Its span; 0: it meets what is on the way of the CG."""
     boom: float
     """How far right of the CG's way the vane is."""
+    second: float | None
+    """The same of a second vane."""
+    sweep: float
+    """Tangent of the wing's."""
     chord: float
     """That the times of the gust's response are counted in."""
     amplitudes: tuple[float, ...]
@@ -92,6 +98,8 @@ def across(aircraft: Aircraft) -> Across:
         span,
         unsteady.tail_span,
         aircraft.boom.vane_y if aircraft.boom else 0.0,
+        aircraft.second_vane.vane_y if aircraft.second_vane else None,
+        math.tan(aircraft.planform.sweep) if aircraft.planform else 0.0,
         unsteady.reference_chord or aircraft.geometry.chord,
         response.a if response else (),
         response.b if response else (),
@@ -107,10 +115,12 @@ class _Series(NamedTuple):
     weights: Array
     delayed: bool
     """Behind the response of the wing's lift to gusts."""
+    behind: Array
+    """How much later each is met, m."""
 
 
 def _point(component: int, place: float = 0.0) -> _Series:
-    return _Series(component, np.array([place]), np.ones(1), False)
+    return _Series(component, np.array([place]), np.ones(1), False, np.zeros(1))
 
 
 def _loaded(span: float, n: int) -> tuple[Array, Array]:
@@ -123,17 +133,22 @@ def _loaded(span: float, n: int) -> tuple[Array, Array]:
 def _series(parts: Across) -> tuple[tuple[_Series, ...], Meets]:
     y, share = _loaded(parts.wing, _ACROSS_WING)
     arm = y * share / (share @ (y * y))
+    later = parts.sweep * (np.abs(y) - share @ np.abs(y))
     made = [_point(ALONG), _point(SIDEWAYS), _point(UP)]
-    made += [_Series(ALONG, y, share, False), _Series(UP, y, share, False)]
-    made += [_Series(UP, y, arm, True), _Series(ALONG, y, -arm, True)]
+    made += [_Series(ALONG, y, share, False, later), _Series(UP, y, share, False, later)]
+    made += [_Series(UP, y, arm, True, later), _Series(ALONG, y, -arm, True, later)]
     meets = Meets(u_wing=3, w_wing=4, roll=5, yaw=6)
     if parts.tail > 0:
         z, loading = _loaded(parts.tail, _ACROSS_TAIL)
         meets = meets._replace(u_tail=len(made), w_tail=len(made) + 1)
-        made += [_Series(ALONG, z, loading, False), _Series(UP, z, loading, False)]
+        level = np.zeros_like(z)
+        made += [_Series(ALONG, z, loading, False, level), _Series(UP, z, loading, False, level)]
     if parts.boom != 0:
         meets = meets._replace(u_boom=len(made), v_boom=len(made) + 1, w_boom=len(made) + 2)
         made += [_point(i, parts.boom) for i in (ALONG, SIDEWAYS, UP)]
+    if parts.second:
+        meets = meets._replace(u_second=len(made), w_second=len(made) + 1)
+        made += [_point(i, parts.second) for i in (ALONG, UP)]
     return tuple(made), meets
 
 
@@ -152,20 +167,25 @@ def _apart(first: _Series, other: _Series) -> Array:
     return out
 
 
-def _entry(first: _Series, other: _Series, model: Dryden, spectra: CrossSpectra, apart: Array) -> Complex:
+def _entry(first: _Series, other: _Series, model: Dryden, spectra: CrossSpectra, apart: Array, kappa: Array) -> Complex:
     """The cross-spectrum E first*(kappa) other(kappa) over kappa, m3/s2, from those at the distances `apart`."""
     where = np.searchsorted(apart, _apart(first, other))
     weights = (first.weights[:, None] * other.weights[None, :]).ravel()
-    out = np.zeros(len(spectra.up), dtype=np.complex128)
+    later = (other.behind[None, :] - first.behind[:, None]).ravel()
     kinds = {first.component, other.component}
+    seen: Any
     if kinds == {UP}:
-        out.real = (spectra.up[:, where] @ weights) * model.sigma_w**2
+        seen = spectra.up[:, where] * model.sigma_w**2
     elif UP not in kinds and len(kinds) == 1:
-        of = spectra.along if ALONG in kinds else spectra.sideways
-        out.real = (of[:, where] @ weights) * model.sigma_u**2
+        seen = (spectra.along if ALONG in kinds else spectra.sideways)[:, where] * model.sigma_u**2
     elif UP not in kinds:
         to_the_right = np.sign(other.places[None, :] - first.places[:, None]).ravel()
-        out.imag = (spectra.along_sideways[:, where] @ (weights * to_the_right)) * model.sigma_u**2
+        seen = 1j * spectra.along_sideways[:, where] * to_the_right * model.sigma_u**2
+    else:
+        return np.zeros(len(kappa), dtype=np.complex128)
+    if later.any():
+        seen = seen * np.exp(-1j * kappa[:, None] * later)
+    out: Complex = (seen @ weights).astype(np.complex128)
     return out
 
 
@@ -179,7 +199,7 @@ def matrix(parts: Across, model: Dryden, kind: str, kappa: Array) -> Complex:
     for i, b in enumerate(series):
         for j, a in enumerate(series):
             spectra = by_length[model.length_w if b.component == UP else model.length_u]
-            out[:, i, j] = _entry(a, b, model, spectra, apart)
+            out[:, i, j] = _entry(a, b, model, spectra, apart, kappa)
     return out
 
 
@@ -231,12 +251,16 @@ def in_a_plane(gusts: Sequence[DiscreteGust], speed: float, parts: Across) -> tu
     made = []
     for gust in gusts:
         first, values = shape(gust, speed, _FADE * parts.chord)
+        soon = math.ceil(max(float(-one.behind.min()) for one in series) / STEP)
+        values = np.concatenate((np.zeros(soon), values))
+        points = STEP * np.arange(len(values))
         columns = np.zeros((len(values), len(series)))
         for i, one in enumerate(series):
             if one.component == COMPONENTS[gust.component]:
-                met = one.weights @ _HALVES[gust.half](np.sign(one.places))
-                columns[:, i] = met * (_behind_response(parts, values) if one.delayed else values)
-        made.append(Laid(first, columns))
+                met = one.weights * _HALVES[gust.half](np.sign(one.places))
+                passing = np.interp(points[:, None] - one.behind, points, values) @ met
+                columns[:, i] = _behind_response(parts, passing) if one.delayed else passing
+        made.append(Laid(first - soon, columns))
     return tuple(made)
 
 

@@ -197,6 +197,8 @@ class Meets(NamedTuple):
     u_boom: int = ALONG
     v_boom: int = SIDEWAYS
     w_boom: int = UP
+    u_second: int = ALONG
+    w_second: int = UP
     roll: int = -1
     """p_g, rad/s: as if the wing rolled right in air at rest; -1: no part of the wing meets another gust,"""
     yaw: int = -1

@@ -104,6 +104,7 @@ class Installed:
                 raise ProfileError(f"aircraft {aircraft.name}: instruments.{name}.backlash: flown of {known} only")
         self._source = source
         self._engine = aircraft.engine
+        self._has_second = aircraft.second_vane is not None
         # One step of the time ahead goes into the slope of a negative lag.
         earliest = max((-e.latency + (DT if e.lag < 0 else 0.0) for e in errors.values()), default=0.0)
         self._ahead = max(0, math.ceil(earliest / DT - 1e-9))
@@ -131,6 +132,8 @@ class Installed:
     def advance(self, n: int) -> Mapping[str, Array]:
         """The next n rows as shown: SIGNALS that the source has, and what the rig declares."""
         flown = dict(self._source.advance(n + (self._ahead if not self._kept else 0)))
+        if not self._has_second:
+            flown.pop("alpha_vane_2", None)
         if self._engine is not None:
             name, setting = engine_setting(self._engine, *(flown[x] for x in ("thrust", "airspeed", "altitude")))
             flown[name] = setting

@@ -154,12 +154,11 @@ class JsbsimFlight:
         self._asked: tuple[Manoeuvre, ...] = ()
         self._imu = np.array(imu_position)
         boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
-        self._vane = vane_constants(boom, DT)
-        self._vane_y = boom.vane_y
+        self._vane, self._second = vane_constants(boom, DT), vane_constants(aircraft.second_vane, DT)
         self._tables = indicial_tables(aircraft)
         self._chord = unsteady.reference_chord or aircraft.geometry.chord
         self._nose = aircraft.gust_edge
-        self._ahead = max(boom.gust_x, self._nose) + 1.0
+        self._ahead = max(boom.gust_x, self._second.gust_x, self._nose) + 1.0
         self._site = site(flight, imu_position)
         self._field = line_of(flight, _BEHIND, self._ahead, seed)
         self._is_windy = dryden_of(flight).sigma_w > 0
@@ -222,7 +221,7 @@ class JsbsimFlight:
         ug, _, wg = self._gust(self._nose)
         force = np.array([s["fx"], s["fy"], s["fz"]]) / s["mass"]
         m.x[eq.U], m.x[eq.W], m.x[eq.Q], m.x[eq.DISTANCE] = s["u"], s["w"], s["q"], self._distance
-        moving = (s["qdot"], s["v"] + s["r"] * v.x - s["p"] * v.z, s["p"] * self._vane_y)
+        moving = (s["qdot"], s["v"] + s["r"] * v.x - s["p"] * v.z, s["p"])
         flow = _NO_FLOW._replace(
             airspeed=s["airspeed"],
             pressure=s["dynamic_pressure"],
@@ -230,7 +229,7 @@ class JsbsimFlight:
             alpha_inertial=inertial,
             gust_edge=math.atan2(s["w"] + wg, s["u"] + ug) - inertial,
         )
-        tip = tip_now(self._chord, self._tables, v, m, self._field.now, moving, flow)
+        tip = tip_now(self._chord, self._tables, (v, self._second), m, self._field.now, moving, flow)
         spin, turn = np.array([s["p"], s["q"], s["r"]]), np.array([s["pdot"], s["qdot"], s["rdot"]])
         felt = force + np.cross(turn, self._imu) + np.cross(spin, np.cross(spin, self._imu))
         place, flight = self._site, self._flight
@@ -240,7 +239,8 @@ class JsbsimFlight:
         sin, cos, geometry = math.sin(s["alpha"]), math.cos(s["alpha"]), self._sim
         load = s["dynamic_pressure"] * float(geometry["metrics/Sw-sqft"]) * _FT**2
         return s | {
-            "alpha_vane": tip[0], "beta_vane": tip[1], "az_boom": tip[2], "ax": felt[0], "ay": felt[1], "az": felt[2],
+            "alpha_vane": tip[0], "beta_vane": tip[1], "az_boom": tip[2], "alpha_vane_2": tip[3],
+            "ax": felt[0], "ay": felt[1], "az": felt[2],
             "v_north": s["v_north"] + flight.wind_north, "v_east": s["v_east"] + flight.wind_east,
             "latitude": latitude,
             "longitude": place.longitude

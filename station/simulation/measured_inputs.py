@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from station.profile import NO_BOOM, Aircraft, Flight, Order
+from station.profile import Aircraft, Flight, Order
 from station.simulation import longitudinal as eq
 from station.simulation.airframe import constants, indicial_tables
 from station.simulation.boom import vane_constants
@@ -80,7 +80,8 @@ class MeasuredFlight:
         self._flown = Flown(
             constants(aircraft, speed, max(height, 0.0), False, elevator_backlash(aircraft)),
             indicial_tables(aircraft),
-            vane_constants(aircraft.boom or NO_BOOM, DT),
+            vane_constants(aircraft.boom, DT),
+            vane_constants(None, DT),
             site(Flight().model_copy(update={"speed": speed}), aircraft.imu_at(imu)),
             hands(HANDS_OFF, 0.0, 0.0, 0.0),
         )

@@ -52,7 +52,7 @@ _LATITUDE, _LONGITUDE, _ALTITUDE = places("latitude", "longitude", "altitude")
 _ELEVATOR, _AILERON, _RUDDER = places("elevator", "aileron", "rudder")
 _THRUST, _MASS = places("thrust", "mass")
 _PDOT, _QDOT, _RDOT = places("pdot", "qdot", "rdot")
-_ALPHA, _INERTIAL, _GUST, _W_GUST, _U_GUST, _CL, _CM, _DRIVE, _AZ_BOOM = places(*TRUTH)
+_ALPHA, _INERTIAL, _GUST, _W_GUST, _U_GUST, _CL, _CM, _DRIVE, _AZ_BOOM, _SECOND_VANE = places(*TRUTH)
 
 
 class Site(NamedTuple):
@@ -76,6 +76,8 @@ class Flown(NamedTuple):
     constants: Constants
     tables: Tables
     vane: VaneConstants
+    second: VaneConstants
+    """A further one; `there` or not."""
     site: Site
     hands: Hands
 
@@ -105,6 +107,8 @@ class Memory(NamedTuple):
     """(3,): of a second-order system, as those of the beta vane and of the boom's bending."""
     beta_vane: NDArray[np.float64]
     boom: NDArray[np.float64]
+    second: NDArray[np.float64]
+    """(2, 3): of the second vane and of what it sits on."""
     last: NDArray[np.float64]
     """(6,)."""
     asked: NDArray[np.float64]
@@ -124,6 +128,7 @@ def memory_of(x: NDArray[np.float64], entries: int, tables: Tables, surface: flo
         np.zeros(3),
         np.zeros(3),
         np.zeros(3),
+        np.zeros((2, 3)),
         np.array([0.0, 0.0, surface, math.atan2(x[eq.W], x[eq.U]), 0.0, 1.0]),
         ring(hands),
         rings(hands),
@@ -229,16 +234,16 @@ def remember(c: Constants, dt: float, memory: Memory, distance: float, flow: eq.
 @njit(cache=True, error_model="numpy", inline="always")
 def record(
     flown: Flown, time: float, x: NDArray[np.float64], dx: NDArray[np.float64], flow: eq.Flow, gust: eq.Gust,
-    tip: tuple[float, float, float], row: NDArray[np.float64],
+    tip: tuple[float, float, float, float], row: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Everything there is to know at one instant, in the order of COLUMNS; `tip`: what is shown at the boom's."""
+    """Everything there is to know at one instant, in the order of COLUMNS; `tip`: what tip_now gives."""
     site = flown.site
     q, theta, height = x[eq.Q], x[eq.THETA], x[eq.HEIGHT]
     pressure, temperature, _ = atmosphere(height)
     north = x[eq.DISTANCE] * math.cos(site.heading) + site.wind_north * time
     east = x[eq.DISTANCE] * math.sin(site.heading) + site.wind_east * time
     latitude = site.latitude + north / site.radius_north
-    row[_ALPHA_VANE], row[_BETA_VANE], row[_AZ_BOOM] = tip
+    row[_ALPHA_VANE], row[_BETA_VANE], row[_AZ_BOOM], row[_SECOND_VANE] = tip
     row[_AIRSPEED], row[_DYNAMIC_PRESSURE] = flow.airspeed, flow.pressure
     row[_STATIC_PRESSURE], row[_AIR_TEMPERATURE] = pressure, temperature
     row[_P], row[_Q], row[_R] = 0.0, q, 0.0
@@ -308,7 +313,8 @@ def advance(
                 marks[AT_TAIL] = entry
                 memory.last[SURFACE] = flow.surface
                 moving = (slope[eq.Q], 0.0, 0.0)
-                tip = tip_now(c.indicial_chord, flown.tables, flown.vane, memory, field, moving, flow)
+                vanes = (flown.vane, flown.second)
+                tip = tip_now(c.indicial_chord, flown.tables, vanes, memory, field, moving, flow)
                 if k % every == 0:
                     record(flown, marks[DONE] * dt, x, slope, flow, gust, tip, out[k // every])
                 remember(c, dt, memory, x[eq.DISTANCE], flow)
@@ -321,15 +327,16 @@ def advance(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def tip_now(
-    chord: float, tables: Tables, vane: VaneConstants, memory: Memory, field: Field,
+    chord: float, tables: Tables, vanes: tuple[VaneConstants, VaneConstants], memory: Memory, field: Field,
     moving: tuple[float, float, float], flow: eq.Flow,
-) -> tuple[float, float, float]:  # fmt: skip
-    """The angles that both vanes show now, rad, from the flow at the last step and at this one, and the specific force
-    down there, m/s2.
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """The angles that the vanes of alpha and beta show now, rad, from the flow at the last step and at this one, the
+    specific force down there, m/s2, and what a second vane of alpha shows, rad; NaN without one.
 
-    `chord`: what the times of the upwash's responses are counted in, m. `moving`: pitch acceleration (rad/s2), and how
-    much faster than pitching alone makes it the vane moves sideways and down, m/s.
+    `chord`: what the times of the upwash's responses are counted in, m. `moving`: pitch acceleration (rad/s2), how fast
+    the vane moves sideways (m/s), and the roll rate (rad/s).
     """
+    vane, second = vanes
     x, last = memory.x, memory.last
     begins = memory.marks[DONE] == 0
     if begins:
@@ -341,13 +348,29 @@ def tip_now(
     wing += upwash_step(tables.upwash_gust, memory.upwash_gust, last[GUST], flow.gust_edge, chords)
     last[INERTIAL], last[GUST] = flow.alpha_inertial, flow.gust_edge
     met, meets = x[eq.DISTANCE] + vane.gust_x, field.meets
-    ug, wg = gust_at(field, met, meets.u_boom), gust_at(field, met, meets.w_boom)
-    angle = flow_angle(vane, x[eq.U], x[eq.W] + moving[2], x[eq.Q], ug, wg, wing)
-    angle += bending(vane, memory.boom, begins, flow.force_z, moving[0], flow.pressure, flow.airspeed, angle)
     side = math.asin((gust_at(field, met, meets.v_boom) + moving[1]) / flow.airspeed) * (1.0 + vane.sidewash)
     if begins:
-        settle(memory.alpha_vane, angle)
         settle(memory.beta_vane, side)
-    shown = second_order_step(vane.dynamics, memory.alpha_vane, angle) + vane.zero
+    gust = gust_at(field, met, meets.u_boom), gust_at(field, met, meets.w_boom)
+    shown = _alpha_shown(vane, (memory.alpha_vane, memory.boom), begins, x, gust, moving, wing, flow)
     felt = tip_force(vane, memory.boom, flow.force_z, x[eq.Q], moving[0])
-    return shown, second_order_step(vane.dynamics, memory.beta_vane, side), felt
+    other = math.nan
+    if second.there:
+        met = x[eq.DISTANCE] + second.gust_x
+        gust = gust_at(field, met, meets.u_second), gust_at(field, met, meets.w_second)
+        other = _alpha_shown(second, (memory.second[0], memory.second[1]), begins, x, gust, moving, wing, flow)
+    return shown, second_order_step(vane.dynamics, memory.beta_vane, side), felt, other
+
+
+@njit(cache=True, error_model="numpy")
+def _alpha_shown(
+    vane: VaneConstants, states: tuple[NDArray[np.float64], NDArray[np.float64]], begins: bool,
+    x: NDArray[np.float64], gust: tuple[float, float], moving: tuple[float, float, float], wing: float, flow: eq.Flow,
+) -> float:  # fmt: skip
+    """One vane's angle, rad. `states`: its own and that of what it sits on; `gust`: u and w there, m/s; `wing`:
+    incidence behind the wing's upwash, rad; `moving` as tip_now's."""
+    angle = flow_angle(vane, x[eq.U], x[eq.W], x[eq.Q], gust[0], gust[1], wing, moving[2])
+    angle += bending(vane, states[1], begins, flow.force_z, moving[0], flow.pressure, flow.airspeed, angle)
+    if begins:
+        settle(states[0], angle)
+    return second_order_step(vane.dynamics, states[0], angle) + vane.zero

@@ -68,7 +68,6 @@ class Lateral(NamedTuple):
     slopes: NDArray[np.float64]
     """(3, 5): of CY, Cl, Cn by beta, p, r, aileron, rudder; without the fin's share where it is apart."""
     fin: FinConstants
-    vane_y: float
     actuators: NDArray[np.float64]
     """(2, 3): lag (s), rate limit (rad/s) and travel (rad) of aileron and rudder."""
     hold_bank: float
@@ -143,7 +142,6 @@ def lateral_constants(
         span=aircraft.geometry.span,
         slopes=slopes - _share(fin, aircraft.geometry.span) if fin.apart else slopes,
         fin=fin,
-        vane_y=aircraft.boom.vane_y if aircraft.boom else 0.0,
         actuators=np.array([row(aircraft.aileron), row(aircraft.rudder)]),
         hold_bank=HOLD_BANK if hold else 0.0,
         hold_heading=(TURN_HEADING if wanted else HOLD_HEADING) if hold else 0.0,

@@ -216,8 +216,8 @@ def advance_lateral(
                 memory.last[SURFACE] = flow.surface
                 vane = flown.vane
                 sideways = y[SIDE] + y[YAW] * vane.x - y[ROLL] * vane.z
-                moving = (slope.along[eq.Q], sideways, y[ROLL] * side.vane_y)
-                tip = tip_now(c.indicial_chord, flown.tables, vane, memory, field, moving, flow)
+                moving = (slope.along[eq.Q], sideways, y[ROLL])
+                tip = tip_now(c.indicial_chord, flown.tables, (vane, flown.second), memory, field, moving, flow)
                 record(flown, marks[DONE] * dt, x, slope.along, flow, gust, tip, out[k])
                 _record_lateral(flown.site, marks[DONE] * dt, now, slope, flow, (seen, met), out[k])
                 remember(c, dt, memory, x[eq.DISTANCE], flow)

@@ -1,6 +1,6 @@
 """How lateral identification fares in air that varies across the span, against air on a line. Run by hand.
 
-    uv run python tests/benchmarks/lateral_air.py [--flights 20] [--workers 2] [--length "300 m"]
+    uv run python tests/benchmarks/lateral_air.py [--flights 20] [--workers 2] [--length "300 m"] [--rows PATH]
 
 The Twin Otter of the profile, known exactly (mass and inertia too: no interval is wider for them), 90 s, aileron and
 rudder by orthogonal multisines (4 deg) or doublets (6 deg). On a line side gusts act at the CG; in a plane the fin
@@ -13,8 +13,10 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import json
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -49,6 +51,10 @@ INPUTS = {
 }
 
 
+Errors = dict[tuple[str, str], tuple[float, float]]
+"""By method and derivative: the error over its standard error, and over the derivative."""
+
+
 @dataclass(frozen=True, slots=True)
 class Job:
     field: str
@@ -59,8 +65,8 @@ class Job:
     methods: tuple[str, ...]
 
 
-def errors(job: Job) -> dict[tuple[str, str], tuple[float, float]]:
-    """By method and derivative: the error over its standard error, and over the derivative."""
+def errors(job: Job) -> Errors:
+    """Of one flight."""
     aircraft = load_aircraft("twin_otter")
     aircraft = aircraft.model_copy(update={"uncertainty": aircraft.uncertainty.model_copy(update=EXACT)})
     keys = {"speed": "110 kt", "altitude": "2500 ft", "gust_sigma": f"{job.sigma} ft/s", "field": job.field}
@@ -86,6 +92,7 @@ def errors(job: Job) -> dict[tuple[str, str], tuple[float, float]]:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--flights", type=int, default=20)
+    options.add_argument("--rows", type=Path, help="every flight's errors, one JSON line each; flown before, not again")
     options.add_argument("--workers", type=int, default=2)
     options.add_argument("--length", help="scale length of the gusts; MIL-F-8785C's if left out")
     options.add_argument("--forms", nargs="+", default=list(INPUTS))
@@ -93,9 +100,14 @@ def main() -> None:
     asked = options.parse_args()
     airs = [(s, f) for s in SIGMAS for f in FIELDS]
     seeds, methods = range(1, asked.flights + 1), tuple(asked.methods)
-    jobs = [Job(f, s, form, n, asked.length, methods) for (s, f) in airs for form in asked.forms for n in seeds]
+    # Seed by seed, so that what is broken off has as many flights of each air.
+    jobs = [Job(f, s, form, n, asked.length, methods) for n in seeds for form in asked.forms for (s, f) in airs]
+    done = kept(asked.rows)
+    left = [job for job in jobs if job not in done]
     with ProcessPoolExecutor(asked.workers) as pool:
-        done = dict(zip(jobs, pool.map(errors, jobs), strict=True))
+        for job, found in zip(left, pool.map(errors, left), strict=True):
+            done[job] = found
+            keep(asked.rows, job, found)
     print("| input | sigma, ft/s | air | method | within 2 sd | CY | Cl | Cn | least often |")
     print("|---" * 9 + "|")
     for form, (sigma, field), method in itertools.product(asked.forms, airs, methods):
@@ -103,7 +115,23 @@ def main() -> None:
         print(row(f"{form} | {sigma:g} | {field} | {method}", method, flights))
 
 
-def row(head: str, method: str, flights: list[dict[tuple[str, str], tuple[float, float]]]) -> str:
+def kept(path: Path | None) -> dict[Job, Errors]:
+    """What a file has of an earlier run."""
+    done = {}
+    for line in path.read_text().splitlines() if path and path.exists() else ():
+        made = json.loads(line)
+        job = Job(**{**made["job"], "methods": tuple(made["job"]["methods"])})
+        done[job] = {(method, name): (z, share) for method, name, z, share in made["errors"]}
+    return done
+
+
+def keep(path: Path | None, job: Job, found: Errors) -> None:
+    if path:
+        with path.open("a") as file:
+            file.write(json.dumps({"job": asdict(job), "errors": [[*k, *e] for k, e in found.items()]}) + "\n")
+
+
+def row(head: str, method: str, flights: list[Errors]) -> str:
     by_name = {n: [f[method, n] for f in flights if (method, n) in f] for n in LATERAL}
     every = [e for found in by_name.values() for e in found]
     if not every:

@@ -26,7 +26,7 @@ FT = 0.3048
 L, SPAN = 1750 * FT, 65 * FT
 AIRCRAFT = load_aircraft("twin_otter")
 AIR = Dryden(L, L, L, 1.0, 1.0, 1.0)
-TIP = Across(SPAN, 0.0, SPAN / 2, 2.0, (), ())
+TIP = Across(SPAN, 0.0, SPAN / 2, None, 0.0, 2.0, (), ())
 """A wing without a tail, a boom on its tip, quasi-steady."""
 U, V, W, U_WING, W_WING, ROLL, YAW, _, _, W_TIP = range(10)
 PLANE = load_card("gusty_plane")
@@ -194,7 +194,7 @@ def test_pitch_gusts_beside_the_specification_s() -> None:
     arm, kappa = 24.5 * FT, np.geomspace(3 / L, 0.02, 12)
     phi = L / np.pi * (1 + 3 * (L * kappa) ** 2) / (1 + (L * kappa) ** 2) ** 2
     quotient = np.sinc(kappa * arm / (2 * np.pi)) ** 2
-    small = pitch_gust(Across(0.2, 0.1, 0.0, 2.0, (), ()), arm, kappa)
+    small = pitch_gust(Across(0.2, 0.1, 0.0, None, 0.0, 2.0, (), ()), arm, kappa)
     np.testing.assert_allclose(small, kappa**2 * phi * quotient, rtol=0.02)
     ratio = pitch_gust(TIP._replace(tail=6.3), arm, kappa) / phi * (1 + (4 * SPAN * kappa / np.pi) ** 2) / kappa**2
     assert ratio.min() > 1.1
