@@ -86,8 +86,7 @@ def prepare(plan: Plan, case: Case) -> Setup:
     air = Air(
         constants=constants,
         tables=ac.indicial_tables(flown, flight.is_plane),
-        vane=vane_constants(boom, DT),
-        second=vane_constants(None, DT),
+        vanes=(vane_constants(boom, DT), vane_constants(None, DT)),
         site=site(flight, (0.0, 0.0, 0.0)),
         field=field_constants(dryden(flight.altitude, flight.gust_sigma), flight.speed, flight.gust_start),
         plane=plane_of(flight, flown, behind) if flight.is_plane else None,
@@ -330,7 +329,7 @@ def compile_part(plan: Plan, part: int) -> None:
 def _stayed(setup: Setup, reached: Array) -> bool:
     """Whether no flight left its field."""
     air = setup.air
-    end = (setup.points + air.first) * STEP - max(air.vane.x, air.constants.chord) - 1.0
+    end = (setup.points + air.first) * STEP - max(air.vanes[0].x, air.constants.chord) - 1.0
     return air.field.sigmas[2] == 0 or bool(reached.max() < end)
 
 

@@ -54,8 +54,7 @@ class Air(NamedTuple):
 
     constants: ac.Constants
     tables: ac.Tables
-    vane: VaneConstants
-    second: VaneConstants
+    vanes: tuple[VaneConstants, VaneConstants]
     site: Site
     field: FieldConstants
     plane: Callable[[int, int], Field] | None  # in its place, of seed and points, where gusts vary across the span
@@ -378,7 +377,7 @@ def fly_and_measure(
     if air.plane is None and air.field.sigmas[2] > 0.0:
         fill(air.field, wind, state.copy(), air.first, field.values)
     memory = at_rest(air.constants, air.tables, air.behind, field, air.hands)
-    flown = Flown(air.constants, air.tables, air.vane, air.second, air.site, air.hands)
+    flown = Flown(air.constants, air.tables, *air.vanes, air.site, air.hands)
     steps = air.command.shape[0]
     shakes = Tremor(air.tremor[0], seed, remnant=air.tremor[1]).half_steps(math.ceil(steps / (2 * EVERY)))
     advance(flown, memory, air.command + shakes[:steps], field, EVERY, truth)

@@ -8,11 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from station import profile
 from station.conventions import SIGNALS, TICK_NS
 from station.estimation.second_vane import SecondVane, second_vanes
 from station.identification.vanes_compared import in_reserve
 from station.log import Table
-from station.profile import elsewhere, load_aircraft, load_rig
+from station.profile import Aircraft, elsewhere, load_aircraft, load_rig
 from station.profile.declared import DeclaredSignal
 from station.rows import AlphaEstimate, Code, Event, Frame, Quality
 
@@ -126,3 +127,66 @@ def test_a_rig_says_which_it_is() -> None:
         {"unit": "deg", "measures": "alpha_vane", "position": ["1 m", "-3 m", "0 m"]}
     )
     assert elsewhere({**load_rig("instrumented").signals, "alpha_2": declared}, "alpha_vane") == {"alpha_2": PLACE}
+
+
+def on_both_tips(averaged: bool) -> Aircraft:
+    """The second vane on the left tip, of more upwash than the first on the right one."""
+    assert AIRCRAFT.boom is not None
+    first = AIRCRAFT.boom.model_copy(update={"vane_y": 9.9})
+    keys = {**dict(first), "vane_y": -9.9, "upwash_body": 0.2, "averaged": averaged}
+    own = profile.SecondVane.model_construct(**keys)
+    return AIRCRAFT.model_copy(update={"boom": first, "second_vane": own})
+
+
+def abreast(aircraft: Aircraft, right: np.ndarray, left: np.ndarray) -> dict[str, np.ndarray]:
+    """What both show of a flight that pitches and rolls, with these gusts at either, rad."""
+    assert aircraft.boom is not None
+    columns = {n: np.empty(len(right)) for n in ("alpha_vane", "alpha_2", "q", "p", "airspeed")}
+    for k in range(len(right)):
+        q, p = rates(k)
+        alpha = 0.05 + 0.03 * math.sin(0.03 * k)
+        row = [q, p, SPEED]
+        for vane, gust in ((aircraft.boom, right[k]), (aircraft.second_vane, left[k])):
+            assert vane is not None
+            body = 1 + vane.upwash_body
+            turned = body * (q * vane.vane_x - p * vane.vane_y) / SPEED
+            row.insert(0, (body + vane.upwash_wing) * (alpha + gust) - turned)
+        for name, value in zip(("alpha_2", "alpha_vane", "q", "p", "airspeed"), row, strict=True):
+            columns[name][k] = value
+    return columns
+
+
+@pytest.mark.parametrize("averaged", [False, True])
+def test_the_mean_of_both_tips_shows_the_gust_in_the_middle(averaged: bool) -> None:
+    """By closed form: half the sum of two gusts, as the first vane shows it; and live the same after a minute."""
+    aircraft, t = on_both_tips(averaged), 0.02 * np.arange(6000)
+    right, left = 0.01 * np.sin(5 * t), 0.01 * np.sin(3.1 * t)
+    columns = abreast(aircraft, right, left)
+    wanted = abreast(aircraft, 0.5 * (right + left), left)["alpha_vane"] if averaged else columns["alpha_vane"]
+    place = (5.3, -9.9, 0.0)
+    made, said = in_reserve(Table(t, columns, aircraft, 0), {"alpha_2": place}, aircraft)
+    np.testing.assert_allclose(made.columns["alpha_vane"], wanted, atol=1e-4)
+    assert any("mean of both vanes" in words for words in said) is averaged
+    (vane,) = second_vanes({"alpha_2": place}, {"alpha_2": len(SIGNALS)}, aircraft)
+    shown = [
+        vane.seen(frame(k, columns["alpha_vane"][k], columns["alpha_2"][k])).values[SIGNAL_AT] for k in range(len(t))
+    ]
+    np.testing.assert_allclose(shown[3000:], wanted[3000:], atol=5e-4)
+
+
+def test_gusts_across_a_span_are_no_disagreement() -> None:
+    """Gusts that pass within the span, 1 deg rms of difference, and the same beside 1.5 deg of zero: the second alone
+    is told."""
+    aircraft, rng = on_both_tips(True), np.random.default_rng(4)
+    n, keep = 6000, math.exp(-0.02 * SPEED / 19.8)
+    gusts = np.empty((2, n))
+    for gust in gusts:
+        white, gust[0] = rng.standard_normal(n), 0.0
+        for k in range(1, n):
+            gust[k] = keep * gust[k - 1] + math.sqrt(1 - keep * keep) * white[k]
+    columns = abreast(aircraft, *(math.radians(0.7) * gusts))
+    for off, told in ((0.0, False), (1.5, True)):
+        moved = columns | {"alpha_2": columns["alpha_2"] + math.radians(off)}
+        _, said = in_reserve(Table(0.02 * np.arange(n), moved, aircraft, 0), {"alpha_2": (5.3, -9.9, 0.0)}, aircraft)
+        assert any("DISAGREE" in words for words in said) is told
+        assert any("mean of both" in words for words in said) is not told

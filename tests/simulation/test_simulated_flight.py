@@ -43,6 +43,7 @@ def at(t: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
 def test_gives_every_signal_and_the_truth() -> None:
     flown = Simulation(load_aircraft("twin_otter"), flight(gust_sigma="5 ft/s")).advance(50)
     assert set(flown) == {"time", *FLOWN, *TRUTH}
+    assert np.isnan(flown.pop("alpha_vane_2")).all()  # the profile has no second vane
     assert all(v.shape == (50,) and np.isfinite(v).all() for v in flown.values())
     for name, signal in ((n, SIGNALS[n]) for n in FLOWN):
         assert (flown[name] >= signal.low).all(), name
