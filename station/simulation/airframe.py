@@ -148,9 +148,9 @@ _LARGEST_ALPHA: Final = 0.4
 
 
 def find_trim(aircraft: Aircraft, speed: float, height: float, bank: float = 0.0) -> Trim:
-    """Steady level flight at a true airspeed (m/s) and height (m), by Newton's method on (alpha, elevator, thrust); with
-    a bank (rad) a level coordinated turn, whose load factor is 1/cos(bank) and whose pitch rate g/V sin(bank) tan(bank).
+    """Steady level flight at a true airspeed (m/s) and height (m), by Newton's method on (alpha, elevator, thrust).
 
+    With a bank (rad) a coordinated turn, whose load factor is 1/cos(bank) and pitch rate g/V sin(bank) tan(bank).
     Raises ProfileError if there is none.
     """
     load, q = 1.0 / math.cos(bank), G0 / speed * math.sin(bank) * math.tan(bank)

@@ -82,7 +82,7 @@ class FlownAircraft:
         return self._trim.elevator - self._begun.elevator
 
     def go_on(self, step: int, turned: float = 0.0, bank: float = 0.0) -> None:
-        """The next `renewed` steps begin with this one; the heading has `turned` so far, and there is this `bank`, rad."""
+        """The next `renewed` steps begin with this one; the heading has `turned` so far, in this `bank`, rad."""
         time, state = step * self._dt, step // self.renewed
         wanted = self.legs.at(time, turned)
         if state % _TRIMMED == 0:

@@ -77,8 +77,8 @@ def test_a_leg_s_heading_is_turned_to_in_gusts(heading: float) -> None:
 
 @pytest.mark.parametrize(("knots", "bank"), [(110.0, 30.0), (110.0, -30.0), (135.0, 40.0)])
 def test_a_turn_keeps_speed_and_height(knots: float, bank: float) -> None:
-    """As steep as asked for, at the pitch rate of a level turn, g/V sin(bank) tan(bank) (Etkin 1972, 7.4). The elevator
-    of level flight, at which an aircraft comes to twice the lift in a turn only by speed, lost 1,100 ft and won 13 kt."""
+    """As steep as asked for, at the pitch rate of a level turn, g/V sin(bank) tan(bank) (Etkin 1972, 7.4). With the
+    elevator of level flight more lift came by speed alone: 13 kt of it, and 1,100 ft lower."""
     speed = knots * 1852 / 3600
     legs = ({"start": "5 s", "speed": f"{speed} m/s", "bank": f"{bank} deg"},)
     flown = LateralSimulation(AIRCRAFT, Flight.model_validate({"legs": legs})).advance(200 * 200)
