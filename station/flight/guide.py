@@ -281,7 +281,7 @@ class Guide:
         if before:
             yield _check("bank", _signal(frame, "phi"), c.bank, c.bank_tolerance, "deg")
             rate = _signal(frame, "q")
-            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s"
+            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s" if math.isfinite(rate) else "pitch rate unknown"
             yield Check(words, not abs(rate) > c.pitch_rate_tolerance)
         if c.air is not None:
             air = self._alpha.turbulence if self._alpha is not None else "unknown"

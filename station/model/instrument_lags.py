@@ -40,7 +40,8 @@ SCALE_SD: Final = 0.3
 TURNED: Final = 0.0087
 """rad: by which sensors are out of line with their axes, half a degree: what they then show of other axes' motion."""
 ACROSS: Final[Mapping[str, tuple[str, ...]]] = {
-    "p": ("q", "r"), "q": ("p", "r"), "r": ("p", "q"), "alpha_vane": ("beta_vane",), "beta_vane": ("alpha_vane",),
+    "p": ("q", "r"), "q": ("p", "r"), "r": ("p", "q"), "ax": ("ay", "az"), "ay": ("ax", "az"), "az": ("ax", "ay"),
+    "alpha_vane": ("beta_vane",), "beta_vane": ("alpha_vane",),
 }  # fmt: skip
 ATTITUDE_DRIFT: Final = 0.0035
 """rad: by which an attitude's error changes over a record: 0.2 deg of a vertical gyro or AHRS."""
@@ -278,7 +279,7 @@ class _Fit(Likelihood):
 
     def _turned(self, inverse: Array) -> Array:
         """Covariance by sensors TURNED to other axes, as far as the record does not show that they are not."""
-        shown, readings = [], {t.instrument: t.readings for t in self.model.terms}
+        shown, readings = [], {t.instrument: t.readings for t in reversed(self.model.terms)}
         for i, other in ((i, other) for i, others in ACROSS.items() for other in others):
             terms = [t for t in self.model.terms if t.instrument == i]
             if terms and other in readings:

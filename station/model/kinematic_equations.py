@@ -5,14 +5,17 @@
     psi'        = (q sin(phi) + r cos(phi)) / cos(theta)
     (V alpha)'  = q u - p v + g cos(theta) cos(phi) + az     V alpha: at the CG, of the vane's angle and rate term
     (V beta)'   = p w - r u + g cos(theta) sin(phi) + ay
-    u'          = r v - q w - g sin(theta) + ax
+    V'          = ax cos(alpha) cos(beta) + ay sin(beta) + az sin(alpha) cos(beta) - g sin(gamma)
     v_north', v_east', v_down' = R(phi, theta, psi) (ax, ay, az) + (0, 0, g),   altitude'' = -v_down'
 
 Every row is linear in one instrument's readings at a time, so a lag, a scale and a zero of each act on its own terms;
 the factors (speed, direction cosines) vary slowly beside them. The signal that heads a row is the one that no rate or
 acceleration is needed for. SI, rad; body axes x forward, z down.
 
-Source: Klein and Morelli 2006, equations 3.29-3.32 and section 10.1.
+The speed is held against forces along the path, not along the body: u' has w (q - alpha'), small by the difference of
+two large motions, which a vane's lag and rate term upset.
+
+Source: Klein and Morelli 2006, equations 3.29-3.34 and section 10.1.
 """
 
 from __future__ import annotations
@@ -32,6 +35,8 @@ ANGLES: Final = ("theta", "phi", "psi")
 FLOW: Final = ("alpha_vane", "beta_vane")
 IMU: Final = ("p", "q", "r", "ax", "ay", "az")
 GROUND: Final = ("v_north", "v_east", "v_down")
+LINES: Final = ("incidence", "sideslip")
+"""Of the vanes against the accelerometers: no instruments, but with a zero as one."""
 AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
     "theta": (),
     "phi": (),
@@ -96,7 +101,8 @@ def _attitude(made: Equations, m: Mapping[str, Array]) -> None:
         "psi": {"q": -np.sin(phi) / np.cos(theta), "r": -np.cos(phi) / np.cos(theta)},
     }
     for head, driver in (("theta", "q"), ("phi", "p"), ("psi", "r")):
-        if head not in m or driver not in m:
+        # An angle that never moves (a flight in one plane) turns the others' axes, and has no row of its own.
+        if head not in m or driver not in m or not np.ptp(m[head]):
             continue
         made.heads.append(head)
         made.add(head, head, np.unwrap(m[head]), one, 1)
@@ -112,7 +118,8 @@ def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float
     phi, theta = m.get("phi", zero), m["theta"]
     if "airspeed" not in m:
         return
-    speed, alpha, beta = m["airspeed"], m.get("alpha_vane", zero) / upwash, m.get("beta_vane", zero)
+    speed, beta = m["airspeed"], m.get("beta_vane", zero)
+    alpha = m["alpha_vane"] / upwash if "alpha_vane" in m else theta + np.arctan2(m.get("v_down", zero), speed)
     x, y, z = arm
     u = speed * np.cos(alpha) * np.cos(beta)
     v = speed * np.sin(beta) - x * m.get("r", zero) + z * m.get("p", zero)
@@ -140,8 +147,23 @@ def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float
         head = ("beta_vane", speed * np.sinc(beta / np.pi), 1)
         turning = (("r", -x, 1), ("p", z, 1), ("r", u, 0), ("p", -w, 0), ("ay", -1.0, 0))
         row("beta_vane", (head, *turning), ("phi", -G0 * np.cos(theta) * np.sin(phi)))
-    head = ("airspeed", np.cos(alpha) * np.cos(beta), 1)
-    row("airspeed", (head, ("q", w, 0), ("r", -v, 0), ("ax", -1.0, 0)), ("theta", G0 * np.sin(theta)))
+    incidence, slip = np.arctan2(w, u), np.arctan2(v, np.hypot(u, w))
+    along, across, up = np.cos(incidence) * np.cos(slip), np.sin(slip), np.sin(incidence) * np.cos(slip)
+    row("airspeed", (("airspeed", 1.0, 1), ("ax", -along, 0)), ("theta", G0 * np.sin(theta) * along))
+    # Lift and side force by their small parts along the path say nothing of their own instruments; the mean flow, which
+    # they are multiplied by, is as wrong as the vanes are out of line with the accelerometers.
+    lift = m["az"] + G0 * np.cos(theta) * np.cos(phi) if "az" in m else zero
+    push = m["ay"] + G0 * np.cos(theta) * np.sin(phi) if "ay" in m else zero
+    made.terms.append(Term("airspeed", "", -up * lift - across * push, one, 0, 0.0))
+    roll = speed * m.get("p", zero)
+    for line, of, factor in (
+        ("incidence", "airspeed", -lift),
+        ("incidence", "beta_vane", -roll),
+        ("sideslip", "airspeed", -push),
+        ("sideslip", "alpha_vane", roll),
+    ):
+        if of in made.heads and np.any(factor):
+            made.terms.append(Term(of, line, zero, factor, 0, 0.0))
 
 
 def _ground(made: Equations, m: Mapping[str, Array]) -> None:

@@ -224,9 +224,9 @@ def _header(board: Board, now_ns: int) -> Iterator[Text]:
     if point is not None:
         since_s = max(0.0, (now_ns - point.t_ns) * 1e-9)
         line.append("   ").append(f" TEST POINT {point.count}  {since_s:.0f} s ", "bold black on green")
-    line.append(f"   {losses}" if (losses := losses_words(board)) else "", "yellow")
     yield line
     line = styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB")
+    line.append(f"  {losses}" if (losses := losses_words(board)) else "", "yellow")
     if board.address:
         late = board.view_behind_s > SLOW_PAGE_S
         line.append("  page ", "dim").append(f"{board.view_behind_s:.1f} s behind", "yellow" if late else "dim")

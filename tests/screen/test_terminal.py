@@ -189,3 +189,15 @@ def test_events_are_seen_on_a_small_terminal_with_many_links() -> None:
         ALPHA, estimate("split"), Health(START_NS, links), Event(seconds(1), "operator", Code.MARK, 1, "gear down")
     )
     assert line_with(screen(board, width=80, height=24), "gear down")
+
+
+def test_missed_ticks_are_told_in_80_columns_while_a_test_point_is_open() -> None:
+    """With the longest title of a shipped card."""
+    board = board_with(
+        Health(START_NS, (LINK,), overruns=117, dropped=3), Event(START_NS, "operator", Code.POINT_START, 12, "TP 12")
+    )
+    board.title = "instrumented: twin_otter_calibrated_baseline on instrumented"
+    assert "117 ticks missed, 3 rows dropped" in "\n".join(screen(board, width=80, height=24))
+    only = board_with(Health(START_NS, (LINK,), overruns=1))
+    assert "1 tick missed" in "\n".join(screen(only))
+    assert "dropped" not in "\n".join(screen(only))
