@@ -213,6 +213,8 @@ class _Flight:
         for words in loop_words(self.emulated.loop):
             say(words)
         say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
+        if count := len(self.board.points.ended):
+            say(f"{count} test point{'s' if count > 1 else ''}: station points {self.writer.path} --report report")
         if self.preparation.is_under_way():
             say("no live estimates: the estimators were not ready (what is compiled is kept for the next flight);")
             say(f"after the flight: station identify {self.writer.path}")

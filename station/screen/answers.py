@@ -15,7 +15,7 @@ import msgspec
 from station.conventions import LATERAL, TICK_HZ, from_si
 from station.flight.board import Board
 from station.flight.guide import Guide, Phase
-from station.rows import LEVELS, MISSED_SHARE, AlphaEstimate, Level, ParamEstimate, Status, StreamHealth
+from station.rows import LEVELS, MISSED_SHARE, AlphaEstimate, Code, Level, ParamEstimate, Status, StreamHealth
 
 State = Literal["good", "doubt", "bad", "none"]
 """none: nothing can be said yet."""
@@ -142,6 +142,16 @@ def wrong_answer(board: Board, now_ns: int) -> Answer:
     missed = board.health.overruns > MISSED_SHARE * TICK_HZ * board.elapsed_s(now_ns)
     serious = missed or board.health.dropped
     return Answer("doubt" if serious else "good", "LOSSES" if serious else "NOTHING", losses_words(board))
+
+
+def baseline_answer(board: Board) -> Answer | None:
+    """Is the aircraft as its baseline? None where it has none, or is not held against it yet."""
+    if not board.has_baseline or board.alpha is None:
+        return None
+    codes = {e.code for e in board.disagreements}
+    if Code.CHANGED in codes:
+        return Answer("doubt", "CHANGED")
+    return Answer("none", "not watched") if Code.UNWATCHED in codes else Answer("good", "unchanged")
 
 
 def losses_words(board: Board) -> str:
