@@ -189,7 +189,8 @@ def plain_fields(message: Any) -> dict[str, float]:
     elif name == "GPS_RAW_INT":
         if out["fix_type"] <= _NO_FIX:
             out |= dict.fromkeys(out.keys() - {"fix_type", "satellites_visible"}, math.nan)
-        course = math.radians(out["cog"])
+        # A course beyond what its integer can carry is none, and the cosine of it no number but an error.
+        course = math.radians(out["cog"]) if math.isfinite(out["cog"]) else math.nan
         out |= {"v_north": out["vel"] * math.cos(course), "v_east": out["vel"] * math.sin(course)}
     return out
 

@@ -1,6 +1,7 @@
-"""GNSS receivers: u-blox UBX (NAV-PVT, through pyubx2) and NMEA 0183 (GGA, RMC and VTG, through pynmeagps).
+"""GNSS receivers: u-blox UBX (NAV-PVT) and NMEA 0183 (GGA, RMC and VTG, through pynmeagps).
 
-Fields keep the names and units of those libraries. NAV-PVT: lat, lon, headMot deg; height, hMSL mm; velN, velE, velD,
+Fields keep the names and units of pyubx2, which writes what is emulated and is the tests' second reader, and of
+pynmeagps. NAV-PVT: lat, lon, headMot deg; height, hMSL mm; velN, velE, velD,
 gSpeed mm/s. GGA: lat, lon deg; alt m. RMC: lat, lon, cog deg; spd kt. VTG: cogt deg; sogn kt. RMC and VTG also give
 v_north and v_east in m/s. A message without a fix has no fields, and NAV-PVT no position that it calls invalid. Device
 time is the time of week (UBX) or of day (NMEA), both UTC or GPS time as the receiver says; VTG carries none.
@@ -11,13 +12,14 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import struct
 from collections.abc import Sequence
 from typing import Any, Final
 
 from pynmeagps import GET as NMEA_GET
 from pynmeagps import NMEAMessage, NMEAReader
 from pyubx2 import GET as UBX_GET
-from pyubx2 import UBXMessage, UBXReader
+from pyubx2 import UBXMessage
 
 from drivers.codec import Codec, Reading, TimeReply
 from drivers.framing import CutCodec, open_line
@@ -38,7 +40,10 @@ NMEA_FIELDS: Final[dict[str | int, Sequence[str]]] = {
 """What a rig may name: message and its fields."""
 
 _DERIVED: Final = ("v_north", "v_east")
-_POSITION: Final = ("lat", "lon", "height", "hMSL")
+_VELOCITY: Final = ("velN", "velE", "velD", "gSpeed")
+_PVT: Final = struct.Struct("<I12xiBB2x4i8x5i10xH")
+"""iTOW, nano, fixType, flags; lon, lat, height, hMSL; velN, velE, velD, gSpeed, headMot; flags3, whose bit 0 is
+invalidLlh."""
 _SYNC: Final = b"\xb5\x62"
 _DOLLAR: Final = ord("$")
 _BEGIN: Final = re.compile(rb"\xb5(?:\x62|\Z)|\$(?!\$)")
@@ -125,11 +130,7 @@ class UbxCodec(Codec):
             return self._refuse()
         self._noise = 0
         if is_pvt:
-            reading = _read_nav_pvt(data[at:end])
-            if reading is None:
-                self.bad += 1
-            else:
-                readings.append(reading)
+            readings.append(_read_nav_pvt(data[at:end]))
         return end - at
 
     def _refuse(self) -> int:
@@ -165,19 +166,25 @@ class _Waiting:
         return self.bytes[last:end] == bytes((a & 0xFF, b & 0xFF))
 
 
-def _read_nav_pvt(frame: bytes) -> Reading | None:
-    try:
-        pvt: Any = UBXReader.parse(frame)
-    except Exception:  # the library names no base class for what its parser may raise
-        return None
+def _read_nav_pvt(frame: bytes) -> Reading:
+    """Of a sound frame of either length, the first 84 bytes of which are the same (u-blox interface description)."""
+    i_tow, nano, fix_type, flags, lon, lat, height, h_msl, *ground, flags3 = _PVT.unpack_from(frame, 6)
     # iTOW is the epoch rounded to the millisecond; nano is the whole fraction of the second: its rest refines iTOW.
-    below_ms = (pvt.nano + 500_000) % 1_000_000 - 500_000
-    t_ns = (pvt.iTOW * 1_000_000 + below_ms) % WEEK_NS
-    has_fix = bool(pvt.gnssFixOk) and pvt.fixType in (2, 3, 4)
-    fields = {name: float(getattr(pvt, name)) for name in UBX_FIELDS["NAV-PVT"]} if has_fix else {}
-    if pvt.invalidLlh:
-        fields = {name: value for name, value in fields.items() if name not in _POSITION}
+    below_ms = (nano + 500_000) % 1_000_000 - 500_000
+    t_ns = (i_tow * 1_000_000 + below_ms) % WEEK_NS
+    fields: dict[str, float] = {}
+    if flags & 1 and fix_type in (2, 3, 4):
+        if not flags3 & 1:
+            fields = {"lat": _degrees(lat, 7), "lon": _degrees(lon, 7), "height": float(height), "hMSL": float(h_msl)}
+        *velocity, course = ground
+        fields |= {name: float(v) for name, v in zip(_VELOCITY, velocity, strict=True)}
+        fields["headMot"] = _degrees(course, 5)
     return Reading("NAV-PVT", t_ns, None, fields, WEEK_NS)
+
+
+def _degrees(count: int, decimals: int) -> float:
+    """The float nearest to the decimal number that the count stands for: so many of its digits are decimals."""
+    return count / 10.0**decimals
 
 
 class NmeaCodec(CutCodec):

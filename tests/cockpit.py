@@ -14,6 +14,7 @@ from station.flight.guide import Guide
 from station.flight.point_marks import Points
 from station.profile import Card, Manoeuvre, load_aircraft
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, MethodEstimate, ParamEstimate, Status
+from station.simulation.legs import without_legs
 from station.simulation.manoeuvres import elevator_input
 
 TRIM = -0.02
@@ -46,7 +47,7 @@ class Cockpit:
         self.board.update([event])
 
     def _ask(self, manoeuvres: Sequence[Manoeuvre]) -> None:
-        self.asked = manoeuvres
+        self.asked = tuple(without_legs(manoeuvres))
 
     def fly(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         for _ in range(round(seconds * 50)):

@@ -31,15 +31,17 @@ def _recording(profiles: Profiles) -> Path:
     return Path(card.flight.recording)
 
 
-def load(card: str) -> Profiles:
-    """A card's profiles. A recording that is flown brings its own aircraft, the place of its IMU and its own noise."""
-    profiles = load_card(card)
+def load(card: str, aircraft: str | None = None) -> Profiles:
+    """A card's profiles, with this aircraft (name or path) in place of the card's. A recording that is flown brings its
+    own aircraft where none is given, the place of its IMU and its own noise."""
+    profiles = load_card(card, {} if aircraft is None else {"aircraft": aircraft})
     if profiles.card.flight.source != "recording":
         return profiles
     about = metadata(_recording(profiles)).about
     place = about.rig.imu_position if about.rig else (0.0, 0.0, 0.0)
     rig = profiles.rig.model_copy(update={"imu_position": place}).without_noise()
-    return profiles.model_copy(update={"aircraft": about.aircraft, "rig": rig})
+    own = {} if aircraft is not None else {"aircraft": about.aircraft}
+    return profiles.model_copy(update={**own, "rig": rig})
 
 
 def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:

@@ -11,7 +11,7 @@ import typer
 
 from station.clock import SystemClock
 from station.commands.cards import about_air, load
-from station.commands.common import CardName, finite
+from station.commands.common import CardName, FlownAircraft, finite
 from station.commands.process import stop_on_signals
 from station.commands.run import emulated_flight, surface_tap
 from station.console import DEGRADED, DONE, say
@@ -22,6 +22,7 @@ from station.rows import Event, Sample
 
 def check(
     card: CardName = "bench",
+    aircraft: FlownAircraft = None,
     seconds: Annotated[float, typer.Option(help="how long to listen", min=0.5, callback=finite)] = 5.0,
 ) -> int:
     """Validate the profiles, listen to each device, print a go / no-go table."""
@@ -31,7 +32,7 @@ def check(
     from station.flight.board import Board
     from station.screen.go_no_go import print_check, print_signals, print_steps
 
-    profiles = load(card)
+    profiles = load(card, aircraft)
     check_devices(profiles.rig, profiles.rig_file)
     for words in about_air(profiles.rig, profiles.aircraft):
         say(words)

@@ -27,6 +27,9 @@ class ViewMode(StrEnum):
 
 
 CardName = Annotated[str, typer.Argument(metavar="CARD", help="a name under profiles/cards, or a path")]
+FlownAircraft = Annotated[
+    str | None, typer.Option("--aircraft", metavar="NAME", help="instead of the card's: a name, or a path")
+]
 LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="a recording (.mcap)")]
 
 

@@ -16,7 +16,7 @@ import typer
 
 from station.clock import SystemClock, asleep_ns
 from station.commands.cards import about_air, load, recorded_flight
-from station.commands.common import CardName, ViewMode, finite, page_words
+from station.commands.common import CardName, FlownAircraft, ViewMode, finite, page_words
 from station.commands.process import line_writer, stop_on_signals
 from station.console import judge, say
 from station.conventions import LONGITUDINAL
@@ -46,6 +46,7 @@ FIRST_WITHIN_S = 1.0
 
 def run(
     card: CardName = "bench",
+    aircraft: FlownAircraft = None,
     duration: Annotated[
         float | None, typer.Option(help="seconds to run; until stopped if left out", min=0.02, callback=finite)
     ] = None,
@@ -69,7 +70,7 @@ def run(
     ] = None,
 ) -> int:
     """Fly: read the rig's devices, estimate at 50 Hz, record and show."""
-    profiles = load(card)
+    profiles = load(card, aircraft)
     if forgetting is not None:  # in the recorded card too: a replay forgets alike
         own = profiles.card.model_copy(update={"forgetting": forgetting})
         profiles = profiles.model_copy(update={"card": own})
@@ -212,6 +213,8 @@ class _Flight:
         for words in loop_words(self.emulated.loop):
             say(words)
         say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
+        if count := len(self.board.points.ended):
+            say(f"{count} test point{'s' if count > 1 else ''}: station points {self.writer.path} --report report")
         if self.preparation.is_under_way():
             say("no live estimates: the estimators were not ready (what is compiled is kept for the next flight);")
             say(f"after the flight: station identify {self.writer.path}")

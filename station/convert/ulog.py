@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 
@@ -13,6 +15,14 @@ from station.profile import Aircraft
 from station.rows import LogError
 
 Topic = Mapping[str, Any]
+_MAGIC: Final = b"ULog"
+_HEAD: Final = 16
+"""Bytes before the first message (PX4's "ULog File Format")."""
+_DEFINITIONS: Final = b"BFIMPQ"
+_DATA: Final = b"ALC"
+"""Kinds of messages: of the definitions, and those at which pyulog ends them."""
+_LONGEST: Final = 10_000
+"""Beyond it pyulog takes a message for noise, and looks for another from the next byte on."""
 
 
 def _euler(data: Topic) -> dict[str, Column]:
@@ -73,8 +83,11 @@ def read_ulog(path: Path, aircraft: Aircraft) -> Record:
 
     try:
         with path.open("rb") as file:
+            _check_definitions(path, file)
             log = ULog(file, message_name_filter_list=[name for name, _ in _TOPICS])
         topics = {d.name: d.data for d in reversed(log.data_list) if len(d.data["timestamp"])}
+    except LogError:
+        raise
     except Exception as error:  # pyulog raises whatever a broken file makes of it
         raise LogError(f"{path}: not a PX4 log that can be read: {type(error).__name__}: {error}") from error
     tracks: list[Track] = []
@@ -98,3 +111,22 @@ def read_ulog(path: Path, aircraft: Aircraft) -> Record:
         known = ", ".join(name for name, _ in _TOPICS)
         raise LogError(f"{path}: holds none of the topics that the station knows: {known}")
     return Record(tracks, aircraft, "ulog", {"file": path.name, "dropouts": str(len(log.dropouts))})
+
+
+def _check_definitions(path: Path, file: BinaryIO) -> None:
+    """At a message of no known kind among the definitions that runs past the end of the file pyulog goes round for
+    ever: it goes back by what the message ought to have. Raises LogError for one."""
+    is_one = file.read(len(_MAGIC)) == _MAGIC
+    size, at = file.seek(0, os.SEEK_END), _HEAD
+    while is_one and at + 3 <= size:
+        file.seek(at)
+        length, kind = struct.unpack("<HB", file.read(3))
+        if kind in _DATA:
+            break
+        if kind not in _DEFINITIONS and at + 3 + length > size:
+            raise LogError(
+                f"{path}: damaged at byte {at}: a message runs past the end of the file\ndownload the log anew"
+            )
+        is_noise = kind not in _DEFINITIONS and (not kind or not length or length > _LONGEST)
+        at += 1 if is_noise else 3 + length
+    file.seek(0)

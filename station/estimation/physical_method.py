@@ -30,10 +30,10 @@ from station.estimation.acceptance import (
 )
 from station.model import physical_fit, physical_posterior
 from station.model.airframe_error import relative_errors
-from station.model.physical_columns import CHANNELS, DE, Segment
+from station.model.physical_columns import CHANNELS, DE, QH, Segment
 from station.model.physical_constants import CM_ALPHA, FIRST_NUISANCE, constants, why_not
-from station.model.physical_signals import SIGNALS
-from station.model.quasi_steady import QuasiSteady, quasi_steady
+from station.model.physical_signals import GC, SIGNALS, X
+from station.model.quasi_steady import QuasiSteady, products, quasi_steady
 from station.numerics.products import settled
 from station.numerics.spectra import HIGH_PASS_HZ, HIGH_PASS_ORDER, Transform, central_difference_factor, grid
 from station.profile import Aircraft, Card
@@ -146,9 +146,9 @@ class Equations:
         r2_both, covariance = (r2[0], r2[1]), found.covariance
         return Solution(found.theta, found.statistical, found.total, r2_both, gust, covariance, segment, preference)
 
-    def quasi_steady(self, solution: Solution, energy: Array) -> QuasiSteady:
-        """Quasi-steady derivatives of a solution on an elevator of that `energy` (frequencies,)."""
-        return quasi_steady(solution.segment, self._constants, solution.theta, solution.covariance, energy)
+    def quasi_steady(self, solution: Solution, measured: Complex) -> QuasiSteady:
+        """Quasi-steady derivatives of a solution in a motion of those `products` (frequencies, 4, 4)."""
+        return quasi_steady(solution.segment, self._constants, solution.theta, solution.covariance, measured)
 
 
 def transform(x: Array, frequencies_hz: Array, dt: float, first: int) -> Complex:
@@ -203,8 +203,8 @@ class Physical:
         self._speed_sum = 0.0
         self._wind_sd = 0.0
         self._closed = 0
-        self._input = np.zeros(len(self._frequencies))
-        """Energy of the elevator in closed segments, on every line."""
+        self._moved = np.zeros((len(self._frequencies), 4, 4), dtype=np.complex128)
+        """`products` of closed segments."""
         self.solution: Solution | None = None
         """The newest."""
         self._judged: tuple[tuple[ParamEstimate, ...], bool, str] | None = None
@@ -216,7 +216,7 @@ class Physical:
         if self._equations:
             self._equations.clear()
         self._speed_sum = 0.0
-        self._input[:] = 0.0
+        self._moved[:] = 0.0
         self._closed = 0
         self.solution = self._judged = None
 
@@ -253,32 +253,32 @@ class Physical:
         spectrum = self._transform.spectrum
         share = samples * self._dt * self._step_hz
         mean_speed = self._speed_sum / samples
-        moved = self._has_moved(self._elevator_energy(), samples)
+        moved = self._has_moved(self._motion(), samples)
         self.solution = self._equations.solve(
             spectrum, samples, share, mean_speed, density, self._wind_sd, close, moved
         )
         self._judged = None
         if close:
-            self._input = self._keep * (self._input + self._elevator_energy())
+            self._moved = self._keep * (self._moved + self._motion())
             self._closed += samples
             self._equations.fade(self._keep)
             self._transform.clear()
             self._speed_sum = 0.0
 
-    def _elevator_energy(self) -> Array:
-        """On every line, of the segment under way."""
-        elevator = self._transform.spectrum[DE]
-        return np.asarray(elevator.real**2 + elevator.imag**2)
+    def _motion(self) -> Complex:
+        """`products` of the segment under way."""
+        return products(self._transform.spectrum[[X, QH, DE, GC]])
 
-    def _has_moved(self, energy: Array, samples: float) -> bool:
+    def _has_moved(self, moved: Complex, samples: float) -> bool:
         """Whether the elevator's energy on the lines stands out of its noise."""
-        return float(energy.sum()) >= EXCITED * len(self._frequencies) * samples * self._noise["elevator"] ** 2
+        noise = len(self._frequencies) * samples * self._noise["elevator"] ** 2
+        return float(moved[:, 2, 2].real.sum()) >= EXCITED * noise
 
     def quasi_steady(self) -> tuple[ParamEstimate, ...]:
         """The newest solution's quasi-steady derivatives, with their acceptance; () where there is none."""
         if self.solution is None or self._equations is None or self._judged is None:
             return ()
-        found = self._equations.quasi_steady(self.solution, self._input + self._elevator_energy())
+        found = self._equations.quasi_steady(self.solution, self._moved + self._motion())
         judged = self._judged[0]
         errors = self._whole(self.solution, found.value, found.error).tolist()
         made = []
@@ -342,7 +342,7 @@ class Physical:
             return (Status.UNESTIMATED, self.lacking) if self.lacking else worded(WARMING)
         if samples * self._dt < self._minimum:
             return Status.UNESTIMATED, f"less than {self._minimum:g} s of data"
-        if not self._has_moved(self._input + self._elevator_energy(), samples):
+        if not self._has_moved(self._moved + self._motion(), samples):
             return worded(STILL)
         if self.solution is None:
             return worded(UNSOLVED)

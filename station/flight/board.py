@@ -95,6 +95,8 @@ class Board:
         self.title = f"{profiles.card.name}: {profiles.aircraft.name} on {profiles.rig.name}" if profiles else "station"
         self.accuracy = profiles.card.accuracy if profiles else 0.0
         """2 sd below this share of a derivative's value is enough; 0 where no card says so."""
+        self.has_baseline = profiles is not None and profiles.aircraft.measured is not None
+        """Whether the flight is held against a measured baseline."""
         self.derivatives: tuple[str, ...] = LONGITUDINAL
         self.lateral: tuple[str, ...] = ()
         """Lateral derivatives, where a method gives any."""

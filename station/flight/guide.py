@@ -103,7 +103,7 @@ class Guide:
         self._trim: dict[str, float] = {}
         self._faults: list[str] = []
         self._worst_air = 0
-        self._mass_recorded = False
+        self._mass_recorded = self._has_point = False
         self._warm_up_ns, self._settled_ns = round(card.warm_up * 1e9), 0
 
     @property
@@ -205,9 +205,10 @@ class Guide:
 
     def _count_down(self, now: int) -> None:
         shown, step = self.shown, self.step
-        if shown.run == 0:
+        if not self._has_point:  # an aborted run's goes on
             more = f"; {step.condition.configuration}" if step.condition.configuration else ""
             self._points.begin(f"{step.name}{more}")
+            self._has_point = True
         self._start_ns = now + round(COUNTDOWN_S * 1e9)
         begins, first = self._start_ns * 1e-9, min((m.start for m in step.inputs), default=0.0)
         self._ask([m.model_copy(update={"start": begins + m.start - first}) for m in step.inputs])
@@ -252,6 +253,7 @@ class Guide:
 
     def _leave(self, how: str) -> None:
         self._points.end()
+        self._has_point = False
         shown = self.shown
         results = (*shown.results, (self.step.name, how))
         self._say(Code.STEP, f"{self.step.name}: {how}")
@@ -281,7 +283,7 @@ class Guide:
         if before:
             yield _check("bank", _signal(frame, "phi"), c.bank, c.bank_tolerance, "deg")
             rate = _signal(frame, "q")
-            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s"
+            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s" if math.isfinite(rate) else "pitch rate unknown"
             yield Check(words, not abs(rate) > c.pitch_rate_tolerance)
         if c.air is not None:
             air = self._alpha.turbulence if self._alpha is not None else "unknown"

@@ -1,9 +1,9 @@
 """What of a flight is compiled, made ready beside it: the station records from the first second on.
 
 Compiling takes most of a minute after an update and leaves the compiler's memory in the process that did it. So the
-first flight of a card has it done by processes of their own, `python -m station.flight.preparing CARD PART`, at a lower
-priority, and loads the kernels from the cache. When a part is there, an event on the bus says so, and the loop lets it
-join at the tick that the event comes with: a replay does the same.
+first flight of a card has it done by processes of their own, `python -m station.flight.preparing CARD PART AIRCRAFT`,
+at a lower priority, and loads the kernels from the cache. When a part is there, an event on the bus says so, and the
+loop lets it join at the tick that the event comes with: a replay does the same.
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ class Preparation:
 
     def _compiling(self, part: str) -> subprocess.Popen[bytes]:
         """A process that fills the cache with a part's kernels; where it fails, this one compiles them."""
-        words = [sys.executable, "-m", "station.flight.preparing", self._card, part]
+        aircraft = self._profiles.card.aircraft
+        words = [sys.executable, "-m", "station.flight.preparing", self._card, part, aircraft]
         quiet = subprocess.DEVNULL
         return subprocess.Popen(words, stdin=quiet, stdout=quiet, stderr=quiet)
 
@@ -131,11 +132,12 @@ def _mark(card: str, aircraft: Aircraft) -> Path:
     return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}{more}"
 
 
-def compile_part(card: str, part: str) -> None:
-    """Fill the cache with the kernels of a part: FRAMES, "signals" or "physical"."""
+def compile_part(card: str, part: str, aircraft: str) -> None:
+    """Fill the cache with the kernels of a part: FRAMES, "signals" or "physical". `aircraft`: name or path, as the card
+    that is flown has it."""
     os.nice(NICE_FRAMES if part == FRAMES else NICE)
     gc.set_threshold(100_000, *gc.get_threshold()[1:])  # compiling makes objects that last: a tenth of its time
-    profiles = load_card(card)
+    profiles = load_card(card, {"aircraft": aircraft})
     if part == FRAMES:
         Aligner(profiles.rig.streams(), profiles.rig.noise_si(), further=profiles.rig.further).begin()
         return

@@ -14,14 +14,7 @@ from station.conventions import LATERAL
 from station.estimation.method_table import LIVE, METHODS, recommended
 from station.estimation.published import batch, cross_spectra
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.estimation.results import (
-    MethodResult,
-    moves_laterally,
-    names,
-    not_applicable,
-    with_airframe_errors,
-    with_more_error,
-)
+from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
 from station.identification.boom_spectra import BoomSpectra, boom_spectra
@@ -29,7 +22,7 @@ from station.identification.by_input import by_input, misled
 from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
-from station.identification.instrument_bias import biases, matters, without_misled
+from station.identification.instrument_bias import biases, matters
 from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.left_out import knows_gusts, left_out, mostly_gusts
@@ -67,11 +60,9 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     request = request or Request()
     wanted = request.names()
     ready = prepare(table, aircraft, request)
-    # The instruments are examined where everything is asked for, or nothing else can be had,
+    # The instruments are examined where everything is asked for, or nothing else can be had.
     examined = request.wants_all or bool(ready.refusal)
     made = kinematics(ready.record) if examined else None
-    # and before any lateral derivative: their vane and gyros are less often calibrated.
-    examined = examined or (not ready.refusal and moves_laterally(ready.record))
     if ready.refusal and (made is None or not made.any_found):
         raise UsageError(f"{request.subject}: {ready.refusal}")
     spectra = _spectra(wanted, ready)
@@ -129,14 +120,12 @@ def _with_doubts(
     that the others contradict, in words where that matters."""
     record, axes = ready.record, ready.request.axes
     as_they_are = [n for n, m in METHODS.items() if m.as_published or (m.angle == "none" and not m.live)]
-    shown = by_input(record, axes, longitudinal=not knows_gusts(record))
-    wrong, words = biases(record, instruments, axes, shown)
+    wrong, words = biases(record, instruments, axes)
     contradiction = words if matters(wrong, results.values()) else ""
     whys = {**mostly_gusts(record, instruments), **drowned(record)}
-    results = misled(results, shown, record, as_they_are)
+    results = misled(results, by_input(record, axes, longitudinal=not knows_gusts(record)), record, as_they_are)
     for more in (wrong, left_out(record, axes)):
         results = {n: r if n in as_they_are else with_more_error(r, more, record) for n, r in results.items()}
-    results = {n: without_misled(r, wrong, words) if METHODS[n].as_published else r for n, r in results.items()}
     return {n: refused(r, whys) for n, r in results.items()}, contradiction
 
 

@@ -92,22 +92,20 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
     motion = {n: np.where(good, record.motion[n], 0.0) for n in present}
     boom = record.aircraft.boom
     arm = (boom.vane_x, boom.vane_y, boom.vane_z) if boom else (0.0, 0.0, 0.0)
-    moving = {n: x for n, x in motion.items() if n in REFERENCE or np.ptp(x[good]) > 0}
+    moving = {n: x for n, x in motion.items() if n in ANGLES or np.ptp(x[good]) > 0}
     try:
         found = solve(moving, record.dt, arm, spans, 1 / boom.steady_calibration if boom else 1.0)
     except NotIdentifiable as why:
         return str(why)
     except np.linalg.LinAlgError:
         return "the record does not determine it: nothing moves"
-    stated: dict[str, dict[str, float]] = {}
-    if boom is not None:
-        late = {"lag": vane_lag(boom.vane_frequency, boom.vane_damping)}
-        stated = {"alpha_vane": {"zero": boom.zero, "scale": 1 / boom.steady_calibration, **late}, "beta_vane": late}
+    stated = {} if boom is None else {"zero": boom.zero, "scale": 1 / boom.steady_calibration,
+                                      "lag": vane_lag(boom.vane_frequency, boom.vane_damping)}  # fmt: skip
     rows = []
-    for n in (n for n in present if n in moving):
+    for n in (n for n in present if n in REFERENCE or np.ptp(motion[n][good]) > 0):
         parts = {kind: found.values.get((n, kind), Value(np.nan, np.nan, _why(n, kind))) for kind in KINDS}
         against = tuple(a for a in AGAINST[n] if a in moving)[:2]
-        rows.append(Instrument(n, against, **parts, stated=stated.get(n, {})))
+        rows.append(Instrument(n, against, **parts, stated=stated if n == "alpha_vane" else {}))
     return InstrumentTable(tuple(rows), found.gust_sd, found.seconds, found.high_hz)
 
 

@@ -170,17 +170,24 @@ def let_go(data: Any) -> None:
 
 def string_of(data: bytes) -> tuple[str, bytes]:
     """A record's string, and what follows it. Raises struct.error."""
-    (length,) = struct.unpack_from("<I", data)
-    if length > len(data) - 4:
-        raise struct.error("a string runs past its record")
-    return data[4 : 4 + length].decode(), data[4 + length :]
+    text, at = _string_at(data, 0)
+    return text, data[at:]
 
 
 def mapping_of(data: bytes) -> dict[str, str]:
     """A record's map of strings. Raises struct.error."""
     (length,) = struct.unpack_from("<I", data)
-    rest, found = data[4 : 4 + length], {}
-    while rest:
-        key, rest = string_of(rest)
-        found[key], rest = string_of(rest)
+    at, end, found = 4, min(4 + length, len(data)), dict[str, str]()
+    while at < end:
+        key, at = _string_at(data, at)
+        found[key], at = _string_at(data, at)
     return found
+
+
+def _string_at(data: bytes, at: int) -> tuple[str, int]:
+    """The string there, and where it ends."""
+    (length,) = struct.unpack_from("<I", data, at)
+    end = at + 4 + length
+    if end > len(data):
+        raise struct.error("a string runs past its record")
+    return data[at + 4 : end].decode(), end

@@ -9,24 +9,33 @@ import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel
 from numpy.typing import NDArray
 
-from station.log.index import Index, checksum, entries, is_sound, let_go, mapping_of, read_index, string_of
+from station.log.chunk import body_of
+from station.log.index import (
+    FOOTER,
+    Index,
+    checksum,
+    entries,
+    is_sound,
+    let_go,
+    mapping_of,
+    read_index,
+    string_of,
+)
 from station.log.index import times as listed_times
 from station.log.part import CHUNK, CHUNK_MARK, MAGIC, RECORD
 from station.rows import LogError
 
-_LARGEST_CHUNK: Final = 1 << 26
-"""The station closes a chunk at 32 KiB and a tick, others at some MiB: larger ones are not worth the memory."""
 CRC: Final = "crc32"
 """In metadata, the checksum of the rest of it: MCAP has none for metadata."""
 _LET_GO: Final = 500
@@ -119,7 +128,9 @@ class PartReader:
         with self._mapped() as (data, file):
             index = read_index(data, file) if data is not None else None
             if index is not None:
-                return listed_times(data, index, self._wanted(index, kinds))
+                # A file whose checksum fits may have been made wrong: it is then read.
+                with suppress(struct.error, ValueError):
+                    return listed_times(data, index, self._wanted(index, kinds))
         found = [t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds]
         return np.array(found, dtype=np.int64)
 
@@ -144,7 +155,8 @@ class PartReader:
 
     def _wanted(self, index: Index, kinds: Collection[str]) -> frozenset[int]:
         for content in index.channels:
-            self._channel(content)
+            with suppress(struct.error, UnicodeDecodeError):
+                self._channel(content)
         return frozenset(n for n, c in self.channels.items() if c.metadata.get("row", "") in kinds)
 
     def _selected(
@@ -155,17 +167,26 @@ class PartReader:
                 let_go(data)
             if chunk.last_ns < first_ns or chunk.first_ns > last_ns:
                 continue
-            found = list(entries(data, chunk, wanted, first_ns, last_ns))
-            if not found or data[chunk.at] != Opcode.CHUNK:
+            if chunk.at + chunk.length > len(data) or data[chunk.at] != Opcode.CHUNK:
                 continue
-            body = self._body(data, chunk.at + RECORD.size, chunk.at + chunk.length)
+            try:
+                places = [at for _, at in entries(data, chunk, wanted, first_ns, last_ns)]
+                is_listed = True
+            except (struct.error, ValueError):  # made wrong, in a file whose checksum fits
+                places, is_listed = [], False
+            body = body_of(data, chunk.at + RECORD.size, chunk.at + chunk.length) if places or not is_listed else ""
             if isinstance(body, str):
                 continue
-            for _, at in found:
-                _, length = RECORD.unpack_from(body, at)
-                message = self._message(body, at + RECORD.size, at + RECORD.size + length)
-                if message is not None:
-                    yield message
+            try:
+                found = [self._message_at(body, at) for at in places]
+            except struct.error:
+                is_listed = False
+            all_of_it = found if is_listed else self._chunk_messages(body)
+            yield from (m for m in all_of_it if m and m[0].id in wanted and first_ns <= m[1] <= last_ns)
+
+    def _message_at(self, body: bytes, at: int) -> tuple[Channel, int, bytes] | None:
+        _, length = RECORD.unpack_from(body, at)
+        return self._message(body, at + RECORD.size, at + RECORD.size + length)
 
     @contextmanager
     def _mapped(self) -> Iterator[tuple[mmap.mmap | None, os.stat_result]]:
@@ -191,12 +212,15 @@ class PartReader:
         while at + RECORD.size <= len(body):
             kind, length = RECORD.unpack_from(body, at)
             at += RECORD.size
-            if kind == Opcode.MESSAGE:
-                message = self._message(body, at, at + length)
-                if message is not None:
-                    yield message
-            elif kind == Opcode.CHANNEL:
-                self._channel(body[at : at + length])
+            try:
+                message = self._message(body, at, at + length) if kind == Opcode.MESSAGE else None
+                if kind == Opcode.CHANNEL:
+                    self._channel(body[at : at + length])
+            except (struct.error, UnicodeDecodeError) as error:
+                self.note(f"a record in a chunk cannot be taken apart: {error}")
+                message = None
+            if message is not None:
+                yield message
             at += length
 
     def _records(self, head_only: bool) -> Iterator[tuple[int, bytes]]:
@@ -244,7 +268,7 @@ class PartReader:
                 return
             if kind in (Opcode.CHUNK, Opcode.MESSAGE) and head_only:
                 return
-            if kind == Opcode.DATA_END:
+            if kind == Opcode.DATA_END and start + 4 <= size:
                 (stated,) = struct.unpack_from("<I", data, start)
                 ended = True
                 if stated and not self.damage and stated != checksum(data, 0, at):
@@ -256,7 +280,7 @@ class PartReader:
     def _read(self, data: Any, kind: int, at: int, start: int, end: int) -> Iterator[tuple[int, bytes]]:
         try:
             if kind == Opcode.CHUNK:
-                body = self._body(data, start, end)
+                body = body_of(data, start, end)
                 if isinstance(body, str):
                     self._hurts(at, body, self._span(data, at, end))
                     return
@@ -294,33 +318,9 @@ class PartReader:
             self.doubtful.add(name)
         return is_new
 
-    def _body(self, data: Any, start: int, end: int) -> bytes | str:
-        """A chunk's records, or what is wrong with it."""
-        if end - start < CHUNK.size + 12:
-            return "a chunk is too short"
-        _, _, size, crc = CHUNK.unpack_from(data, start)
-        name, _ = string_of(data[start + CHUNK.size : min(end, start + CHUNK.size + 64)])
-        at = start + CHUNK.size + 4 + len(name)
-        (length,) = struct.unpack_from("<Q", data, at)
-        packed = data[at + 8 : end]
-        if length != len(packed) or size > _LARGEST_CHUNK:
-            return "a chunk's length does not fit"
-        # What is packed says its size too, and would get the memory for that.
-        if name == "zstd" and _unpacked_size(packed) not in (size, None):
-            return "a chunk's size does not fit"
-        if name not in ("", "zstd"):
-            return f"a chunk is compressed with {name!r}, which the station does not write"
-        try:
-            body = packed if name == "" else zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-        except zstandard.ZstdError:
-            return "a chunk cannot be decompressed"
-        return body if not crc or zlib.crc32(body) == crc else "a chunk's checksum does not fit"
-
     def _channel(self, content: bytes) -> None:
-        number, schema = struct.unpack_from("<HH", content)
-        topic, rest = string_of(content[4:])
-        encoding, rest = string_of(rest)
-        self.channels[number] = Channel(number, topic, encoding, metadata=mapping_of(rest), schema_id=schema)
+        channel = _channel_of(content)
+        self.channels[channel.id] = channel
 
     def _index_channels(self, data: Any, size: int) -> None:
         """Channels from the index at the end, for those whose own records are lost."""
@@ -345,7 +345,7 @@ class PartReader:
             if start >= at and data[start] == Opcode.CHUNK:
                 _, length = RECORD.unpack_from(data, start)
                 end = start + RECORD.size + length
-                if end <= len(data) and isinstance(self._body(data, start + RECORD.size, end), bytes):
+                if end <= len(data) and isinstance(body_of(data, start + RECORD.size, end), bytes):
                     return start
             found = data.find(CHUNK_MARK, found + 1)
         return None
@@ -376,25 +376,25 @@ class PartReader:
         self._hurt = None
 
     def _check_end(self, data: Any, start: int, end: int, size: int) -> None:
-        if end + 8 > size:
+        if max(end, start + FOOTER.size) + len(MAGIC) > size:
             self.truncated_at = start
             return
-        summary, _, crc = struct.unpack_from("<QQI", data, start)
+        summary, _, crc = FOOTER.unpack_from(data, start)
         if data[end : end + 8] != MAGIC:
             self._hurts(end, "the last bytes are wrong", 0.0)
         elif crc and summary < start and crc != checksum(data, summary, end - 4) and not self.damage:
             self._hurts(start, "the checksum of the index does not fit", 0.0)
 
 
+@lru_cache(maxsize=256)
+def _channel_of(content: bytes) -> Channel:
+    """Of a channel's record, which stands before each chunk that needs it, at the end, and in each file."""
+    number, schema = struct.unpack_from("<HH", content)
+    topic, rest = string_of(content[4:])
+    encoding, rest = string_of(rest)
+    return Channel(number, topic, encoding, metadata=mapping_of(rest), schema_id=schema)
+
+
 def seal(metadata: Mapping[str, str]) -> str:
     """The checksum that metadata carry under CRC."""
     return f"{zlib.crc32(json.dumps(dict(metadata), sort_keys=True).encode()):08x}"
-
-
-def _unpacked_size(packed: bytes) -> int | None:
-    """As zstd's frame states it; None where it does not."""
-    try:
-        size = int(zstandard.frame_content_size(packed))
-    except zstandard.ZstdError:
-        return None
-    return None if size < 0 else size

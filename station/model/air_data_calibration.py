@@ -138,6 +138,18 @@ class Steady:
         return self.values[i] + self.values[j] * off, np.sqrt(np.maximum(variance, 0.0))
 
 
+def headed(air: Array, bank: Array, pitch: Array, side: Array) -> Array:
+    """Heading (n,) at which a velocity through the air (n, 3), north, east and down, has a sideslip `side`; rad.
+
+    Banked, the nose points off the path by the share of the angle of attack that lies in the horizon.
+    """
+    level = np.hypot(air[:, 0], air[:, 1])
+    across = np.linalg.norm(air, axis=1) * np.sin(side) - np.sin(bank) * np.cos(pitch) * air[:, 2]
+    by_pitch, by_bank = np.sin(bank) * np.sin(pitch), np.cos(bank)
+    drift = np.arcsin(np.clip(across / (level * np.hypot(by_pitch, by_bank)), -1, 1)) - np.arctan2(by_pitch, by_bank)
+    return np.asarray(np.arctan2(air[:, 1], air[:, 0]) - drift)
+
+
 def solve(
     blocks: Blocks,
     place: Place,
@@ -219,9 +231,14 @@ class _Problem:
         c, p = self.blocks.columns, dict(zip(self.names, x, strict=False))
         wind = self.wind(x)
         air = np.stack([c["v_north"] - wind[:, 0], c["v_east"] - wind[:, 1], c["v_down"]], axis=1)
-        side = c.get("beta_vane", np.zeros(len(wind)))
-        heading = c["psi"] - p["psi_zero"] if self.has_heading else np.arctan2(air[:, 1], air[:, 0]) - side
-        turn = ned_from_body(c["phi"] - p["phi_zero"], c["theta"] - p["theta_zero"], heading)
+        bank, pitch = c["phi"] - p["phi_zero"], c["theta"] - p["theta_zero"]
+        if self.has_heading:
+            heading = c["psi"] - p["psi_zero"]
+        else:
+            lever = (c["r"] * p["vane_x"] - c["p"] * self.place.z) / np.linalg.norm(air, axis=1)
+            side = c["beta_vane"] - lever if "beta_vane" in c else np.zeros(len(wind))
+            heading = headed(air, bank, pitch, side)
+        turn = ned_from_body(bank, pitch, heading)
         body = np.einsum("nij,ni->nj", turn, air)
         speed = np.linalg.norm(body, axis=1)
         return speed, np.arctan2(body[:, 2], body[:, 0]), np.arcsin(np.clip(body[:, 1] / speed, -1, 1)), turn

@@ -40,7 +40,8 @@ SCALE_SD: Final = 0.3
 TURNED: Final = 0.0087
 """rad: by which sensors are out of line with their axes, half a degree: what they then show of other axes' motion."""
 ACROSS: Final[Mapping[str, tuple[str, ...]]] = {
-    "p": ("q", "r"), "q": ("p", "r"), "r": ("p", "q"), "alpha_vane": ("beta_vane",), "beta_vane": ("alpha_vane",),
+    "p": ("q", "r"), "q": ("p", "r"), "r": ("p", "q"), "ax": ("ay", "az"), "ay": ("ax", "az"), "az": ("ax", "ay"),
+    "alpha_vane": ("beta_vane",), "beta_vane": ("alpha_vane",),
 }  # fmt: skip
 ATTITUDE_DRIFT: Final = 0.0035
 """rad: by which an attitude's error changes over a record: 0.2 deg of a vertical gyro or AHRS."""
@@ -55,12 +56,8 @@ SETTLED: Final = 0.05
 STEPS: Final[Mapping[str, float]] = {"lag": 0.15, "filter": 0.15, "scale": 0.2, "zero": math.inf}
 """Largest step of an iteration: a fraction of a period, a fifth."""
 SCAN_S: Final = 0.1
-SURE: Final = 3.0
-"""Standard deviations from its null beyond which an instrument's error is beyond doubt."""
-RENEWALS: Final = 3
-"""Of the velocities, at most: one vane in error makes the other look so, which the first renewal shows."""
-BETTER: Final = SURE**2
-"""Deviance by which a lag elsewhere, or a filter, must be better."""
+BETTER: Final = 9.0
+"""Deviance by which a lag elsewhere, or a filter, must be better: three standard deviations."""
 HEARD: Final = 25.0
 """Deviance by which an instrument must explain another, or they it, before its lag and scale say anything: five
 standard deviations, for lags are sought at thirty places."""
@@ -108,34 +105,9 @@ def solve(
     """Of signals (n,), forces at the CG, without gaps within `spans` of rows; `arm`: place of the vanes from the CG, m;
     `upwash`: the vane's scale by the profile, which only the airspeed's and side force's rows take from it.
 
-    A flow angle or a rate in error is also wrong in the velocities that multiply the others: once it is known by how
-    much, these are made anew.
-
     Raises NotIdentifiable for spans too short, and LinAlgError for a record in which nothing moves.
     """
-    found, before = _Fit(motion, dt, arm, spans, upwash).solve(motion), frozenset[str]()
-    for _ in range(RENEWALS):
-        mended = _mended(motion, dt, found, upwash)
-        if mended.keys() == before:
-            break
-        found, before = _Fit(motion, dt, arm, spans, upwash, mended).solve(motion), frozenset(mended)
-    return found
-
-
-def _mended(motion: Mapping[str, Array], dt: float, found: Solution, upwash: float) -> dict[str, Array]:
-    """Flow angles and rates (n,) whose lag or scale is wrong beyond doubt, as they were."""
-    made = {}
-    for name in (n for n in (*FLOW, *RATES) if n in motion):
-        lag, scale = found.values.get((name, "lag")), found.values.get((name, "scale"))
-        if lag is None or scale is None:
-            continue
-        stated = upwash if name == "alpha_vane" else 1.0
-        late = lag.value if not lag.why and abs(lag.value) > SURE * lag.sd else 0.0
-        share = scale.value if not scale.why and abs(scale.value - stated) > SURE * scale.sd else stated
-        if late or share != stated:
-            ticks = np.arange(len(motion[name]))
-            made[name] = np.interp(ticks + late / dt, ticks, motion[name]) / share
-    return made
+    return _Fit(motion, dt, arm, spans, upwash).solve(motion)
 
 
 class _Fit(Likelihood):
@@ -306,14 +278,12 @@ class _Fit(Likelihood):
         return np.asarray(made)
 
     def _turned(self, inverse: Array) -> Array:
-        """Covariance by sensors TURNED to other axes and the equations' own doubts, as far as the record leaves them
-        open."""
-        shown, readings = [], {t.instrument: t.readings for t in self.model.terms}
+        """Covariance by sensors TURNED to other axes, as far as the record does not show that they are not."""
+        shown, readings = [], {t.instrument: t.readings for t in reversed(self.model.terms)}
         for i, other in ((i, other) for i, others in ACROSS.items() for other in others):
             terms = [t for t in self.model.terms if t.instrument == i]
             if terms and other in readings:
                 shown.append(self._whitened([(t.row, t.factor * TURNED * readings[other], t.order) for t in terms]))
-        shown += [self._whitened(doubt) for doubt in self.model.doubts if doubt]
         if not shown:
             return np.zeros_like(inverse)
         turns = np.array(shown)

@@ -5,14 +5,17 @@
     psi'        = (q sin(phi) + r cos(phi)) / cos(theta)
     (V alpha)'  = q u - p v + g cos(theta) cos(phi) + az     V alpha: at the CG, of the vane's angle and rate term
     (V beta)'   = p w - r u + g cos(theta) sin(phi) + ay
-    u'          = r v - q w - g sin(theta) + ax
+    V'          = ax cos(alpha) cos(beta) + ay sin(beta) + az sin(alpha) cos(beta) - g sin(gamma)
     v_north', v_east', v_down' = R(phi, theta, psi) (ax, ay, az) + (0, 0, g),   altitude'' = -v_down'
 
 Every row is linear in one instrument's readings at a time, so a lag, a scale and a zero of each act on its own terms;
 the factors (speed, direction cosines) vary slowly beside them. The signal that heads a row is the one that no rate or
 acceleration is needed for. SI, rad; body axes x forward, z down.
 
-Source: Klein and Morelli 2006, equations 3.29-3.32 and section 10.1.
+The speed is held against forces along the path, not along the body: u' has w (q - alpha'), small by the difference of
+two large motions, which a vane's lag and rate term upset.
+
+Source: Klein and Morelli 2006, equations 3.29-3.34 and section 10.1.
 """
 
 from __future__ import annotations
@@ -32,6 +35,8 @@ ANGLES: Final = ("theta", "phi", "psi")
 FLOW: Final = ("alpha_vane", "beta_vane")
 IMU: Final = ("p", "q", "r", "ax", "ay", "az")
 GROUND: Final = ("v_north", "v_east", "v_down")
+LINES: Final = ("incidence", "sideslip")
+"""Of the vanes against the accelerometers: no instruments, but with a zero as one."""
 AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
     "theta": (),
     "phi": (),
@@ -52,9 +57,6 @@ AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """What an instrument's signal is held against; the attitude is the reference."""
 
-ZERO_RAD: Final = 0.035
-"""Standard deviation of a vane's zero, 2 deg: what a boom's alignment and an uncalibrated vane leave."""
-
 
 @dataclass(frozen=True, slots=True)
 class Term:
@@ -71,33 +73,21 @@ class Term:
 
 @dataclass(slots=True)
 class Equations:
-    """`heads` of the rows, in order, and the terms, which sum to zero in each; `doubts`: what may have
-    to be added to rows by a factor of standard deviation 1: row, (n,), order of the derivative."""
+    """`heads` of the rows, in order, and the terms, which sum to zero in each."""
 
     heads: list[str] = field(default_factory=list)
     terms: list[Term] = field(default_factory=list)
-    doubts: list[list[tuple[str, Array, int]]] = field(default_factory=list)
 
     def add(self, row: str, instrument: str, readings: Array, factor: Array, order: int = 0) -> None:
         self.terms.append(Term(row, instrument, readings, factor, order, float(np.mean(factor))))
 
 
-def equations(
-    motion: Mapping[str, Array],
-    arm: tuple[float, float, float],
-    upwash: float = 1.0,
-    mended: Mapping[str, Array] | None = None,
-) -> Equations:
+def equations(motion: Mapping[str, Array], arm: tuple[float, float, float], upwash: float = 1.0) -> Equations:
     """Of the signals (n,) that the record has, forces at the CG; `arm` (m): the vanes' place from it; `upwash`: scale
-    that the profile gives the vane of angle of attack, which the other rows' velocities are free of. `mended`: flow
-    angles and rates as the instruments would show them without errors, for the factors, where that is known."""
+    that the profile gives the vane of angle of attack, which the other rows' velocities are free of."""
     made = Equations()
-    mended = mended or {}
     _attitude(made, motion)
-    true = {**motion, **mended}
-    if "alpha_vane" in motion and "alpha_vane" not in mended:
-        true["alpha_vane"] = motion["alpha_vane"] / upwash
-    _air(made, motion, true, arm)
+    _air(made, motion, arm, upwash)
     _ground(made, motion)
     return made
 
@@ -111,7 +101,8 @@ def _attitude(made: Equations, m: Mapping[str, Array]) -> None:
         "psi": {"q": -np.sin(phi) / np.cos(theta), "r": -np.cos(phi) / np.cos(theta)},
     }
     for head, driver in (("theta", "q"), ("phi", "p"), ("psi", "r")):
-        if head not in m or driver not in m:
+        # An angle that never moves (a flight in one plane) turns the others' axes, and has no row of its own.
+        if head not in m or driver not in m or not np.ptp(m[head]):
             continue
         made.heads.append(head)
         made.add(head, head, np.unwrap(m[head]), one, 1)
@@ -120,20 +111,19 @@ def _attitude(made: Equations, m: Mapping[str, Array]) -> None:
                 made.add(head, name, m[name], factor)
 
 
-def _air(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array], arm: tuple[float, float, float]) -> None:
-    """Rows of the flow angles and the airspeed: the motion of the CG through the air, vanes at `arm`; `true`: what
-    the factors are made of."""
+def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float], upwash: float) -> None:
+    """Rows of the flow angles and the airspeed: the motion of the CG through the air, vanes at `arm`."""
     one = np.ones(len(m["theta"]))
     zero = 0.0 * one
     phi, theta = m.get("phi", zero), m["theta"]
     if "airspeed" not in m:
         return
-    speed, alpha, beta = m["airspeed"], true.get("alpha_vane", zero), true.get("beta_vane", zero)
-    p, q, r = (true.get(name, zero) for name in "pqr")
+    speed, beta = m["airspeed"], m.get("beta_vane", zero)
+    alpha = m["alpha_vane"] / upwash if "alpha_vane" in m else theta + np.arctan2(m.get("v_down", zero), speed)
     x, y, z = arm
     u = speed * np.cos(alpha) * np.cos(beta)
-    v = speed * np.sin(beta) - x * r + z * p
-    w = speed * np.sin(alpha) * np.cos(beta) + x * q - y * p
+    v = speed * np.sin(beta) - x * m.get("r", zero) + z * m.get("p", zero)
+    w = speed * np.sin(alpha) * np.cos(beta) + x * m.get("q", zero) - y * m.get("p", zero)
 
     def row(head: str, parts: tuple[tuple[str, Array | float, int], ...], of_attitude: tuple[str, Array]) -> None:
         made.heads.append(head)
@@ -157,15 +147,23 @@ def _air(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array], arm
         head = ("beta_vane", speed * np.sinc(beta / np.pi), 1)
         turning = (("r", -x, 1), ("p", z, 1), ("r", u, 0), ("p", -w, 0), ("ay", -1.0, 0))
         row("beta_vane", (head, *turning), ("phi", -G0 * np.cos(theta) * np.sin(phi)))
-    along = np.sqrt(np.maximum(1.0 - (v / speed) ** 2 - (w / speed) ** 2, 0.0))
-    row("airspeed", (("airspeed", along, 1), ("q", w, 0), ("r", -v, 0), ("ax", -1.0, 0)), ("theta", G0 * np.sin(theta)))
-    # The speed of the CG or that of the vanes' place, which turning moves: a signal does not say.
-    made.doubts.append([("airspeed", u - speed * along, 1)])
-    # A vane's zero is in the velocity that turns with the other axes.
-    across, up = ZERO_RAD * speed * np.cos(beta), ZERO_RAD * speed * np.cos(alpha)
-    of_beta = [("alpha_vane", across * p, 0), ("airspeed", -across * r, 0), ("airspeed", -ZERO_RAD * v, 1)]
-    of_alpha = [("beta_vane", -up * p, 0), ("airspeed", up * q, 0), ("airspeed", -ZERO_RAD * w, 1)]
-    made.doubts += [[part for part in parts if part[0] in made.heads] for parts in (of_beta, of_alpha)]
+    incidence, slip = np.arctan2(w, u), np.arctan2(v, np.hypot(u, w))
+    along, across, up = np.cos(incidence) * np.cos(slip), np.sin(slip), np.sin(incidence) * np.cos(slip)
+    row("airspeed", (("airspeed", 1.0, 1), ("ax", -along, 0)), ("theta", G0 * np.sin(theta) * along))
+    # Lift and side force by their small parts along the path say nothing of their own instruments; the mean flow, which
+    # they are multiplied by, is as wrong as the vanes are out of line with the accelerometers.
+    lift = m["az"] + G0 * np.cos(theta) * np.cos(phi) if "az" in m else zero
+    push = m["ay"] + G0 * np.cos(theta) * np.sin(phi) if "ay" in m else zero
+    made.terms.append(Term("airspeed", "", -up * lift - across * push, one, 0, 0.0))
+    roll = speed * m.get("p", zero)
+    for line, of, factor in (
+        ("incidence", "airspeed", -lift),
+        ("incidence", "beta_vane", -roll),
+        ("sideslip", "airspeed", -push),
+        ("sideslip", "alpha_vane", roll),
+    ):
+        if of in made.heads and np.any(factor):
+            made.terms.append(Term(of, line, zero, factor, 0, 0.0))
 
 
 def _ground(made: Equations, m: Mapping[str, Array]) -> None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.fft import prev_fast_len
 
 from station.conventions import G0
-from station.model.kinematic_equations import equations
+from station.model.kinematic_equations import LINES, equations
 from station.numerics.differentiation import white_variance
 from station.numerics.modulation import MOST, Stretch
 from station.numerics.regression import NotIdentifiable
@@ -41,9 +41,10 @@ ZEROS: Final[Mapping[str, float]] = {
     **dict.fromkeys(("p", "q", "r"), 0.02),
     **dict.fromkeys(("ax", "ay", "az"), 0.5),
     **dict.fromkeys(("alpha_vane", "beta_vane"), 0.1),
+    **dict.fromkeys(LINES, 0.0175),
 }
 """Prior standard deviations of zeros, about 0; az's is that of its reading at 1 g. A vane's shows where the speed
-changes."""
+changes; a boom is in line with the accelerometers to a degree."""
 LAGS_S: Final = 1.5
 """Lags that are sought, either way, in a record ten times as long."""
 HIGH_HZ: Final = 2.5
@@ -74,7 +75,6 @@ class Likelihood:
         arm: tuple[float, float, float],
         spans: Sequence[slice],
         upwash: float = 1.0,
-        mended: Mapping[str, Array] | None = None,
     ) -> None:
         longest = max((s.stop - s.start for s in spans), default=0)
         if longest * dt < LEAST_S:
@@ -92,15 +92,15 @@ class Likelihood:
             for start in range(s.start + self.margin, s.stop - self.margin - count, count)
         ]
         self.arm = arm
-        self.model = equations(motion, arm, upwash, mended)
+        self.model = equations(motion, arm, upwash)
         self.rows = {head: r for r, head in enumerate(self.model.heads)}
         self.speed = float(np.mean(motion["airspeed"])) if "airspeed" in motion else math.nan
         instruments = list(dict.fromkeys(t.instrument for t in self.model.terms if t.instrument))
-        self.keys = [(i, "lag") for i in instruments if i not in REFERENCE]
-        self.keys += [(i, "scale") for i in instruments if i not in LEVEL]
+        self.keys = [(i, "lag") for i in instruments if i not in (*REFERENCE, *LINES)]
+        self.keys += [(i, "scale") for i in instruments if i not in (*LEVEL, *LINES)]
         self.keys += [(i, "zero") for i in instruments if i in ZEROS]
         self.instruments = instruments
-        self.white = {i: white_variance(motion[i]) * dt for i in instruments}
+        self.white = {i: 0.0 if i in LINES else white_variance(motion[i]) * dt for i in instruments}
         self.frequencies = self.stretches[0].frequencies_hz
         self.omega = 2 * np.pi * self.frequencies
         self._kept: dict[tuple[int, int, float], tuple[list[Complex], Complex]] = {}

@@ -7,7 +7,8 @@ The short period with that lift, driven by the record's own elevator,
 
 has a response of alpha, q, CL and Cm at every line. CL and Cm by least squares on alpha, q c/2V and elevator over the
 lines, each with the elevator's energy there, are the quasi-steady derivatives; their errors follow from the model's
-covariance. CL and Cm are physical_columns.py's without gusts. SI, per radian.
+covariance. In calm air alpha and q are those measured, which no derivative need answer for; and how far those that the
+model gives would move the result is an error too. CL and Cm are physical_columns.py's without gusts. SI, per radian.
 """
 
 from __future__ import annotations
@@ -36,8 +37,12 @@ Complex = NDArray[np.complex128]
 
 INPUTS: Final = (X, QH, DE)
 """Channels that drive lift and moment in calm air."""
+CALM: Final = 0.05
+"""Share of gusts in the angle of attack's energy up to which the measured motion is the elevator's in part: it moves a
+derivative by that share of the distance between the two definitions, less than its error."""
 STEP: Final = 1e-3
 """Of a parameter in its standard deviations, for the derivatives by it."""
+TINY: Final = 1e-30
 
 
 class QuasiSteady(NamedTuple):
@@ -79,10 +84,9 @@ def _transfers(segment: Segment, con: Constants, theta: Array, made: Complex) ->
             made[1, k, i] = -rest[1]
 
 
-def _projected(segment: Segment, con: Constants, theta: Array, energy: Array) -> Array:
-    """The six derivatives, (6,), of the model `theta` (PARAMETERS,) on an elevator of that `energy` (frequencies,)."""
-    h = np.empty((2, 3, len(segment.omega)), dtype=np.complex128)
-    _transfers(segment, con, theta, h)
+def _of_elevator(segment: Segment, con: Constants, h: Complex, energy: Array) -> Complex:
+    """`products` where the short period with the transfers `h` (2, 3, frequencies) follows an elevator of that `energy`
+    (frequencies,)."""
     s, v = 1j * segment.omega, segment.speed
     lift = segment.density * v / con.per_az
     """qbar S/(m V)"""
@@ -95,29 +99,49 @@ def _projected(segment: Segment, con: Constants, theta: Array, energy: Array) ->
     determinant = a * d - b * c
     alpha = (d * right[0] - b * right[1]) / determinant
     qhat = (a * right[1] - c * right[0]) / determinant * half
-    drive = np.sqrt(energy)
-    x = np.stack([alpha, qhat, np.ones_like(alpha)], axis=1)
-    y = np.stack([h[e, 0] * alpha + h[e, 1] * qhat + h[e, 2] for e in range(2)], axis=1)
-    rows = np.concatenate([(x * drive[:, None]).real, (x * drive[:, None]).imag])
-    sides = np.concatenate([(y * drive[:, None]).real, (y * drive[:, None]).imag])
-    found: Array = np.linalg.lstsq(rows, sides, rcond=None)[0].T.ravel()
-    return found
+    return np.asarray(products(np.stack([alpha, qhat, np.ones_like(alpha)])) * energy[:, None, None])
 
 
-def quasi_steady(segment: Segment, con: Constants, theta: Array, covariance: Array, energy: Array) -> QuasiSteady:
+def products(motion: Complex) -> Complex:
+    """Of spectra of alpha, q c/2V, elevator and gust (channels, frequencies): conj(x_i) x_j on every line,
+    (frequencies, channels, channels)."""
+    return np.asarray(np.einsum("il,jl->lij", motion.conj(), motion))
+
+
+def _least_squares(h: Complex, moved: Complex) -> Array:
+    """The six derivatives, (6,), of the transfers `h` (2, 3, frequencies) in a motion of those products."""
+    # CL conj(x_i) = sum over j of h_j conj(x_i) x_j.
+    sides = np.einsum("ejl,lij->ie", h, moved).real
+    return np.asarray(np.linalg.lstsq(moved.sum(axis=0).real, sides, rcond=None)[0].T.ravel())
+
+
+def quasi_steady(segment: Segment, con: Constants, theta: Array, covariance: Array, measured: Complex) -> QuasiSteady:
     """Of the model fitted to a flight.
 
-    `segment`: its lines, mean speed and density; `theta` (PARAMETERS,) with its `covariance`; `energy` (frequencies,):
-    of the elevator on every line.
+    `segment`: its lines, mean speed and density; `theta` (PARAMETERS,) with its `covariance`; `measured`
+    (frequencies, 4, 4): `products` of inertial angle of attack, q c/2V, elevator and the gust at the CG.
     """
     if not con.has_moment:
         return QuasiSteady(np.full(FIRST_NUISANCE, np.nan), np.full(FIRST_NUISANCE, np.nan))
-    value = _projected(segment, con, theta, energy)
+    moved, gust = measured[:, :3, :3], float(measured[:, 3, 3].real.sum())
+    energy = moved[:, 2, 2].real
+    share = gust / max(gust + float(moved[:, 0, 0].real.sum()), TINY)
+    calm = max(1.0 - share / CALM, 0.0)
+
+    def of(theta: Array) -> tuple[Array, Array]:
+        """By the model's motion, and how far the one measured moves it in calm air."""
+        h = np.empty((2, 3, len(segment.omega)), dtype=np.complex128)
+        _transfers(segment, con, theta, h)
+        modelled = _least_squares(h, _of_elevator(segment, con, h, energy))
+        return modelled, calm * (_least_squares(h, moved) - modelled) if calm else np.zeros(FIRST_NUISANCE)
+
+    modelled, apart = of(theta)
+    value = modelled + apart
     slopes = np.zeros((FIRST_NUISANCE, PARAMETERS))
     for j, variance in enumerate(np.diag(covariance).tolist()):
         if variance > 0.0:
-            moved = theta.copy()
-            moved[j] += STEP * variance**0.5
-            slopes[:, j] = (_projected(segment, con, moved, energy) - value) / (STEP * variance**0.5)
-    error = np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0.0))
+            other = theta.copy()
+            other[j] += STEP * variance**0.5
+            slopes[:, j] = (np.sum(of(other), axis=0) - value) / (STEP * variance**0.5)
+    error = np.sqrt(np.maximum(np.diag(slopes @ covariance @ slopes.T), 0.0) + apart**2)
     return QuasiSteady(value, error)

@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
@@ -139,9 +140,16 @@ def to_json(profile: BaseModel) -> str:
 def from_json(kind: type[T], text: str) -> T:
     """A profile kept in a recording. Raises ProfileError."""
     try:
-        return kind.model_validate_json(text, context=SI_NUMBERS)
+        found: T = _decoded(kind, text)
+        return found
     except ValidationError as error:
         raise ProfileError(explain(Path("recording"), kind, error)) from None
+
+
+@lru_cache(maxsize=8)
+def _decoded(kind: type[BaseModel], text: str) -> Any:
+    """Kept, as profiles are frozen and each file of a recording carries the same ones."""
+    return kind.model_validate_json(text, context=SI_NUMBERS)
 
 
 def _override(raw: dict[str, Any], key: str, value: Any) -> None:
@@ -187,6 +195,7 @@ def _unknown(word: object, quoted: str) -> str:
     return f"unknown: {word}{nearest(str(word), known)}\nknown: {', '.join(known)}"
 
 
+@cache
 def _keys(kind: type[BaseModel]) -> tuple[str, ...]:
     """Every key that may occur anywhere below a profile type."""
     names: set[str] = set()

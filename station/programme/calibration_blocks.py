@@ -34,6 +34,8 @@ CALIBRATED: Final = (
     "airspeed", "dynamic_pressure", "alpha_vane", "beta_vane", "phi", "theta", "psi", "ax", "ay", "az",
 )  # fmt: skip
 """Signals whose stated errors are taken out of the profile, to be found anew."""
+RARE: Final = 0.5
+"""Share of the blocks that have an optional signal, below which it is left out, not the others."""
 STILL: Final = math.radians(1.0)
 """Standard deviation of the pitch rate, rad/s, above which a block holds a test input or its answer."""
 TURNING: Final = math.radians(0.7)
@@ -120,7 +122,8 @@ def calibrating(logs: Sequence[Path], aircraft: Aircraft, read: Opened = opened)
         record, words = _record(path, subject, read, mass)
         mass = float(np.ravel(record.airframe.mass)[-1])
         remarks += [f"{path.name}: {w}" for w in words]
-        time, columns = _blocks(record)
+        time, columns, rare = _blocks(record)
+        remarks += [f"{path.name}: {n} is missing in more than half of the flight: left out" for n in rare]
         if not len(time):
             remarks.append(f"{path.name}: no block of {BLOCK_S:g} s has all that is needed: it is left out")
             continue
@@ -189,19 +192,23 @@ def _record(path: Path, subject: Aircraft, read: Opened, mass: float) -> tuple[F
     return record, list(words)
 
 
-def _blocks(record: FlightRecord) -> tuple[Array, dict[str, Array]]:
-    """Middles (n,) s of the record's time, and means of all that is needed, of blocks without a gap."""
+def _blocks(record: FlightRecord) -> tuple[Array, dict[str, Array], list[str]]:
+    """Middles (n,) s of the record's time, and means of all that is needed, of blocks without a gap; and which optional
+    signals are left out because more than half of the blocks lack them."""
     motion, dt = record.motion, record.dt
     width = max(2, round(BLOCK_S / dt))
-    names = [*NEEDED, *(n for n in OPTIONAL if record.has(n))]
-    good = np.all([np.isfinite(motion[n]) for n in NEEDED], axis=0)
-    begins = [k for k in range(0, len(good) - width + 1, width) if good[k : k + width].all()]
-    rows = np.array(begins, dtype=np.intp)[:, None] + np.arange(width)
+    every = np.arange(len(record.t_s) // width)[:, None] * width + np.arange(width)
+    there = {n: np.isfinite(motion[n])[every].all(axis=1) for n in (*NEEDED, *OPTIONAL) if record.has(n)}
+    whole = np.all([there[n] for n in NEEDED], axis=0)
+    # A signal that is missing for a while, at the beginning above all, costs blocks; one that seldom is there, itself.
+    rare: list[str] = [n for n in OPTIONAL if n in there and np.sum(there[n] & whole) < RARE * np.sum(whole)]
+    names = [n for n in there if n not in rare]
+    rows = every[np.all([there[n] for n in names], axis=0)]
     t = (np.arange(width) - 0.5 * (width - 1)) * dt
     made = {n: motion[n][rows].mean(axis=1) for n in names if n != "psi"}
     if "psi" in names:
-        made["psi"] = np.unwrap(motion["psi"])[rows].mean(axis=1)
-    air = (motion.get(n, np.full(len(good), np.nan)) for n in ("static_pressure", "air_temperature", "altitude"))
+        made["psi"] = np.unwrap(motion["psi"][rows], axis=1).mean(axis=1)
+    air = (motion.get(n, np.full(len(record.t_s), np.nan)) for n in ("static_pressure", "air_temperature", "altitude"))
     stated = record.aircraft.air_density
     made["density"] = air_densities(np.nan if stated is None else stated, *air)[rows].mean(axis=1)
     made["q_sd"] = motion["q"][rows].std(axis=1)
@@ -216,11 +223,10 @@ def _blocks(record: FlightRecord) -> tuple[Array, dict[str, Array]]:
     made["v_east_dot"] = faster * np.sin(way) + speed * turning * np.cos(way)
     made["v_down_dot"] = down
     made["track"], made["turning"] = way, turning
-    there = {n: x for n, x in made.items() if np.isfinite(x).all()}
-    if "density" not in there:
-        there["density"] = np.full(len(rows), np.nan)
-        there.pop("dynamic_pressure", None)
-    return record.t_s[rows].mean(axis=1), there
+    if not np.isfinite(made["density"]).all():
+        made["density"] = np.full(len(rows), np.nan)
+        made.pop("dynamic_pressure", None)
+    return record.t_s[rows].mean(axis=1), made, rare
 
 
 def _runs(log: str, time: Array, columns: Mapping[str, Array], first: int) -> list[Run]:

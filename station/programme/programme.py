@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from scipy.stats import norm
+
 from station.log import Point, Table, metadata, points, table
 from station.model.change_patterns import NAMES, in_words, matches, patterns
 from station.numerics.random_effects import NORMAL_95
@@ -90,15 +92,21 @@ def programme(
 
 def likeness(changes: Mapping[str, Change], aircraft: Aircraft) -> str:
     """What a point's changes look like, in words; "" where nothing has changed."""
-    known = {n: (c.estimate / 100, (c.high - c.low) / (200 * NORMAL_95)) for n, c in changes.items() if c.is_known}
-    if not any(c.is_significant for c in changes.values()):
+    if not changed(changes):
         return ""
+    known = {n: (c.estimate / 100, (c.high - c.low) / (200 * NORMAL_95)) for n, c in changes.items() if c.is_known}
     return in_words(matches(known, patterns(aircraft)))
 
 
+def changed(changes: Mapping[str, Change]) -> dict[str, Change]:
+    """Those of a point that stand out of all that are looked at in it: of points at which nothing has changed, one in
+    twenty has any (Sidak 1967)."""
+    known = {n: changes[n] for n in NAMES if n in changes and changes[n].is_known}
+    level = float(norm.isf(0.5 * (1 - 0.95 ** (1 / max(len(known), 1))))) / NORMAL_95
+    return {n: c for n, c in known.items() if 2 * abs(c.estimate) > level * (c.high - c.low)}
+
+
 def significant(changes: Mapping[str, Change]) -> Iterable[str]:
-    """Derivatives that have changed, in words."""
-    for name in NAMES:
-        change = changes.get(name)
-        if change is not None and change.is_significant:
-            yield f"{name} {change.estimate:+.0f} % ({change.low:.0f} to {change.high:.0f})"
+    """What has changed at a point, in words, with 95 %."""
+    for name, c in changed(changes).items():
+        yield f"{name} {c.estimate:+.0f} % ({c.low:.0f} to {c.high:.0f})"

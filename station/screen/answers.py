@@ -15,7 +15,7 @@ import msgspec
 from station.conventions import LATERAL, TICK_HZ, from_si
 from station.flight.board import Board
 from station.flight.guide import Guide, Phase
-from station.rows import LEVELS, MISSED_SHARE, AlphaEstimate, Level, ParamEstimate, Status, StreamHealth
+from station.rows import LEVELS, MISSED_SHARE, AlphaEstimate, Code, Level, ParamEstimate, Status, StreamHealth
 
 State = Literal["good", "doubt", "bad", "none"]
 """none: nothing can be said yet."""
@@ -102,16 +102,17 @@ def _step_answer(guide: Guide) -> Answer:
 
 def phase_words(guide: Guide) -> str:
     """What the crew does now."""
-    shown = guide.shown
+    shown, is_steady = guide.shown, guide.step.steady is not None
     match shown.phase:
         case Phase.READY:
             return "READY" if all(c.good for c in shown.checks) else "GET READY"
         case Phase.COUNTDOWN:
-            return f"INPUT IN {math.ceil(-shown.since_s)} s"
+            return f"{'HOLD' if is_steady else 'INPUT'} IN {math.ceil(-shown.since_s)} s"
         case Phase.FLYING:
-            return f"FLY, {max(float(guide.table.t_s[-1]) - shown.since_s, 0):.0f} s to go"
+            verb = "HOLD" if is_steady else "FLY"
+            return f"{verb}, {max(float(guide.table.t_s[-1]) - shown.since_s, 0):.0f} s to go"
         case Phase.SETTLING:
-            return "HANDS OFF, estimating"
+            return "HOLD" if is_steady else "HANDS OFF, estimating"
         case Phase.VERDICT:
             return "VERDICT"
         case Phase.DONE:
@@ -143,11 +144,22 @@ def wrong_answer(board: Board, now_ns: int) -> Answer:
     return Answer("doubt" if serious else "good", "LOSSES" if serious else "NOTHING", losses_words(board))
 
 
+def baseline_answer(board: Board) -> Answer | None:
+    """Is the aircraft as its baseline? None where it has none, or is not held against it yet."""
+    if not board.has_baseline or board.alpha is None:
+        return None
+    codes = {e.code for e in board.disagreements}
+    if Code.CHANGED in codes:
+        return Answer("doubt", "CHANGED")
+    return Answer("none", "not watched") if Code.UNWATCHED in codes else Answer("good", "unchanged")
+
+
 def losses_words(board: Board) -> str:
     health = board.health
     if health is None or not (health.overruns or health.dropped):
         return ""
-    return f"{health.overruns} ticks missed, {health.dropped} rows dropped"
+    counts = ((health.overruns, "tick", "missed"), (health.dropped, "row", "dropped"))
+    return ", ".join(f"{n} {what}{'s' if n > 1 else ''} {how}" for n, what, how in counts if n)
 
 
 def is_alive(board: Board, s: StreamHealth, now_ns: int) -> bool:

@@ -28,6 +28,7 @@ PHASE_STYLES: Final = {
     Phase.FLYING: "bold black on green",
     Phase.SETTLING: "black on cyan",
 }
+READY_STYLES: Final = {"READY": "bold black on green", "GET READY": "bold black on yellow"}
 KIND_STYLES: Final = {
     "enough": "bold green",
     "repeat": "bold yellow",
@@ -63,9 +64,9 @@ def _heading(guide: Guide) -> Iterator[Text]:
         line = styled(f" STEP {shown.number}/{len(guide.steps)}", TITLE).append(f"  {guide.step.name}", "bold")
         if shown.run:
             line.append(f"   run {shown.run} of {guide.step.repeats}", "dim")
-        style = PHASE_STYLES.get(shown.phase)
-        if style is not None:
-            line.append("   ").append(f" {phase_words(guide)} ", style)
+        words = phase_words(guide)
+        if shown.phase is not Phase.VERDICT:  # that stands below, in words
+            line.append("   ").append(f" {words} ", PHASE_STYLES.get(shown.phase, READY_STYLES.get(words, "")))
     yield line
     if shown.phase is Phase.DONE:
         for name, how in shown.results:

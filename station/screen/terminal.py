@@ -32,6 +32,7 @@ from station.screen.answers import (
     SLOW_PAGE_S,
     alpha_answer,
     alpha_text,
+    baseline_answer,
     degrees,
     derivatives,
     fixed,
@@ -55,6 +56,7 @@ TWO_COLUMNS: Final = 160
 LEFT: Final = 86
 _LEVEL_STYLES: Final = {Level.INFO: "", Level.WARNING: "yellow", Level.ALARM: "bold red"}
 _LEVEL_WORDS: Final = {Level.INFO: "info", Level.WARNING: "warn", Level.ALARM: "ALARM"}
+BASELINE_STYLES: Final = {"good": "green", "doubt": "bold black on yellow", "none": "yellow"}
 MOST_ALARMS: Final = 4
 MOST_WARNINGS: Final = 3
 LINES_OF_CHANGE: Final = 3
@@ -97,7 +99,7 @@ def run_panel(
             alarmed = 0
             while not stop.is_set() and not keys.quit:
                 live.refresh()
-                alarms = len(board.alarms)
+                alarms = heard(board)
                 if alarms > alarmed:
                     live.console.bell()
                 alarmed = alarms
@@ -112,6 +114,11 @@ def run_panel(
     finally:
         with contextlib.suppress(termios.error):
             termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+
+
+def heard(board: Board) -> int:
+    """For how much the terminal's bell rings, once each: alarms, and an aircraft that is not as its baseline."""
+    return len(board.alarms) + sum(e.code is Code.CHANGED for e in board.disagreements)
 
 
 class _Keys:
@@ -219,14 +226,16 @@ def _side_by_side(left: list[Text], right: list[Text]) -> Iterator[Text]:
 
 
 def _header(board: Board, now_ns: int) -> Iterator[Text]:
-    line = Text(" ").append(board.title, "bold").append("   ").append(hms(board.elapsed_s(now_ns)), "bold")
+    line = Text(" ").append(hms(board.elapsed_s(now_ns)), "bold").append("  ")
     point = board.point
     if point is not None:
         since_s = max(0.0, (now_ns - point.t_ns) * 1e-9)
-        line.append("   ").append(f" TEST POINT {point.count}  {since_s:.0f} s ", "bold black on green")
-    line.append(f"   {losses}" if (losses := losses_words(board)) else "", "yellow")
-    yield line
+        line.append(f" TEST POINT {point.count}  {since_s:.0f} s ", "bold black on green").append("  ")
+    yield line.append(board.title, "bold")
     line = styled(" log  ", "dim").append(f"{board.log_bytes / 2**20:.1f} MiB")
+    line.append(f"  {losses}" if (losses := losses_words(board)) else "", "yellow")
+    if (baseline := baseline_answer(board)) is not None:
+        line.append("  baseline ", "dim").append(baseline.words, BASELINE_STYLES[baseline.state])
     if board.address:
         late = board.view_behind_s > SLOW_PAGE_S
         line.append("  page ", "dim").append(f"{board.view_behind_s:.1f} s behind", "yellow" if late else "dim")
@@ -249,8 +258,10 @@ def _banner(board: Board, width: int) -> Iterator[Text]:
         yield Text(set_cell_size(more, width), "bold white on red")
     disagreements = board.disagreements
     for warning in disagreements[-MOST_WARNINGS:]:
-        text = f" CHECK  {hms(board.elapsed_s(warning.t_ns))}  {warning.detail}"
-        for line in wrap(text, width)[:LINES_OF_CHANGE] if warning.code is Code.CHANGED else [text]:
+        is_change = warning.code is Code.CHANGED
+        head = "AIRCRAFT CHANGED" if is_change else "CHECK"
+        text = f" {head}  {hms(board.elapsed_s(warning.t_ns))}  {warning.detail}"
+        for line in wrap(text, width, subsequent_indent=" ")[:LINES_OF_CHANGE] if is_change else [text]:
             yield Text(set_cell_size(line, width), "bold black on yellow")
     if len(disagreements) > MOST_WARNINGS:
         text = f" and {len(disagreements) - MOST_WARNINGS} more to check"

@@ -119,12 +119,14 @@ HOLD_HEIGHT: Final = 0.004
 HOLD_LAG: Final = 3.0
 
 
-def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float) -> tuple[float, float, float]:
-    """CL, CD, Cm in steady flight."""
+def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float, q: float = 0.0) -> tuple[float, float, float]:
+    """CL, CD, Cm in steady flight at a pitch rate (rad/s)."""
     v = aircraft.value
     ratio = speed / (aircraft.reference_speed or speed)
-    cl = v("CL_0") + v("CL_V") * ratio + v("CL_alpha") * alpha + v("CL_de") * de
-    cm = v("Cm_0") + v("Cm_V") * ratio + v("Cm_alpha") * alpha + v("Cm_de") * de
+    fixed = aircraft.reference_speed if aircraft.rate_reference == "fixed" else None
+    qhat = 0.5 * q * aircraft.geometry.chord / (fixed or speed)
+    cl = v("CL_0") + v("CL_V") * ratio + v("CL_alpha") * alpha + v("CL_de") * de + v("CL_q") * qhat
+    cm = v("Cm_0") + v("Cm_V") * ratio + v("Cm_alpha") * alpha + v("Cm_de") * de + v("Cm_q") * qhat
     cl += v("CL_alpha2") * alpha**2 + v("CL_alpha3") * alpha**3
     cm += v("Cm_alpha2") * alpha**2 + v("Cm_alpha3") * alpha**3
     attached, left = stalling.steady(aircraft.separation, alpha)
@@ -145,23 +147,25 @@ _LARGEST_ALPHA: Final = 0.4
 """rad: beyond it the profile's derivatives describe nothing."""
 
 
-def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
+def find_trim(aircraft: Aircraft, speed: float, height: float, bank: float = 0.0) -> Trim:
     """Steady level flight at a true airspeed (m/s) and height (m), by Newton's method on (alpha, elevator, thrust).
 
+    With a bank (rad) a coordinated turn, whose load factor is 1/cos(bank) and pitch rate g/V sin(bank) tan(bank).
     Raises ProfileError if there is none.
     """
+    load, q = 1.0 / math.cos(bank), G0 / speed * math.sin(bank) * math.tan(bank)
     density = aircraft.air_density or atmosphere(height)[2]
     weight = aircraft.inertia.mass * G0
     scale = 0.5 * density * speed**2 * aircraft.geometry.wing_area
 
     def imbalance(x: NDArray[np.float64]) -> NDArray[np.float64]:
         alpha, de, thrust = float(x[0]), float(x[1]), float(x[2]) * weight
-        cl, cd, cm = _steady(aircraft, speed, alpha, de)
+        cl, cd, cm = _steady(aircraft, speed, alpha, de, q)
         line = alpha + aircraft.thrust_angle
         return np.array(
             [
                 (thrust * math.cos(line) - scale * cd) / weight,
-                (thrust * math.sin(line) + scale * cl) / weight - 1.0,
+                (thrust * math.sin(line) + scale * cl) / weight - load,
                 cm + thrust * aircraft.thrust_pitch_arm / (scale * aircraft.geometry.chord),
             ]
         )
@@ -187,7 +191,7 @@ def find_trim(aircraft: Aircraft, speed: float, height: float) -> Trim:
             f"aircraft {aircraft.name}: no trim at {speed:.1f} m/s, {height:.0f} m "
             f"(alpha {math.degrees(alpha):.1f} deg, elevator {math.degrees(de):.1f} deg, thrust {thrust:.0f} N)"
         )
-    return Trim(alpha, de, thrust, _steady(aircraft, speed, alpha, de)[0])
+    return Trim(alpha, de, thrust, _steady(aircraft, speed, alpha, de, q)[0])
 
 
 def _stated(aircraft: Aircraft, speed: float, about: Trim) -> Trim:

@@ -1,12 +1,14 @@
 """The aircraft as a flight begins with it, where it flies and who; and one that changes in flight, `[flight.truth]`.
 
 A change renews the equations' constants every tenth of a second. The equations stay stated about the trim that the
-flight began in; the pilot retrims: elevator and thrust go to the trim of the aircraft as it is, a few seconds late.
+flight began in; the pilot retrims: elevator and thrust go to the trim of the aircraft as it is, in the turn that it is
+in, a few seconds late.
 """
 
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -25,6 +27,8 @@ _TRIMMED: Final = 10
 """States of the aircraft between two searches for its trim: a second."""
 ACCELERATION: Final = 0.4
 """At which the pilot changes speed, m/s2: what engines have to spare in level flight."""
+_STEEPEST: Final = math.radians(60.0)
+"""Bank that elevator and thrust are trimmed to at most: twice the weight, more than a transport is turned with."""
 _RETRIM_S: Final = 5.0
 """Time constant with which the pilot's trim follows: slower than a short period, faster than a phugoid."""
 
@@ -77,12 +81,13 @@ class FlownAircraft:
         """What the pilot's trim adds to the elevator that the flight began with, rad."""
         return self._trim.elevator - self._begun.elevator
 
-    def go_on(self, step: int, turned: float = 0.0) -> None:
-        """The next `renewed` steps begin with this one; the heading has `turned` so far, rad."""
+    def go_on(self, step: int, turned: float = 0.0, bank: float = 0.0) -> None:
+        """The next `renewed` steps begin with this one; the heading has `turned` so far, in this `bank`, rad."""
         time, state = step * self._dt, step // self.renewed
         wanted = self.legs.at(time, turned)
         if state % _TRIMMED == 0:
-            self._goal = self._own_trim(self._altered.at(time), time)
+            turning = min(max(bank, -_STEEPEST), _STEEPEST) if self.legs.any else 0.0
+            self._goal = self._own_trim(self._altered.at(time), time, turning)
         if state and self._flight.wind_walk:
             self._wind.go_on(time)
         share = 1.0 - math.exp(-RENEWED_S / _RETRIM_S) if state else 1.0
@@ -93,7 +98,10 @@ class FlownAircraft:
         self.now = self._altered.at(time)
         self.flown = self._made(self._begun)
 
-    def _own_trim(self, aircraft: Aircraft, time: float) -> Trim:
+    def _own_trim(self, aircraft: Aircraft, time: float, bank: float = 0.0) -> Trim:
+        if bank:
+            with suppress(ProfileError):  # too slow to be turned so at one height: the trim stays that of level flight
+                return find_trim(aircraft, self._speed, self._flight.altitude, bank)
         try:
             return find_trim(aircraft, self._speed, self._flight.altitude)
         except ProfileError as error:

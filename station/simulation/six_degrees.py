@@ -294,7 +294,7 @@ class LateralSimulation:
             if self.aircraft.changes:
                 m = min(m, self.aircraft.renewed - offset % self.aircraft.renewed)
                 if offset % self.aircraft.renewed == 0:
-                    self.aircraft.go_on(begin + done, float(self._state[TURN]))
+                    self.aircraft.go_on(begin + done, float(self._state[TURN]), float(self._state[BANK]))
                     wanted = self.aircraft.legs.wanted if self.aircraft.legs.any else None
                     self.lateral = lateral_constants(self.aircraft.now, self._hold, wanted, self._apart)
                 commands = commands + np.array([[self.aircraft.retrimmed], [0.0], [0.0]])

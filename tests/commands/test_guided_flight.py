@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from station.commands.cards import load
 from station.log import points
 from station.profile import profiles_dir
 
@@ -31,3 +32,20 @@ def test_the_emulated_aircraft_flies_what_the_card_asks_for(tmp_path):
     verdicts = [e["detail"] for line in done.stdout.splitlines() for e in json.loads(line)["events"]]
     assert not any("of what is drawn" in words or "was not recorded" in words for words in verdicts)
     assert [p.n for p in points(next(tmp_path.glob("*.mcap")))] == [1]
+
+
+def test_another_aircraft_flies_the_card():
+    """By name or path; the recorded card, and the processes that compile for it, go by the same."""
+    mine = profiles_dir() / "aircraft" / "attas.toml"
+    assert load("bench").aircraft.name == "twin_otter"
+    for name in ("attas", str(mine)):
+        profiles = load("bench", name)
+        assert profiles.aircraft.name == "attas"
+        assert profiles.card.aircraft == name
+
+
+def test_an_aircraft_that_is_not_there_is_told_before_the_flight(station):
+    code, _, told = station("run", "bench", "--aircraft", "twin_oter", "--view", "none")
+    assert code == 2
+    assert "no aircraft named twin_oter" in told
+    assert "twin_otter" in told

@@ -18,8 +18,8 @@ from drivers.can_dbc import encode_frame, load_dbc
 from drivers.can_frames import encode_slcan
 from drivers.codec import Reading
 from drivers.serial_boombox import FIELDS, BoomboxAsciiCodec, BoomboxCodec, encode_line, encode_packet
-from drivers.serial_gnss import DAY_NS, WEEK_NS, UbxCodec, encode_nav_pvt, encode_sentence
-from tests.drivers.wire_bytes import DBC, GYRO, GYRO_FIELDS, KT, PACKET, can_codec
+from drivers.serial_gnss import DAY_NS, UBX_FIELDS, WEEK_NS, UbxCodec, encode_nav_pvt, encode_sentence
+from tests.drivers.wire_bytes import DBC, GYRO, GYRO_FIELDS, KT, PACKET, can_codec, ubx
 
 
 def test_the_boom_box_encoder_writes_the_packet_worked_out_by_hand() -> None:
@@ -60,6 +60,21 @@ def test_pyubx2_reads_our_frames() -> None:
     )
     assert (pvt.iTOW, pvt.nano, pvt.second) == (403_187_200, 199_629_557, 47)
     assert (pvt.lat, pvt.lon, pvt.hMSL, pvt.velN, pvt.velE, pvt.velD) == (45.1234567, -75.1, 100_250, 1000, -20, 3)
+
+
+@given(st.binary(min_size=92, max_size=92), st.sampled_from([84, 92]), st.booleans())
+def test_whatever_a_receiver_says_is_read_as_pyubx2_reads_it(payload: bytes, length: int, is_fixed: bool) -> None:
+    if is_fixed:  # of random bytes few say so
+        payload = payload[:20] + b"\3\1" + payload[22:]
+    frame = ubx(b"\x01\x07", payload[:length])
+    (found,) = UbxCodec().feed(frame)
+    pvt: Any = UBXReader.parse(frame)
+    wanted = [n for n in UBX_FIELDS["NAV-PVT"] if not (pvt.invalidLlh and n in ("lat", "lon", "height", "hMSL"))]
+    has_fix = pvt.gnssFixOk and pvt.fixType in (2, 3, 4)
+    assert isinstance(found, Reading)
+    # The library multiplies degrees by 1e-7 and rounds; ours are the floats nearest to the decimals.
+    expected = {n: float(getattr(pvt, n)) for n in wanted} if has_fix else {}
+    assert found.fields == pytest.approx(expected, rel=1e-14)
 
 
 def test_a_fix_says_what_it_lacks() -> None:

@@ -65,6 +65,15 @@ def test_gps_by_hand_is_read() -> None:
     assert (f["v_north"], f["v_east"]) == pytest.approx((0.0, 61.25), abs=1e-9)
 
 
+def test_a_course_beyond_its_integer_is_none() -> None:
+    """65534 is the most that it carries: an infinity, whose cosine raised out of the reading thread."""
+    payload = struct.pack("<QiiiHHHHBB", 5_000_000, 370862543, -763808217, 2500123, 120, 65535, 6125, 65534, 3, 11)
+    (reading,) = readings(MavlinkCodec(device()), packet(24, GPS_RAW_INT, payload))
+    assert reading.fields["vel"] == 61.25
+    assert math.isnan(reading.fields["v_north"])
+    assert math.isnan(reading.fields["v_east"])
+
+
 def test_gps_without_a_fix_knows_nothing() -> None:
     payload = struct.pack("<QiiiHHHHBB", 5_000_000, 0, 0, 0, 120, 120, 0, 0, 1, 2)
     (reading,) = readings(MavlinkCodec(device()), packet(24, GPS_RAW_INT, payload))

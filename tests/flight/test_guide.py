@@ -75,7 +75,12 @@ def test_abort_takes_the_input_back_and_skip_leaves_the_step() -> None:
     cockpit.press("a")
     assert cockpit.asked == ()
     assert (cockpit.guide.shown.phase, cockpit.guide.shown.run) == (Phase.READY, 0)
+    cockpit.press("n")
+    cockpit.fly(COUNTDOWN_S + 0.5)
+    assert cockpit.guide.shown.run == 1
+    assert cockpit.words(Code.POINT_START) == ["short period; flaps up"], "an aborted run makes no second point"
     cockpit.press("s")
+    assert len(cockpit.words(Code.POINT_END)) == 1
     assert cockpit.guide.shown.number == 2
     assert cockpit.guide.shown.results == (("short period", "skipped"),)
     cockpit.press("r")  # nothing to repeat

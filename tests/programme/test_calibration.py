@@ -5,16 +5,24 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from station.__main__ import app
 from station.commands.calibrate import calibrate
 from station.commands.simulate import simulate
+from station.log import About, Table
+from station.model.air_data_calibration import headed
 from station.profile import Instrument, load_aircraft
 from station.profile.profile_text import write_profile
+from station.programme.calibration import Calibration
+from station.programme.calibration import calibrate as programme_of
+from station.programme.calibration_blocks import opened
 from station.rows import UsageError
 
 HEAD = """
@@ -161,6 +169,50 @@ def test_the_next_diagnosis_finds_nothing_more(programme: Path, tmp_path: Path) 
     assert found[str(profile)]["verdict"] == "no_effect"
     assert found["twin_otter"]["verdict"] != "no_effect"
     assert "alpha_vane.delay" in {e["id"] for e in found["twin_otter"]["effects"]}
+
+
+def told_of(log: Path, changed: Callable[[str, np.ndarray, np.ndarray], np.ndarray | None]) -> Calibration:
+    """A calibration of the log with its columns changed; `changed` takes name, times and values, None leaves it out."""
+
+    def read(path: Path) -> tuple[Table, About]:
+        whole, about = opened(path)
+        made = {n: changed(n, whole.t_s, c) for n, c in whole.columns.items()}
+        return replace(whole, columns={n: c for n, c in made.items() if c is not None}), about
+
+    return programme_of([log], load_aircraft("twin_otter"), read=read)
+
+
+def test_a_record_that_begins_before_its_frames_keeps_every_signal(programme: Path) -> None:
+    """As every live one does: the first 20 s have no values. Heading was lost with them for all of the flight."""
+    whole = told_of(programme, lambda _, t, c: c)
+    late = told_of(programme, lambda _, t, c: np.where(t - t[0] < 20.0, math.nan, c))
+    assert late.constants.keys() == whole.constants.keys()
+    assert "psi_zero" in late.constants
+    seldom = told_of(programme, lambda n, t, c: np.where(t % 8 > 2, math.nan, c) if n == "ay" else c)
+    assert "ay_zero" not in seldom.constants
+    assert any("ay is missing in more than half" in words for words in seldom.remarks)
+    assert seldom.constants["psi_zero"].sd == pytest.approx(whole.constants["psi_zero"].sd, rel=0.3)
+
+
+def test_turns_tell_the_same_without_a_recorded_heading(tmp_path: Path) -> None:
+    """Banked, the nose points off the path by some of the angle of attack: taken for its heading, the path made a
+    degree of the vane's zero."""
+    legs = """{ start = "40 s", heading = "180 deg" }, { start = "140 s", speed = "85 kt" },
+    { start = "240 s", speed = "110 kt", bank = "30 deg" }, { start = "400 s", bank = "-30 deg" }"""
+    log = flown(tmp_path, 560.0, legs, TRUTH + INPUT)
+    for lacking in ("", "psi"):
+        found = told_of(log, lambda n, _, c, lacking=lacking: None if n == lacking else c).constants["vane_zero"]
+        assert abs(found.value - math.radians(0.8)) < 3 * found.sd
+        assert found.sd < math.radians(0.15)
+
+
+@pytest.mark.parametrize("bank", [0.0, 30.0, -45.0])
+def test_the_heading_of_a_path_by_rotations_of_another_hand(bank: float) -> None:
+    angles = np.radians([[120.0, 4.0, bank], [-170.0, -3.0, bank]])
+    alpha, beta = np.radians([5.0, 2.0]), np.radians([1.0, -2.0])
+    body = 60.0 * np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)], axis=1)
+    air = Rotation.from_euler("ZYX", angles).apply(body)
+    assert np.unwrap(headed(air, angles[:, 2], angles[:, 1], beta) - angles[:, 0]) == pytest.approx([0, 0], abs=1e-12)
 
 
 def test_one_heading_at_one_speed_says_what_it_cannot_tell(tmp_path: Path) -> None:

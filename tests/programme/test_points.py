@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +14,11 @@ from programme_flights import flown
 
 from station.identification.flown_inputs import inputs_of
 from station.log import table
+from station.model.change_patterns import NAMES
 from station.profile import load_aircraft
+from station.programme.changes import Change
 from station.programme.histories_overlaid import history, pairs
-from station.programme.programme import Programme, programme
+from station.programme.programme import Programme, changed, likeness, programme
 
 METHODS = ("II", "III", "split", "physical")
 THIN = """
@@ -66,6 +69,23 @@ def test_a_point_s_change_is_what_was_changed(made: Programme) -> None:
     # Narrow enough to be of use: with 0 % and -40 % left out.
     assert change["CL_alpha"].high < -10
     assert change["CL_alpha"].low > -30
+
+
+def test_of_points_at_which_nothing_has_changed_one_in_twenty_has() -> None:
+    """Of seven independent changes each, drawn; of those whose own 95 % leave nought out it would be six in twenty."""
+    rng = np.random.default_rng(15)
+    half = 1.959964
+    drawn = [
+        {n: Change(x, x - half, x + half) for n, x in zip(NAMES, row, strict=True)}
+        for row in rng.standard_normal((2000, len(NAMES)))
+    ]
+    told = np.mean([bool(changed(d)) for d in drawn])
+    assert 0.03 < told < 0.07
+    assert np.mean([any(c.is_significant for c in d.values()) for d in drawn]) > 0.25
+    assert not likeness(drawn[0], load_aircraft("twin_otter")) or changed(drawn[0])
+    assert set(changed({"CL_alpha": Change(-9.0, -12.0, -6.0), "CD_0": Change(math.nan, math.nan, math.nan)})) == {
+        "CL_alpha"
+    }
 
 
 def test_methods_for_turbulence_do_not_apply_to_calm_inputs(made: Programme) -> None:

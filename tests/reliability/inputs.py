@@ -20,10 +20,13 @@ from station.log import summarise
 from station.rows import LogError
 from tests.reliability import live_links, speakers
 from tests.reliability.clocks import jumped, mapped, sent, stalled, starved
+from tests.reliability.counts import GROWTH_MIB
 from tests.reliability.crafted import KINDS, cost
-from tests.reliability.mutations import FOREIGN, FOREIGN_S, GROWTH_MIB, LONGEST_S, added, links
+from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, ulog
+from tests.reliability.hurting import mutated
+from tests.reliability.mutated_links import links
+from tests.reliability.mutations import added
 from tests.reliability.recordings import Told
-from tests.reliability.test_foreign_files import AIRCRAFT, DATAFLASH, dataflash, mat, mutated, ulog
 from tests.reliability.wraps import fly as fly_wraps
 from tests.reliability.wraps import wrapping
 
@@ -126,14 +129,12 @@ SO_FAR = " so far"
 def mutations(name: str, inputs: int, seconds: float, kept: Path | None = None) -> Told:
     """Bad inputs of one codec or reader: those of before in `kept`, and more for so much processor time."""
     found = added(name, inputs, seconds, kept)
-    words = f"{found.raised} faults, {found.longest_s * 1e3:.0f} ms, {found.growth_mib:.0f} MiB at most"
-    is_short = found.inputs < inputs
+    words, is_short = found.words(), found.inputs < inputs
     if found.is_sound and is_short:
         words += f"; {found.inputs} of {inputs}{SO_FAR}"
-    limit_s = FOREIGN_S if name in FOREIGN else LONGEST_S
     return (
         f"mutated inputs of {name}, {found.inputs}",
-        f"0; {limit_s:g} s, {GROWTH_MIB:g} MiB",
+        f"0; {found.limit_s:g} s, {GROWTH_MIB:g} MiB",
         words,
         found.is_sound and not is_short,
     )

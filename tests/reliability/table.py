@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import Final, TypedDict
 
 from tests.reliability import inputs, recordings
+from tests.reliability.counts import ASKED
 from tests.reliability.endings import CUT_S, KILLED_S, cut_on_ext4, kill, may_mount
-from tests.reliability.mutations import ASKED, NAMES, is_short
+from tests.reliability.mutations import NAMES, is_short
 from tests.reliability.recordings import Told
 
 ROOT: Final = Path(__file__).parents[2]

@@ -20,7 +20,7 @@ from drivers.shedding import NOISE_BYTES_S, OTHER_BYTES_S
 from station.flight.bus import Bus
 from station.rows import Code, Event, RawBlock
 from tests.reliability.crafted import KINDS, MAVLINK, UBX, cost
-from tests.reliability.mutations import links
+from tests.reliability.mutated_links import links
 
 PIECE = 200
 LINES_A_BYTE = 25

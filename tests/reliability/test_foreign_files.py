@@ -17,14 +17,15 @@ import zstandard
 from scipy.io import savemat
 
 from drivers.dataflash import read_dataflash
-from station.convert import Importer, Record, import_file, reader_of
+from station.convert import Record, import_file
 from station.convert.confined import confined
+from station.convert.ulog import read_ulog
 from station.log import About, read_rows, summarise, write_log
 from station.profile import load_aircraft
 from station.rows import LogError, ProfileError, RawBlock, Tick
+from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, ulog
+from tests.reliability.hurting import mutated
 
-AIRCRAFT = load_aircraft("twin_otter")
-DATAFLASH = Importer(".bin", "DataFlash", reader_of("dataflash", read_dataflash))
 MIB = 2**20
 
 
@@ -72,55 +73,6 @@ def test_what_a_parser_may_do_is_an_error_of_the_file(
     assert len(str(error.value).splitlines()) == 2
     assert capfd.readouterr() == ("", "")
     assert resource.getrlimit(resource.RLIMIT_DATA)[0] == resource.RLIM_INFINITY, "the station's own limits are not set"
-
-
-def mat(path: Path, compressed: bool) -> bytes:
-    fdata = np.zeros((200, 90))
-    fdata[:, 0] = np.arange(200) * 0.02
-    fdata[:, 1] = 100.0
-    savemat(path, {"fdata": fdata}, do_compression=compressed)
-    return path.read_bytes()
-
-
-def dataflash(times_us: list[int]) -> bytes:
-    """ATT messages, packed by hand after ArduPilot's FMT."""
-    kinds = [
-        (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
-        (131, 17, b"ATT", b"Qccc", b"TimeUS,Roll,Pitch,Yaw"),
-    ]
-    out = b"".join(b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", *kind) for kind in kinds)
-    return out + b"".join(b"\xa3\x95\x83" + struct.pack("<Qhhh", t, 100, 200, 300) for t in times_us)
-
-
-def ulog() -> bytes:
-    """A topic of PX4, packed by hand after its specification."""
-
-    def message(kind: bytes, content: bytes) -> bytes:
-        return struct.pack("<H", len(content)) + kind + content
-
-    out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000) + message(b"B", bytes(40))
-    out += message(b"F", b"airspeed_validated:uint64_t timestamp;float true_airspeed_m_s;")
-    out += message(b"A", struct.pack("<BH", 0, 0) + b"airspeed_validated")
-    return out + b"".join(message(b"D", struct.pack("<HQf", 0, 1_000_000 + k * 20_000, 50.0)) for k in range(100))
-
-
-def mutated(data: bytes, noise: random.Random) -> bytes:
-    """Flipped bits, bytes of all ones and noughts, stretches cut out or doubled, an end cut off."""
-    out = bytearray(data)
-    for _ in range(noise.choice((1, 2, 8))):
-        at = noise.randrange(len(out))
-        kind = noise.randrange(5) if len(out) > 1000 else 0
-        if kind == 0:
-            out[at] ^= 1 << noise.randrange(8)
-        elif kind == 1:
-            out[at : at + 4] = noise.choice((b"\xff", b"\0", b"\x7f")) * len(out[at : at + 4])
-        elif kind == 2:
-            del out[at : at + noise.randrange(1, 64)]
-        elif kind == 3:
-            out[at:at] = out[at : at + noise.randrange(1, 64)]
-        else:
-            del out[max(at, 16) :]
-    return bytes(out)
 
 
 @pytest.mark.parametrize("kind", ["mat", "mat compressed", "bin", "ulg"])
@@ -174,6 +126,14 @@ def test_a_message_without_a_length_is_told_at_once(tmp_path: Path) -> None:
     path.write_bytes(data[:93] + b"\0" + data[94:])
     with pytest.raises(LogError, match="damaged at byte 89: it describes a message of 0 bytes"):
         read_dataflash(path)
+
+
+def test_a_definition_that_the_end_cuts_is_told_at_once(tmp_path: Path) -> None:
+    """pyulog goes round at it, for the 60 s that a parser may take: 58 bytes of a millionfold mutated log did."""
+    path = tmp_path / "a.ulg"
+    path.write_bytes(ulog()[:16] + struct.pack("<HB", 0, 0) + bytes(30) + struct.pack("<HB", 40, 0) + bytes(3))
+    with pytest.raises(LogError, match="damaged at byte 48: a message runs past the end of the file"):
+        read_ulog(path, AIRCRAFT)
 
 
 def test_a_profile_of_5000_letters_is_a_short_error() -> None:

@@ -18,7 +18,7 @@ from drivers.serial_gnss import encode_nav_pvt, encode_sentence
 from station.clock import ManualClock
 from station.profile import Channel, SerialDevice, StreamProfile
 from station.rows import Rows, Sample
-from tests.reliability.mutations import can_codec, links
+from tests.reliability.mutated_links import can_codec, links
 from tests.reliability.speakers import device
 
 S = 10**9

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import pytest
 from cockpit import STEP, Cockpit
 
 from station.screen import terminal
@@ -13,6 +16,10 @@ def shown(cockpit: Cockpit, width: int = 80, height: int = 24) -> list[str]:
     assert len(made) == height
     assert max(line.cell_len for line in made) <= width
     return [line.plain for line in made]
+
+
+def heading(cockpit: Cockpit) -> str:
+    return next(line for line in shown(cockpit) if "STEP" in line).rstrip()
 
 
 def test_the_step_is_seen_from_condition_to_verdict() -> None:
@@ -56,3 +63,38 @@ def test_a_limit_is_in_sight_at_once() -> None:
     cockpit.changed = {}
     cockpit.fly(1.5)
     assert not any("ALARM" in line for line in shown(cockpit))
+
+
+def test_the_crew_sees_whether_it_may_begin() -> None:
+    cockpit = Cockpit(STEP)
+    cockpit.changed = {"airspeed": 60.0}
+    cockpit.fly(0.1)
+    assert "GET READY" in heading(cockpit)
+    cockpit.changed = {}
+    cockpit.fly(0.1)
+    assert heading(cockpit).endswith("  READY")
+
+
+def test_a_condition_is_held_not_flown() -> None:
+    """Of a step without an input nothing says INPUT, FLY or HANDS OFF."""
+    cockpit = Cockpit({"name": "turn", "steady": "4 s", "condition": {"bank": "30 deg"}})
+    cockpit.changed = {"phi": math.radians(30.0)}
+    cockpit.fly(0.1)
+    cockpit.press("n")
+    cockpit.fly(2.0)
+    assert "HOLD IN 3 s" in heading(cockpit)
+    cockpit.fly(4.0)
+    assert "HOLD, 3 s to go" in heading(cockpit)
+    cockpit.fly(4.0)
+    assert heading(cockpit).endswith("HOLD")
+
+
+@pytest.mark.parametrize("name", ["q", "phi", "airspeed", "altitude"])
+def test_what_is_not_known_is_called_so(name: str) -> None:
+    cockpit = Cockpit({**STEP, "condition": {**STEP["condition"], "altitude": "2500 ft"}})
+    cockpit.changed = {name: math.nan}
+    cockpit.fly(0.1)
+    words = {"q": "pitch rate", "phi": "bank", "airspeed": "speed"}.get(name, name)
+    text = "\n".join(shown(cockpit))
+    assert f"{words} unknown" in text
+    assert "nan" not in text

@@ -189,3 +189,40 @@ def test_events_are_seen_on_a_small_terminal_with_many_links() -> None:
         ALPHA, estimate("split"), Health(START_NS, links), Event(seconds(1), "operator", Code.MARK, 1, "gear down")
     )
     assert line_with(screen(board, width=80, height=24), "gear down")
+
+
+def test_missed_ticks_are_told_in_80_columns_while_a_test_point_is_open() -> None:
+    """With the longest title of a shipped card."""
+    board = board_with(
+        Health(START_NS, (LINK,), overruns=117, dropped=3), Event(START_NS, "operator", Code.POINT_START, 12, "TP 12")
+    )
+    board.title = "instrumented: twin_otter_calibrated_baseline on instrumented"
+    shown = screen(board, width=80, height=24)
+    assert "117 ticks missed, 3 rows dropped" in "\n".join(shown)
+    assert "00:00:12" in shown[0]
+    assert "TEST POINT 12  12 s" in shown[0]
+    only = board_with(Health(START_NS, (LINK,), overruns=1))
+    assert "1 tick missed" in "\n".join(screen(only))
+    assert "dropped" not in "\n".join(screen(only))
+
+
+ICE = "drag +44±15 %: as by ice on the wing; not told from ice on the tail. By chance once in 20 h"
+
+
+def test_a_changed_aircraft_is_said_in_words_and_by_the_bell_until_it_is_over() -> None:
+    board = board_with(ALPHA)
+    assert "baseline" not in "\n".join(screen(board)), "no flight is held against one that it has not"
+    board.has_baseline = True
+    assert "baseline unchanged" in line_with(screen(board, width=80, height=24), " log ")
+    assert panel.heard(board) == 0
+    board.update([Event(seconds(5), "aircraft", Code.CHANGED, 1, ICE)])
+    shown = screen(board, width=80, height=24)
+    assert "baseline CHANGED" in line_with(shown, " log ")
+    first = next(i for i, line in enumerate(shown) if line.startswith(" AIRCRAFT CHANGED  00:00:05  drag +44±15 %"))
+    told = " ".join(line.strip() for line in shown[first : first + 2])
+    assert told == f"AIRCRAFT CHANGED  00:00:05  {ICE}"
+    assert panel.heard(board) == 1
+    board.update([Event(seconds(6), "aircraft", Code.UNWATCHED, 1, "no angle of attack")])
+    board.update([Event(seconds(7), "aircraft", Code.UNCHANGED, 1, "as the baseline again")])
+    assert "baseline not watched" in line_with(screen(board, width=80, height=24), " log ")
+    assert panel.heard(board) == 0

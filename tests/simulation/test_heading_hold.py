@@ -75,6 +75,28 @@ def test_a_leg_s_heading_is_turned_to_in_gusts(heading: float) -> None:
     assert abs(heading) == 180 or np.sign(turning) == np.sign(heading)
 
 
+@pytest.mark.parametrize(("knots", "bank"), [(110.0, 30.0), (110.0, -30.0), (135.0, 40.0)])
+def test_a_turn_keeps_speed_and_height(knots: float, bank: float) -> None:
+    """As steep as asked for, at the pitch rate of a level turn, g/V sin(bank) tan(bank) (Etkin 1972, 7.4). With the
+    elevator of level flight more lift came by speed alone: 13 kt of it, and 1,100 ft lower."""
+    speed = knots * 1852 / 3600
+    legs = ({"start": "5 s", "speed": f"{speed} m/s", "bank": f"{bank} deg"},)
+    flown = LateralSimulation(AIRCRAFT, Flight.model_validate({"legs": legs})).advance(200 * 200)
+    late = slice(200 * 120, None)
+    assert np.degrees(flown["phi"][late]) == pytest.approx(bank, abs=1.0)
+    assert flown["airspeed"][late] == pytest.approx(speed, rel=0.05)
+    assert np.abs(flown["altitude"] - 762.0).max() < 150.0
+    roll = math.radians(bank)
+    at_rest = G / flown["airspeed"][-1] * math.sin(roll) * math.tan(roll)
+    assert flown["q"][-1] == pytest.approx(at_rest, rel=0.08)  # some of the side force is that of sideslip
+
+
+def test_a_turn_too_steep_to_be_trimmed_is_flown_on() -> None:
+    legs = ({"start": "2 s", "speed": "36 m/s", "bank": "75 deg"},)
+    flown = LateralSimulation(AIRCRAFT, Flight.model_validate({"legs": legs})).advance(200 * 60)
+    assert np.isfinite(flown["airspeed"]).all()
+
+
 def test_a_yaw_damper_damps() -> None:
     swayed = []
     for yaw in ("0 s", "0.5 s"):
