@@ -48,6 +48,9 @@ class EnergyDrag:
     """Power put in that neither motion nor polar shows, W; NaN without a polar."""
     systematic: float
     """Standard deviation common to all windows: of thrust, mass, angle of attack and accelerometer."""
+    by_motion: float
+    """The same of the angle of attack's scale as far as it moves, which a flight in trim does not have: lift and angle
+    of attack rise together, and what is wrong with the one in proportion to itself is drag on the mean."""
 
     @property
     def change(self) -> Array:
@@ -91,7 +94,11 @@ def drag_by_energy(
     mass = u.recorded_mass if "mass" in motion and np.isfinite(motion["mass"]).any() else u.mass
     size = np.array([np.nanmean(x) if np.isfinite(x).any() else math.nan for x in (along / force, shown / force, cl)])
     per_newton = float(np.nanmean(a.mass / force))
-    parts = (share * size[0], mass * size[1], u.vane_zero * size[2], u.ax_zero * per_newton)
+    # Drag is wrong by CL times what the angle of attack is wrong by.
+    both = np.isfinite(cl) & np.isfinite(alpha)
+    together = float(np.cov(cl[both], alpha[both])[0, 1]) if both.sum() > 1 else math.nan
+    scale = u.vane_scale if aircraft.boom else 0.0
+    parts = (share * size[0], mass * size[1], u.vane_zero * size[2], u.ax_zero * per_newton, scale * together)
     return EnergyDrag(
         t_s=means["t"],
         CD=means["CD"],
@@ -99,6 +106,7 @@ def drag_by_energy(
         expected=means["expected"],
         imbalance=means["imbalance"],
         systematic=float(np.sqrt(sum(float(x) ** 2 for x in parts))),
+        by_motion=scale * abs(together),
     )
 
 

@@ -15,6 +15,7 @@ from typing import Final
 from station.conventions import LONGITUDINAL
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, without_airframe_errors
+from station.model.energy_drag import FEWEST, WINDOW_S
 from station.numerics.random_effects import NORMAL_95, Pooled, pooled
 from station.profile import Aircraft
 from station.programme.flown_points import FlownPoint
@@ -149,8 +150,12 @@ def changes_of(point: FlownPoint, method: str, baseline: Baseline) -> dict[str, 
 
 def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
     """Of CD_0; what a recorded thrust is wrong by, of the change too, is in its error."""
-    if point.drag is None or baseline.drag is None or point.found is None:
-        return _unknown("thrust is not recorded")
+    if point.found is not None and point.found.record.thrust_known and point.drag is None:
+        return _unknown(f"fewer than {FEWEST} stretches of {WINDOW_S:g} s have all that drag is told by")
+    if point.drag is None or point.found is None:
+        return _unknown("thrust is not recorded" if point.found else point.why or "not estimated")
+    if baseline.drag is None:
+        return _unknown("the baseline does not have it")
     value, error = point.drag
     doubt = point.found.aircraft.uncertainty.thrust * abs(value - baseline.drag.value)
     return change_of(ParamEstimate("CD_0", value, math.hypot(error, doubt), Status.ESTIMATED, ""), baseline.drag)

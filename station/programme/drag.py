@@ -5,6 +5,7 @@ CD - induced CL^2 = CD_0
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ from station.model.energy_drag import FEWEST, drag_by_energy
 
 
 class DragOfPoint(NamedTuple):
-    """CD_0 over a point and its standard error, by the scatter of its windows."""
+    """CD_0 over a point and its standard error: the scatter of its windows, and what a vane of another scale makes of
+    the point's motion, which is not that of another point."""
 
     value: float
     error: float
@@ -28,6 +30,7 @@ def drag_of(record: FlightRecord) -> DragOfPoint | None:
     found = drag_by_energy(motion, record.airframe, record.aircraft, record.alpha, record.t_s)
     if len(found.t_s) < FEWEST:
         return None
+    # Of each instant's lift: within a window of an input its square has another mean than the mean's.
     polar = record.aircraft.drag
-    at_no_lift = found.CD - (polar.induced if polar else 0.0) * found.CL**2
-    return DragOfPoint(float(np.mean(at_no_lift)), found.random(at_no_lift))
+    at_no_lift = found.change + polar.zero_lift if polar else found.CD
+    return DragOfPoint(float(np.mean(at_no_lift)), math.hypot(found.random(at_no_lift), found.by_motion))

@@ -66,6 +66,19 @@ def test_a_glide_has_the_drag_of_its_ratio() -> None:
     assert np.allclose(made.imbalance, (lift * math.tan(-gamma) - polar) * pressure * airframe.area * v)
 
 
+def test_a_vane_of_another_scale_makes_drag_of_motion() -> None:
+    """As much as the profile says the scale may be wrong by: what drag by the larger angles is more, on the mean."""
+    aircraft = load_aircraft("twin_otter")
+    record = flown(aircraft, aircraft)
+    alpha = record.alpha
+    wrong = np.nanmean(alpha) + (1 + aircraft.uncertainty.vane_scale) * (alpha - np.nanmean(alpha))
+    right, high = (drag_by_energy(record.motion, record.airframe, aircraft, a, record.t_s) for a in (alpha, wrong))
+    assert np.mean(high.CD) - np.mean(right.CD) == pytest.approx(right.by_motion, rel=0.1)
+    known = aircraft.uncertainty.model_copy(update={"vane_scale": 0.0})
+    sure = aircraft.model_copy(update={"uncertainty": known})
+    assert drag_by_energy(record.motion, record.airframe, sure, alpha, record.t_s).by_motion == 0.0
+
+
 def test_the_polar_comes_out_and_half_as_much_again_is_told() -> None:
     aircraft = load_aircraft("twin_otter")
     assert aircraft.drag is not None

@@ -16,7 +16,7 @@ from station.identification.flown_inputs import inputs_of
 from station.log import table
 from station.model.change_patterns import NAMES
 from station.profile import load_aircraft
-from station.programme.changes import Change
+from station.programme.changes import Change, drag_change
 from station.programme.histories_overlaid import history, pairs
 from station.programme.programme import Programme, changed, likeness, programme
 
@@ -100,6 +100,26 @@ def test_methods_for_turbulence_do_not_apply_to_calm_inputs(made: Programme) -> 
 def test_a_point_of_three_seconds_is_said_to_be_too_short(made: Programme) -> None:
     assert made.points[3].found is None
     assert made.points[3].why == "3.0 s long: 6 s are the least"
+
+
+def test_a_point_s_drag_is_that_of_rest_whatever_was_flown(made: Programme) -> None:
+    """Within a window of an input the mean of lift squared is more than the mean lift's square: taken for the same it
+    was 1 % of drag, and a flight in turbulence, which has less of it, was told from its baseline."""
+    truth = load_aircraft("twin_otter").drag
+    assert truth is not None
+    for point in made.points[:2]:
+        assert point.drag is not None
+        assert point.drag.value == pytest.approx(truth.zero_lift, rel=0.004)
+        assert abs(point.drag.value - truth.zero_lift) < 3 * point.drag.error
+
+
+def test_why_a_point_s_drag_is_not_told(made: Programme) -> None:
+    """Of a flight whose thrust is recorded."""
+    assert drag_change(made.points[3], made.baseline).why == "3.0 s long: 6 s are the least"
+    assert drag_change(made.points[2], made.baseline).is_known
+    brief = replace(made.points[2], drag=None)
+    assert "fewer than 3 stretches of 5 s" in drag_change(brief, made.baseline).why
+    assert drag_change(made.points[2], replace(made.baseline, drag=None)).why == "the baseline does not have it"
 
 
 @pytest.mark.parametrize(("start", "level"), [("26 s", "calm"), ("0 s", "light")])
