@@ -12,9 +12,8 @@ from typing import Annotated, Final
 import typer
 
 from station.console import DEGRADED, DONE, say
-from station.log import About, verdict
+from station.log import About, metadata, verdict
 from station.profile import Profiles
-from station.rows import LogError
 
 _OF_SSH: Final = 4
 """Words of SSH_CONNECTION: address and port of the client, then of this machine."""
@@ -51,7 +50,7 @@ def judged(log: Path) -> int:
 
 def there(log: Path) -> Path:
     if not log.is_file():
-        raise LogError(f"{log}: no such file")
+        metadata(log)  # raises, and names later files of it that are there
     return log
 
 

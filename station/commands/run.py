@@ -212,12 +212,12 @@ class _Flight:
             say(f"{timing}; {self.slots - self.times.ticks} missed")
         for words in loop_words(self.emulated.loop):
             say(words)
-        say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.path}")
+        say(f"recorded {self.writer.bytes_written / 2**20:.1f} MiB in {self.writer.recording}")
         if count := len(self.board.points.ended):
-            say(f"{count} test point{'s' if count > 1 else ''}: station points {self.writer.path} --report report")
+            say(f"{count} test point{'s' if count > 1 else ''}: station points {self.writer.recording} --report report")
         if self.preparation.is_under_way():
             say("no live estimates: the estimators were not ready (what is compiled is kept for the next flight);")
-            say(f"after the flight: station identify {self.writer.path}")
+            say(f"after the flight: station identify {self.writer.recording}")
         return judge(self._shortcomings())
 
     def _shortcomings(self) -> list[str]:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
+from typing import Final
 
 from station.conventions import CLOCK_LAW, Signal, Stream
 from station.log.arithmetic import arithmetic
@@ -13,6 +14,8 @@ from station.log.counts import NAME, Counts, counted
 from station.log.scan import CRC, PartReader, seal
 from station.profile import NOTHING, Aircraft, Card, Further, Rig, elsewhere, from_json, to_json
 from station.rows import LogError, ProfileError
+
+_MEND: Final = "\nsay what flew, and the rows it has are saved: station recover --aircraft NAME"
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +147,7 @@ def _info_of(reader: PartReader) -> LogInfo:
     if station is None or clock is None or aircraft is None:
         cut = reader.truncated_at is not None or reader.damage
         why = "is cut or damaged before its profiles end" if cut else "is an MCAP file, but not of this station"
-        raise LogError(f"{reader.path}: {why}")
+        raise LogError(f"{reader.path}: {why}{_MEND if cut else ''}")
     optional = {name: reader.attachments.get(name) for name in ("rig.json", "card.json")}
     try:
         streams = tuple(Stream(**{**s, "signals": tuple(s["signals"])}) for s in json.loads(station["streams"]))
@@ -165,4 +168,4 @@ def _info_of(reader: PartReader) -> LogInfo:
             int(clock["utc_ns"]),
         )  # fmt: skip
     except (ValueError, KeyError, TypeError, ProfileError) as error:
-        raise LogError(f"{reader.path}: its profiles cannot be read: {error}") from error
+        raise LogError(f"{reader.path}: its profiles cannot be read: {error}{_MEND}") from error

@@ -38,7 +38,7 @@ def metadata(path: Path) -> LogInfo:
     if not path.is_file():
         later = parts(path)[1:]
         mend = f"\nlater files of it are: read {later[0]} and those after it one by one" if later else ""
-        raise LogError(f"{path}: no such recording{mend}")
+        raise LogError(f"{path}: no such file{mend}")
     reader = PartReader(path)
     reader.open()
     return info_of(reader)

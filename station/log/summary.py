@@ -240,10 +240,9 @@ def recover(path: Path, out: Path, aircraft: Aircraft | None = None) -> Summary:
     given = None
     try:
         info = metadata(path)
-    except LogError as error:
+    except LogError:
         if aircraft is None or not path.is_file():
-            mend = "" if not path.is_file() else "\nsay what flew: station recover --aircraft NAME"
-            raise LogError(f"{error}{mend}") from error
+            raise
         info = given = _told_by_rows(path, aircraft)
     summary = summarise(path, given)
     if not summary.rows:

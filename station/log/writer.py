@@ -113,6 +113,7 @@ class LogWriter:
         except OSError as error:
             raise LogError(f"{folder}: cannot record there: {error.strerror}\nuse another folder: --log") from error
         self._part: PartWriter | None = None
+        self.first = first.path
         self._use(first)
 
     def _first(self, stem: str, exact: bool) -> tuple[str, PartWriter]:

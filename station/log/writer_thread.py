@@ -60,7 +60,13 @@ class WriterThread:
 
     @property
     def path(self) -> Path:
+        """The file that is being written."""
         return self._writer.path
+
+    @property
+    def recording(self) -> Path:
+        """The file by which the whole recording is named: its first; where that has gone, the one being written."""
+        return first if (first := self._writer.first).exists() else self.path
 
     @property
     def bytes_written(self) -> int:

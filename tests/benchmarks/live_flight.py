@@ -27,6 +27,32 @@ SETTLED_S = 600.0
 BUSY = "import os\nos.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))\nwhile True: pass"
 """A process that wants a core, at the priority of any other."""
 
+STILL_S = 0.02
+"""A tick that comes so late is given up."""
+WITNESS = f"""
+import os, sys, time
+os.sched_setaffinity(0, [int(sys.argv[1])])
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(os.sched_get_priority_max(os.SCHED_FIFO)))
+due = time.monotonic()
+while True:
+    due = max(due + 0.005, time.monotonic() - {STILL_S})
+    time.sleep(max(0.0, due - time.monotonic()))
+    if time.monotonic() - due > {STILL_S}:
+        print(round(due, 2), round(time.monotonic() - due, 4), flush=True)
+"""
+"""A process before all others on a core, which sleeps for 5 ms at a time: where each core's wakes late at one time, the
+machine itself stood still, as virtual ones do."""
+
+
+def still(witnesses: list[list[tuple[float, float]]]) -> str:
+    """What witnesses saw, each its core: when they should have woken, and how late they did, s."""
+    first, *others = witnesses
+    together = [late for due, late in first if all(any(abs(due - d) < 0.1 for d, _ in other) for other in others)]
+    if not together:
+        return "the machine itself never stood still"
+    often = f"{len(together)} times" if len(together) > 1 else "once"
+    return f"the machine itself stood still {often}, {max(together) * 1e3:.0f} ms at most"
+
 
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
@@ -39,6 +65,14 @@ def main() -> None:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         if chosen.stress:
             stack.callback(subprocess.Popen([sys.executable, "-c", BUSY]).kill)
+        may_watch = os.geteuid() == 0 and hasattr(os, "SCHED_FIFO")
+        witnesses = [
+            subprocess.Popen([sys.executable, "-c", WITNESS, str(n)], stdout=subprocess.PIPE, text=True)
+            for n in range(os.cpu_count() or 1)
+            if may_watch
+        ]
+        for witness in witnesses:
+            stack.callback(witness.kill)
         words = ["run", chosen.card, "--duration", str(60 * chosen.minutes), "--view", chosen.view, "--log", folder]
         station = subprocess.Popen(
             [sys.executable, "-m", "station", *words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
@@ -59,7 +93,14 @@ def main() -> None:
         assert station.stderr is not None
         told = [line for line in station.stderr.read().splitlines() if line.startswith(("ticks", "recorded"))]
         parts, code = len(list(Path(folder).glob("*.mcap"))), station.wait()
+        seen = []
+        for witness in witnesses:
+            witness.kill()
+            lines = [line.split() for line in witness.communicate()[0].splitlines()]
+            seen.append([(float(line[0]), float(line[1])) for line in lines if len(line) == 2])
     print(*told, sep="\n")
+    if seen:
+        print(still(seen))
     before_others = "at real-time priority, " if os.sched_getscheduler(0) in (os.SCHED_RR, os.SCHED_FIFO) else ""
     print(f"{before_others}load {np.mean(loads):.1f} on {os.cpu_count()} cores; files: {parts}; exit code: {code}")
     quarter = len(sizes) // 4

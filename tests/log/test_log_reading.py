@@ -235,7 +235,7 @@ def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
     first.unlink()
     assert summarise(later[0]).degraded == ["not here: flight.mcap"]
     assert "not here: flight.mcap" in describe(summarise(later[0]))
-    with pytest.raises(LogError, match=rf"no such recording\nlater files of it are: read .*{later[0].name}"):
+    with pytest.raises(LogError, match=rf"no such file\nlater files of it are: read .*{later[0].name}"):
         summarise(first)
 
 
@@ -298,7 +298,7 @@ def test_recover_fails_if_what_it_wrote_does_not_read_back(
 
 
 def test_what_is_no_recording_is_a_short_error(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="no such recording"):
+    with pytest.raises(LogError, match="no such file"):
         metadata(tmp_path / "none.mcap")
     text = tmp_path / "notes.mcap"
     text.write_text("time [s],q [deg/s]\n")

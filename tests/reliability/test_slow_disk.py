@@ -180,3 +180,19 @@ def test_the_end_of_a_flight_does_not_wait_for_ever(tmp_path: Path, monkeypatch:
 @pytest.mark.skipif(not Path("/proc/self/mounts").exists(), reason="the system does not list its mounts there")
 def test_the_disk_of_a_folder_is_where_it_is_mounted() -> None:
     assert name_of_disk(Path("/proc/self")) == "disk /proc (proc)"
+
+
+def test_a_flight_of_many_files_is_named_by_its_first(tmp_path: Path) -> None:
+    """The last words of a flight named the file written last: `identify` of that is of the flight's end alone."""
+    clock, noise = ManualClock(10**9), random.Random(1)
+    writer = WriterThread(tmp_path, about(), clock, lambda _: None, rotate_bytes=20_000)
+    first = writer.recording
+    for k in range(200):
+        writer.append(tick_rows(k, clock.now_ns(), noise))
+        writer.flush()
+        clock.advance_s(TICK_S)
+    writer.close()
+    assert writer.path != first == writer.recording
+    assert summarise(writer.recording).files > 1
+    first.unlink()
+    assert writer.recording == writer.path

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.benchmarks.live_flight import still
 from tests.reliability import table
 from tests.reliability.inputs import mutations, soaked
 from tests.reliability.mutations import added, code_of, is_short
@@ -63,6 +64,8 @@ def test_an_hour_in_the_air_is_judged(missed: int, slope: str, code: int, holds:
     assert name == "a flight of 60 min on the bench, at real-time priority, load 7.5 on 2 cores"
     assert limit == "0; 1 MiB/h"
     assert found == f"{missed} ticks missed, 21.65 ms (p99); {slope} MiB/h from 10 min on; files: 2, exit code {code}"
+    still = "the machine itself stood still 2 times, 29 ms at most"
+    assert soaked(f"{told}\n{still}", 60)[2] == f"{found}; {still}"
     # With one core kept busy the ticks count, and how late they are is told.
     name, limit, _, held = soaked(told, 15, stressed=True)
     assert "one core kept busy" in name
@@ -91,3 +94,10 @@ def test_bad_inputs_add_up_while_their_reader_is_the_same(tmp_path: Path) -> Non
 def test_code_of_a_reader_is_what_it_rests_on() -> None:
     assert code_of("ubx") == code_of("nmea")  # one module
     assert len({code_of(name) for name in ("ubx", "lines", "mavlink", "can", "dronecan", "mcap", "csv")}) == 7
+
+
+def test_the_machine_stood_still_where_all_cores_did_at_once() -> None:
+    assert still([[(10.0, 0.03), (20.0, 0.05)], [(10.01, 0.028), (30.0, 0.06)]]) == (
+        "the machine itself stood still once, 30 ms at most"
+    )
+    assert still([[(10.0, 0.03)], []]) == "the machine itself never stood still"
