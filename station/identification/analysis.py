@@ -6,6 +6,7 @@ written here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
@@ -14,7 +15,14 @@ from station.conventions import LATERAL
 from station.estimation.method_table import LIVE, METHODS, recommended
 from station.estimation.published import batch, cross_spectra
 from station.estimation.published.cross_spectra import VaneSpectra
-from station.estimation.results import MethodResult, names, not_applicable, with_airframe_errors, with_more_error
+from station.estimation.results import (
+    MethodResult,
+    moves_laterally,
+    names,
+    not_applicable,
+    with_airframe_errors,
+    with_more_error,
+)
 from station.identification.advice import SIFTED, NextInput, SiftedMethod, next_input, sifted, sifted_results
 from station.identification.angle_consistency import consistency
 from station.identification.boom_spectra import BoomSpectra, boom_spectra
@@ -22,7 +30,7 @@ from station.identification.by_input import by_input, misled
 from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
-from station.identification.instrument_bias import biases, matters
+from station.identification.instrument_bias import Error, biases, matters, undone, without_misled
 from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.left_out import knows_gusts, left_out, mostly_gusts
@@ -60,9 +68,11 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     request = request or Request()
     wanted = request.names()
     ready = prepare(table, aircraft, request)
-    # The instruments are examined where everything is asked for, or nothing else can be had.
+    # The instruments are examined where everything is asked for, or nothing else can be had,
     examined = request.wants_all or bool(ready.refusal)
     made = kinematics(ready.record) if examined else None
+    # and before any lateral derivative: their vane and gyros are less often calibrated.
+    examined = examined or (not ready.refusal and moves_laterally(ready.record))
     if ready.refusal and (made is None or not made.any_found):
         raise UsageError(f"{request.subject}: {ready.refusal}")
     spectra = _spectra(wanted, ready)
@@ -78,7 +88,7 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     instruments = (ready.mistaken or instrument_table(ready.record)) if examined else None
     contradiction = ""
     if not ready.refusal:
-        results, contradiction = _with_doubts(results, ready, instruments)
+        results, contradiction = _with_doubts(results, ready, instruments, flown)
     if ready.mistaken:
         results = {name: _invalid(result, ready.mistaken) for name, result in results.items()}
     best = _recommended(results, level)
@@ -114,19 +124,43 @@ def _boom(ready: Prepared) -> tuple[BoomSpectra, ...] | str:
 
 
 def _with_doubts(
-    results: dict[str, MethodResult], ready: Prepared, instruments: InstrumentTable | str | None
+    results: dict[str, MethodResult], ready: Prepared, instruments: InstrumentTable | str | None, flown: Flown | None
 ) -> tuple[dict[str, MethodResult], str]:
     """Errors, but the published ones, that hold what no residual shows, refusals where nothing is left, and the signals
     that the others contradict, in words where that matters."""
     record, axes = ready.record, ready.request.axes
     as_they_are = [n for n, m in METHODS.items() if m.as_published or (m.angle == "none" and not m.live)]
-    wrong, words = biases(record, instruments, axes)
-    contradiction = words if matters(wrong, results.values()) else ""
+    shown = by_input(record, axes, longitudinal=not knows_gusts(record))
+    doubts = biases(record, instruments, axes, shown)
+    wrong, own = doubts.wrong(), _of_method(ready, flown, doubts.errors)
+    contradiction = doubts.words if matters(wrong, results.values()) else ""
     whys = {**mostly_gusts(record, instruments), **drowned(record)}
-    results = misled(results, by_input(record, axes, longitudinal=not knows_gusts(record)), record, as_they_are)
-    for more in (wrong, left_out(record, axes)):
-        results = {n: r if n in as_they_are else with_more_error(r, more, record) for n, r in results.items()}
+    results = misled(results, shown, record, as_they_are)
+    beside = left_out(record, axes)
+    for n in results.keys() - set(as_they_are):
+        held = with_more_error(results[n], doubts.wrong(own.get(n)), record)
+        results[n] = with_more_error(held, beside, record)
+    results = {n: without_misled(r, wrong, doubts.words) if METHODS[n].as_published else r for n, r in results.items()}
     return {n: refused(r, whys) for n, r in results.items()}, contradiction
+
+
+def _of_method(ready: Prepared, flown: Flown | None, errors: Mapping[str, Error]) -> dict[str, dict[str, float]]:
+    """By method, by how much its lateral derivatives differ with the instruments' errors undone: of methods that go by
+    the input, which an error misleads otherwise than it does least squares."""
+    names = tuple(n for n in flown.last if METHODS[n].by_input) if flown and errors else ()
+    if flown is None or not names:
+        return {}
+    whole, axes = with_pitch(ready.whole), ready.request.axes
+    columns = {n: e.undone(whole.columns[n], whole.t_s) for n, e in errors.items() if n in whole.columns}
+    record = undone(ready.record, errors)
+    again = fly(replace(whole, columns={**whole.columns, **columns}), record, names, ready.request)
+    found: dict[str, dict[str, float]] = {}
+    for n in names:
+        values = {p.name: p.value for p in again.result(n, record, axes).parameters}
+        before = flown.result(n, ready.record, axes).parameters
+        apart = {p.name: abs(values.get(p.name, math.nan) - p.value) for p in before if p.name in LATERAL}
+        found[n] = {name: x for name, x in apart.items() if math.isfinite(x)}
+    return found
 
 
 def _spectra(wanted: tuple[str, ...], ready: Prepared) -> VaneSpectra | str | None:

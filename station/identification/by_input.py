@@ -31,6 +31,8 @@ HISTORY_S: Final = 3.0
 """Of a surface that the motion is projected on: a short period, or a Dutch roll."""
 STEP_S: Final = 0.1
 """Between its values: a tenth of the fastest motion's period."""
+ROUNDING: Final = 1e-12
+"""Share of the largest singular value."""
 ROWS: Final = 4
 """Rows for each of these values, at least."""
 
@@ -60,25 +62,44 @@ def by_input(record: FlightRecord, axes: Axes, *, longitudinal: bool) -> dict[st
 def _projected(record: FlightRecord, equation: Equation) -> dict[str, Shown]:
     x, z = equation.regressors, equation.measured
     good = record.usable & np.isfinite(x).all(axis=1) & np.isfinite(z)
-    moved = [SURFACES[mark] for mark in SURFACES if f"{equation.name}_{mark}" in equation.parameters]
-    moved = [name for name in moved if excited(record, (name,))]
-    late = np.arange(0.0, HISTORY_S, max(STEP_S, record.dt))
-    if not moved or good.sum() < ROWS * len(late) * len(moved):
+    history = input_history(record, equation, good)
+    if history is None:
         return {}
-    whole = {name: np.interp(record.t_s, record.t_s[good], record.motion[name][good]) for name in moved}
-    history = np.column_stack([np.interp(record.t_s - s, record.t_s, u) for u in whole.values() for s in late])[good]
     regressors = np.column_stack([x[good] - x[good].mean(axis=0), np.ones(good.sum())])
-    history = np.column_stack([history - history.mean(axis=0), np.ones(good.sum())])
-    projected = history @ np.linalg.lstsq(history, regressors, rcond=None)[0]
-    inverse = np.linalg.inv(projected.T @ projected)
-    value = inverse @ projected.T @ z[good]
-    rest = z[good] - regressors @ value
-    alike = correlate(rest, rest)[len(rest) - 1 :] / len(rest)
-    scores = projected.T @ matmul_toeplitz(alike, projected, check_finite=False)
-    error = np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse), 0.0))
+    value, error = instrumented(regressors, z[good], history)
     apart = least_squares(regressors, z[good]).estimate - value
     columns = (value.tolist(), error.tolist(), apart.tolist())
     return {name: Shown(*row) for name, row in zip(equation.parameters, zip(*columns, strict=True), strict=False)}
+
+
+def input_history(
+    record: FlightRecord, equation: Equation, good: NDArray[np.bool_], ahead_s: float = 0.0
+) -> Array | None:
+    """An orthonormal basis (rows, columns) of a constant and of the equation's surfaces that moved, HISTORY_S back and
+    `ahead_s` on, in the rows that are `good`; None where they are too few or none moved."""
+    moved = [SURFACES[mark] for mark in SURFACES if f"{equation.name}_{mark}" in equation.parameters]
+    moved = [name for name in moved if excited(record, (name,))]
+    late = np.arange(-ahead_s, HISTORY_S, max(STEP_S, record.dt))
+    if not moved or good.sum() < ROWS * len(late) * len(moved):
+        return None
+    whole = {name: np.interp(record.t_s, record.t_s[good], record.motion[name][good]) for name in moved}
+    history = np.column_stack([np.interp(record.t_s - s, record.t_s, u) for u in whole.values() for s in late])[good]
+    history = np.column_stack([history - history.mean(axis=0), np.ones(good.sum())])
+    # Of inputs in a band the values in between say little that is new: rounding is left out.
+    basis, size, _ = np.linalg.svd(history, full_matrices=False)
+    return np.asarray(basis[:, size > size[0] * ROUNDING])
+
+
+def instrumented(regressors: Array, measured: Array, history: Array) -> tuple[Array, Array]:
+    """Estimates by instrumental variables, `history` (rows, columns, orthonormal), of a coefficient `measured` (rows,)
+    on `regressors` (rows, m), and their standard errors by coloured residuals."""
+    projected = history @ (history.T @ regressors)
+    inverse = np.linalg.inv(projected.T @ projected)
+    value = inverse @ projected.T @ measured
+    rest = measured - regressors @ value
+    alike = correlate(rest, rest)[len(rest) - 1 :] / len(rest)
+    scores = projected.T @ matmul_toeplitz(alike, projected, check_finite=False)
+    return value, np.sqrt(np.maximum(np.diag(inverse @ scores @ inverse), 0.0))
 
 
 def misled(

@@ -22,14 +22,17 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord, flow_angles
-from station.estimation.results import Axes, Equation, MethodResult, equations, regress
+from station.estimation.results import Axes, Equation, MethodResult, equations, excited, regress
+from station.identification import surface_scales
+from station.identification.by_input import Shown, by_input, input_history, instrumented
 from station.identification.instrument_table import InstrumentTable
 from station.model.coefficients import coefficients
 from station.model.instrument_lags import FILTERS_S
 from station.numerics.differentiation import derivative
 from station.numerics.regression import NotIdentifiable
-from station.rows import Status
+from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
 
@@ -83,6 +86,22 @@ class Error:
         return f"{name} {' and '.join(parts)}"
 
 
+@dataclass(frozen=True, slots=True)
+class Doubts:
+    """What contradicts the record, and by how much each derivative is wrong by it."""
+
+    errors: Mapping[str, Error]
+    by_instruments: Mapping[str, float]
+    by_surfaces: Mapping[str, float]
+    """By surfaces whose scale the profile contradicts."""
+    words: str
+
+    def wrong(self, instead: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Each derivative, by all of it; `instead`: what a method itself makes of the instruments' errors."""
+        of = {**self.by_instruments, **(instead or {})}
+        return {n: math.hypot(of.get(n, 0.0), self.by_surfaces.get(n, 0.0)) for n in {**of, **self.by_surfaces}}
+
+
 def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, Error]:
     """Each instrument that the others contradict."""
     scale_known = record.aircraft.uncertainty.vane_scale
@@ -114,6 +133,8 @@ def out_of_time(record: FlightRecord, axes: Axes) -> dict[str, Error]:
         name = f"{equation.name}_{mark}"
         if name not in equation.parameters or not np.isfinite(equation.measured[record.usable]).any():
             continue
+        if not excited(record, (surface,)):
+            continue
         steps = np.arange(STEP_S, LONGEST_S + STEP_S / 2, STEP_S)
         tried = [Error(), *(Error(late=s) for s in (*steps, *-steps)), *(Error(follows=s) for s in steps)]
         error = _timed(record, equation, record.motion[surface], equation.parameters.index(name), tried)
@@ -129,6 +150,11 @@ def _timed(record: FlightRecord, equation: Equation, signal: Array, at: int, tri
     if good.sum() < len(equation.parameters) + 2:
         return None
     z = equation.measured[good] - equation.measured[good].mean()
+    # Roll and yaw gusts move the regressors too: what the surfaces' history explains of both sides is free of that.
+    is_lateral = equation.parameters[0] in LATERAL
+    basis = input_history(record, equation, good, LONGEST_S) if is_lateral else None
+    if is_lateral and basis is None:
+        return None
 
     def moved(error: Error) -> Array:
         x = equation.regressors.copy()
@@ -141,8 +167,9 @@ def _timed(record: FlightRecord, equation: Equation, signal: Array, at: int, tri
             return math.inf  # so far moved, nothing of the surface is left
         x = np.where(np.isfinite(x), x, np.nanmean(x, axis=0))
         x = x - x.mean(axis=0)
-        estimate = np.linalg.lstsq(x, z, rcond=None)[0]
-        return float(np.mean((z - x @ estimate) ** 2))
+        shown = (x, z) if basis is None else (basis.T @ x, basis.T @ z)
+        estimate = np.linalg.lstsq(*shown, rcond=None)[0]
+        return float(np.mean((shown[1] - shown[0] @ estimate) ** 2))
 
     best = min(tried, key=left)
     size = abs(best.late) + best.follows
@@ -150,12 +177,17 @@ def _timed(record: FlightRecord, equation: Equation, signal: Array, at: int, tri
         return None  # in time, or no best one among those tried
     x = moved(best)
     x = np.column_stack([x, np.gradient(x[:, at], record.dt)])
+    slope = len(equation.parameters)
     try:
-        fit, _ = regress(record, replace(equation, regressors=x))
+        if basis is None:
+            fit, _ = regress(record, replace(equation, regressors=x))
+            value, error = fit.estimate, fit.se_coloured
+        else:
+            there = good & np.isfinite(x).all(axis=1)
+            value, error = instrumented(x[there] - x[there].mean(axis=0), z[there[good]], basis[there[good]])
     except (NotIdentifiable, np.linalg.LinAlgError):
         return None
-    sd = abs(fit.se_coloured[len(equation.parameters)] / fit.estimate[at])
-    return best if size > SURE * sd else None
+    return best if size > SURE * abs(error[slope] / value[at]) else None
 
 
 def undone(record: FlightRecord, errors: Mapping[str, Error]) -> FlightRecord:
@@ -179,8 +211,9 @@ def filtered(record: FlightRecord, errors: Mapping[str, Error]) -> dict[str, flo
     return {n: x for n, x in late.items() if x > FILTERS_S and n in REGRESSED and n in record.motion}
 
 
-def biases(record: FlightRecord, table: InstrumentTable | str | None, axes: Axes) -> tuple[dict[str, float], str]:
-    """By how much each derivative is wrong by the signals that the others contradict, and these in words.
+def biases(record: FlightRecord, table: InstrumentTable | str | None, axes: Axes, shown: Mapping[str, Shown]) -> Doubts:
+    """Signals that the others contradict and surfaces that the profile does. `shown`: derivatives by the input's
+    history.
 
     A lag that was undone as a delay may be that of a filter: by how much derivatives differ is part of it.
     """
@@ -188,13 +221,26 @@ def biases(record: FlightRecord, table: InstrumentTable | str | None, axes: Axes
     # Of the others, for a late gyro is an early surface.
     errors |= out_of_time(undone(record, errors) if errors else record, axes)
     late = filtered(record, errors)
-    if not (errors or late):
-        return {}, ""
-    mended = undone(record, errors)
-    before, after = _estimates(record, axes), _estimates(mended, axes)
-    other = _estimates(through_filters(mended, late), axes) if late else after
-    wrong = {n: math.hypot(after[n] - x, other.get(n, after[n]) - after[n]) for n, x in before.items() if n in after}
-    return wrong, "; ".join(error.worded(name) for name, error in errors.items())
+    wrong: dict[str, float] = {}
+    of_mended = shown
+    if errors or late:
+        mended = undone(record, errors)
+        of_mended = by_input(mended, axes, longitudinal=False)
+        before, after = _estimates(record, axes), _estimates(mended, axes)
+        other = _estimates(through_filters(mended, late), axes) if late else after
+        wrong = {
+            n: math.hypot(after[n] - x, other.get(n, after[n]) - after[n]) for n, x in before.items() if n in after
+        }
+        # What least squares and the input's history make of the same error differs.
+        by_history = {
+            n: abs(of_mended[n].value - shown[n].value) for n in shown.keys() & of_mended.keys() & wrong.keys()
+        }
+        wrong |= {n: max(x, wrong[n]) for n, x in by_history.items()}
+    scales = surface_scales.contradicted(record.aircraft, of_mended)
+    by_surfaces = surface_scales.wrong_by(scales, {n: of.value for n, of in of_mended.items()})
+    words = [error.worded(name) for name, error in errors.items()]
+    words += [scale.worded(surface) for surface, scale in scales.items()]
+    return Doubts(errors, wrong, by_surfaces, "; ".join(words))
 
 
 def through_filters(record: FlightRecord, late: Mapping[str, float]) -> FlightRecord:
@@ -214,6 +260,17 @@ def matters(wrong: Mapping[str, float], results: Iterable[MethodResult]) -> bool
         for p in result.parameters
         if p.status is Status.ESTIMATED
     )
+
+
+def without_misled(result: MethodResult, wrong: Mapping[str, float], words: str) -> MethodResult:
+    """A result whose errors stay as published: lateral derivatives that are wrong by more than these are none."""
+
+    def judged(p: ParamEstimate) -> ParamEstimate:
+        if p.name not in LATERAL or p.status is not Status.ESTIMATED or wrong.get(p.name, 0.0) <= p.sd:
+            return p
+        return ParamEstimate(p.name, p.value, p.sd, Status.INVALID, f"against the other signals {words}")
+
+    return replace(result, parameters=tuple(judged(p) for p in result.parameters))
 
 
 def _estimates(record: FlightRecord, axes: Axes) -> dict[str, float]:

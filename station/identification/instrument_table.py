@@ -99,13 +99,15 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
         return str(why)
     except np.linalg.LinAlgError:
         return "the record does not determine it: nothing moves"
-    stated = {} if boom is None else {"zero": boom.zero, "scale": 1 / boom.steady_calibration,
-                                      "lag": vane_lag(boom.vane_frequency, boom.vane_damping)}  # fmt: skip
+    stated: dict[str, dict[str, float]] = {}
+    if boom is not None:
+        late = {"lag": vane_lag(boom.vane_frequency, boom.vane_damping)}
+        stated = {"alpha_vane": {"zero": boom.zero, "scale": 1 / boom.steady_calibration, **late}, "beta_vane": late}
     rows = []
     for n in (n for n in present if n in REFERENCE or np.ptp(motion[n][good]) > 0):
         parts = {kind: found.values.get((n, kind), Value(np.nan, np.nan, _why(n, kind))) for kind in KINDS}
         against = tuple(a for a in AGAINST[n] if a in moving)[:2]
-        rows.append(Instrument(n, against, **parts, stated=stated if n == "alpha_vane" else {}))
+        rows.append(Instrument(n, against, **parts, stated=stated.get(n, {})))
     return InstrumentTable(tuple(rows), found.gust_sd, found.seconds, found.high_hz)
 
 

@@ -56,8 +56,12 @@ SETTLED: Final = 0.05
 STEPS: Final[Mapping[str, float]] = {"lag": 0.15, "filter": 0.15, "scale": 0.2, "zero": math.inf}
 """Largest step of an iteration: a fraction of a period, a fifth."""
 SCAN_S: Final = 0.1
-BETTER: Final = 9.0
-"""Deviance by which a lag elsewhere, or a filter, must be better: three standard deviations."""
+SURE: Final = 3.0
+"""Standard deviations from its null beyond which an instrument's error is beyond doubt."""
+RENEWALS: Final = 3
+"""Of the velocities, at most: one vane in error makes the other look so, which the first renewal shows."""
+BETTER: Final = SURE**2
+"""Deviance by which a lag elsewhere, or a filter, must be better."""
 HEARD: Final = 25.0
 """Deviance by which an instrument must explain another, or they it, before its lag and scale say anything: five
 standard deviations, for lags are sought at thirty places."""
@@ -105,9 +109,34 @@ def solve(
     """Of signals (n,), forces at the CG, without gaps within `spans` of rows; `arm`: place of the vanes from the CG, m;
     `upwash`: the vane's scale by the profile, which only the airspeed's and side force's rows take from it.
 
+    A flow angle or a rate in error is also wrong in the velocities that multiply the others: once it is known by how
+    much, these are made anew.
+
     Raises NotIdentifiable for spans too short, and LinAlgError for a record in which nothing moves.
     """
-    return _Fit(motion, dt, arm, spans, upwash).solve(motion)
+    found, before = _Fit(motion, dt, arm, spans, upwash).solve(motion), frozenset[str]()
+    for _ in range(RENEWALS):
+        mended = _mended(motion, dt, found, upwash)
+        if mended.keys() == before:
+            break
+        found, before = _Fit(motion, dt, arm, spans, upwash, mended).solve(motion), frozenset(mended)
+    return found
+
+
+def _mended(motion: Mapping[str, Array], dt: float, found: Solution, upwash: float) -> dict[str, Array]:
+    """Flow angles and rates (n,) whose lag or scale is wrong beyond doubt, as they were."""
+    made = {}
+    for name in (n for n in (*FLOW, *RATES) if n in motion):
+        lag, scale = found.values.get((name, "lag")), found.values.get((name, "scale"))
+        if lag is None or scale is None:
+            continue
+        stated = upwash if name == "alpha_vane" else 1.0
+        late = lag.value if not lag.why and abs(lag.value) > SURE * lag.sd else 0.0
+        share = scale.value if not scale.why and abs(scale.value - stated) > SURE * scale.sd else stated
+        if late or share != stated:
+            ticks = np.arange(len(motion[name]))
+            made[name] = np.interp(ticks + late / dt, ticks, motion[name]) / share
+    return made
 
 
 class _Fit(Likelihood):

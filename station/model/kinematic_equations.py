@@ -82,12 +82,22 @@ class Equations:
         self.terms.append(Term(row, instrument, readings, factor, order, float(np.mean(factor))))
 
 
-def equations(motion: Mapping[str, Array], arm: tuple[float, float, float], upwash: float = 1.0) -> Equations:
+def equations(
+    motion: Mapping[str, Array],
+    arm: tuple[float, float, float],
+    upwash: float = 1.0,
+    mended: Mapping[str, Array] | None = None,
+) -> Equations:
     """Of the signals (n,) that the record has, forces at the CG; `arm` (m): the vanes' place from it; `upwash`: scale
-    that the profile gives the vane of angle of attack, which the other rows' velocities are free of."""
+    that the profile gives the vane of angle of attack, which the other rows' velocities are free of. `mended`: flow
+    angles and rates as the instruments would show them without errors, for the factors, where that is known."""
     made = Equations()
+    mended = mended or {}
     _attitude(made, motion)
-    _air(made, motion, arm, upwash)
+    true = {**motion, **mended}
+    if "alpha_vane" in motion and "alpha_vane" not in mended:
+        true["alpha_vane"] = motion["alpha_vane"] / upwash
+    _air(made, motion, true, arm)
     _ground(made, motion)
     return made
 
@@ -111,19 +121,21 @@ def _attitude(made: Equations, m: Mapping[str, Array]) -> None:
                 made.add(head, name, m[name], factor)
 
 
-def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float], upwash: float) -> None:
-    """Rows of the flow angles and the airspeed: the motion of the CG through the air, vanes at `arm`."""
+def _air(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array], arm: tuple[float, float, float]) -> None:
+    """Rows of the flow angles and the airspeed: the motion of the CG through the air, vanes at `arm`; `true`: what
+    the factors are made of."""
     one = np.ones(len(m["theta"]))
     zero = 0.0 * one
     phi, theta = m.get("phi", zero), m["theta"]
     if "airspeed" not in m:
         return
-    speed, beta = m["airspeed"], m.get("beta_vane", zero)
-    alpha = m["alpha_vane"] / upwash if "alpha_vane" in m else theta + np.arctan2(m.get("v_down", zero), speed)
+    speed, beta = m["airspeed"], true.get("beta_vane", zero)
+    alpha = true.get("alpha_vane", theta + np.arctan2(m.get("v_down", zero), speed))
+    p, q, r = (true.get(name, zero) for name in "pqr")
     x, y, z = arm
     u = speed * np.cos(alpha) * np.cos(beta)
-    v = speed * np.sin(beta) - x * m.get("r", zero) + z * m.get("p", zero)
-    w = speed * np.sin(alpha) * np.cos(beta) + x * m.get("q", zero) - y * m.get("p", zero)
+    v = speed * np.sin(beta) - x * r + z * p
+    w = speed * np.sin(alpha) * np.cos(beta) + x * q - y * p
 
     def row(head: str, parts: tuple[tuple[str, Array | float, int], ...], of_attitude: tuple[str, Array]) -> None:
         made.heads.append(head)
@@ -155,7 +167,7 @@ def _air(made: Equations, m: Mapping[str, Array], arm: tuple[float, float, float
     lift = m["az"] + G0 * np.cos(theta) * np.cos(phi) if "az" in m else zero
     push = m["ay"] + G0 * np.cos(theta) * np.sin(phi) if "ay" in m else zero
     made.terms.append(Term("airspeed", "", -up * lift - across * push, one, 0, 0.0))
-    roll = speed * m.get("p", zero)
+    roll = speed * p
     for line, of, factor in (
         ("incidence", "airspeed", -lift),
         ("incidence", "beta_vane", -roll),

@@ -75,6 +75,7 @@ class Likelihood:
         arm: tuple[float, float, float],
         spans: Sequence[slice],
         upwash: float = 1.0,
+        mended: Mapping[str, Array] | None = None,
     ) -> None:
         longest = max((s.stop - s.start for s in spans), default=0)
         if longest * dt < LEAST_S:
@@ -92,7 +93,7 @@ class Likelihood:
             for start in range(s.start + self.margin, s.stop - self.margin - count, count)
         ]
         self.arm = arm
-        self.model = equations(motion, arm, upwash)
+        self.model = equations(motion, arm, upwash, mended)
         self.rows = {head: r for r, head in enumerate(self.model.heads)}
         self.speed = float(np.mean(motion["airspeed"])) if "airspeed" in motion else math.nan
         instruments = list(dict.fromkeys(t.instrument for t in self.model.terms if t.instrument))
