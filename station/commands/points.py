@@ -55,7 +55,7 @@ def points(
     if as_json != "-":
         print_programme(made)
     whole = max(judged(f.path) for f in made.flights)
-    unused = [p for p in made.points if p.why]
+    unused = [p for p in made.points if p.why and p.drag is None]
     for p in unused:
         say(f"station: {p.title}: {p.why}")
     return max(whole, DEGRADED if unused else DONE)

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from station.conventions import LATERAL
 from station.model.airframe_error import relative_errors
-from station.profile import Aircraft, Step
+from station.profile import Aircraft, Step, otherwise
 from station.rows import ParamEstimate, Status
 
 WORTH: Final = 0.8
@@ -77,6 +77,9 @@ def obstacles(step: Step, aircraft: Aircraft, signals: Collection[str]) -> list[
     for (name, wanted), share in zip(step.accept.items(), shares, strict=True):
         if 2 * float(share) >= wanted:
             said.append(f"{name} to {_percent(wanted)}: mass and inertia of the profile leave {_percent(2 * share)}")
+    if aircraft.measured is not None:
+        pairs = otherwise(step.condition.configuration, aircraft.measured.condition)
+        said += [f"{own}, the baseline {other}: what that changes would be told as changed" for own, other in pairs]
     return said
 
 

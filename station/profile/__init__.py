@@ -84,7 +84,7 @@ from station.profile.rig_loop import (
 )
 from station.profile.shapes import DiscreteGust, Doublet, Leg, Manoeuvre, Multisine, Order, Pulse, Sweep, ThreeTwoOneOne
 from station.profile.step import AIR, Condition, Limits, Step
-from station.profile.told_by_flight import Calibrated, Measured
+from station.profile.told_by_flight import Calibrated, Measured, otherwise
 
 __all__ = [
     "AIR",
@@ -181,6 +181,7 @@ __all__ = [
     "load_rig",
     "nearest",
     "nearest_or_all",
+    "otherwise",
     "own_ratio",
     "profiles_dir",
     "quantity",

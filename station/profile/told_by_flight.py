@@ -10,6 +10,21 @@ from pydantic import Field, model_validator
 from station.profile.quantity import Frozen, Metres, MetresPerSecond, Radians, Seconds
 
 
+def otherwise(condition: str, than: str) -> tuple[tuple[str, str], ...]:
+    """Where one condition contradicts another, part by part of what commas separate: same first word, another rest, as
+    "flaps 20" and "flaps up"; both parts of each."""
+    found = []
+    for own in _parts(condition):
+        theirs = [part for part in _parts(than) if part.split()[0].lower() == own.split()[0].lower()]
+        if theirs and own.lower() not in (part.lower() for part in theirs):
+            found.append((own, " or ".join(dict.fromkeys(theirs))))
+    return tuple(found)
+
+
+def _parts(condition: str) -> list[str]:
+    return [part.strip() for part in condition.replace(";", ",").split(",") if part.strip()]
+
+
 class Measured(Frozen):
     """What `station baseline` measured: the aircraft as it is, which a flight is held against. Measured derivatives,
     and their sd with the scatter between points in it, are the profile's."""

@@ -66,10 +66,10 @@ def answer(made: Programme) -> str:
         if p.title in made.baseline.points:
             continue
         words = ", ".join(significant(made.change(place)))
-        if p.why or not any(c.is_known for c in made.change(place).values()):
-            unused.append(p.name)
-        elif words:
+        if words:
             changed.append(f"{p.name}: {words}")
+        elif not any(c.is_known for c in made.change(place).values()):
+            unused.append(p.name)
         else:
             same.append(p.name)
     count = len(made.baseline.points)

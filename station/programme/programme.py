@@ -11,7 +11,7 @@ from scipy.stats import norm
 from station.log import Point, Table, metadata, points, table
 from station.model.change_patterns import NAMES, in_words, matches, patterns
 from station.numerics.random_effects import NORMAL_95
-from station.profile import Aircraft
+from station.profile import Aircraft, otherwise
 from station.programme.changes import Baseline, Change, baseline_of, changes_of, drag_change, recommended, scatter_of
 from station.programme.flown_points import FlownPoint, flown_point, marked
 from station.rows import UsageError
@@ -86,8 +86,20 @@ def programme(
     others = {f.table.aircraft.name for f in flights} - {aircraft.name}
     remarks = [f"recorded with the profile {name}, identified with {aircraft.name}" for name in sorted(others)]
     remarks += [f"{f.path.name}: no test point is marked: all of it is one" for f in flights if not f.are_marked]
+    remarks += list(_other_configurations(made, baseline, aircraft))
     changes = {i: {m: changes_of(p, m, baseline) for m in p.methods or {}} for i, p in enumerate(made)}
     return Programme(aircraft, flights, tuple(made), baseline, (*remarks, *scatter_of(baseline)), changes)
+
+
+def _other_configurations(points: Sequence[FlownPoint], baseline: Baseline, aircraft: Aircraft) -> Iterable[str]:
+    """Points that were flown otherwise than the baseline, by their conditions."""
+    theirs = [p.condition for p in points if p.title in baseline.points]
+    if not theirs and aircraft.measured is not None:
+        theirs = [aircraft.measured.condition]
+    for p in points:
+        found = dict.fromkeys(pair for condition in theirs for pair in otherwise(p.condition, condition))
+        for own, other in found:
+            yield f"{p.name}: {own}, the baseline {other}: what that alone changes is told as changed"
 
 
 def likeness(changes: Mapping[str, Change], aircraft: Aircraft) -> str:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from station.flight.verdict import Known, Option, judge, known, obstacles
-from station.profile import Step, load_aircraft
+from station.profile import Condition, Measured, Step, load_aircraft
 from station.rows import ParamEstimate, Status
 
 DOUBLET = {"kind": "doublet", "start": "0 s", "amplitude": "2 deg", "width": "1 s"}
@@ -64,6 +64,13 @@ def test_what_mass_and_inertia_leave_cannot_be_flown_away() -> None:
     signals = ("alpha_vane", "airspeed", "q", "ax", "az", "elevator")
     assert obstacles(flies, aircraft, signals) == ["Cm_q to 10 %: mass and inertia of the profile leave 12 %"]
     assert obstacles(step(accept={"Cl_p": 0.2}), aircraft, signals) == ["no aileron, ay, beta_vane, p, r, rudder"]
+    told = {"points": 3, "condition": "baseline, flaps up", "lowest_speed": "50 m/s", "highest_speed": "60 m/s"}
+    held = aircraft.model_copy(update={"measured": Measured.model_validate(told)})
+    slow = flies.model_copy(update={"accept": {}, "condition": Condition(configuration="flaps 20")})
+    assert obstacles(slow, held, signals) == [
+        "flaps 20, the baseline flaps up: what that changes would be told as changed"
+    ]
+    assert obstacles(slow, aircraft, signals) == []
     p = ParamEstimate("Cm_q", -35.0, 2.8, Status.ESTIMATED, "")
     verdict = judge(flies, 1, known(step(accept={"Cm_q": "10 %"}), {"Cm_q": p}, {"Cm_q": 0.12}), [], {})
     assert verdict.kind == "beyond"

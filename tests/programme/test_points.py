@@ -15,9 +15,11 @@ from programme_flights import flown
 from station.identification.flown_inputs import inputs_of
 from station.log import table
 from station.model.change_patterns import NAMES
-from station.profile import load_aircraft
+from station.profile import load_aircraft, otherwise
 from station.programme.changes import Change, drag_change
+from station.programme.drag import DragOfPoint
 from station.programme.histories_overlaid import history, pairs
+from station.programme.points_report import answer
 from station.programme.programme import Programme, changed, likeness, programme
 
 METHODS = ("II", "III", "split", "physical")
@@ -111,6 +113,33 @@ def test_a_point_s_drag_is_that_of_rest_whatever_was_flown(made: Programme) -> N
         assert point.drag is not None
         assert point.drag.value == pytest.approx(truth.zero_lift, rel=0.004)
         assert abs(point.drag.value - truth.zero_lift) < 3 * point.drag.error
+
+
+def test_another_configuration_than_the_baseline_s_is_said() -> None:
+    assert otherwise("flaps 20, clean", "baseline, flaps up, clean") == (("flaps 20", "flaps up"),)
+    assert otherwise("light turbulence, Flaps Up", "baseline, flaps up; baseline, flaps 10") == ()
+    assert otherwise("flaps 20", "baseline, flaps up; baseline, flaps 10") == (("flaps 20", "flaps up or flaps 10"),)
+    assert otherwise("iced", "") == ()
+
+
+def test_a_point_of_another_configuration_remarks_it(tmp_path: Path) -> None:
+    points = (
+        {"name": "one", "condition": "baseline, flaps up", "start": "2 s", "end": "18 s"},
+        {"name": "two", "condition": "flaps 20", "start": "20 s", "end": "38 s"},
+    )
+    log = flown(tmp_path, points, 40.0)
+    made = programme([log], [], load_aircraft("twin_otter"), ("II",), lambda _: None)
+    assert "two: flaps 20, the baseline flaps up: what that alone changes is told as changed" in made.remarks
+
+
+def test_drag_that_has_changed_is_quoted_of_a_point_without_an_input(made: Programme) -> None:
+    """As of a steady step amid ice: it was called one of which no change could be told."""
+    why = "the elevator rests throughout: no input was flown"
+    still = replace(made.points[2], name="still", why=why, methods=None, drag=DragOfPoint(0.0588, 0.0005))
+    changes = {i: changes for i, changes in made.changes.items() if i < 2} | {2: {}}
+    quoted = answer(replace(made, points=(*made.points[:2], still), changes=changes))
+    assert "still: CD_0 +47 %" in quoted
+    assert "no change could be told" not in quoted
 
 
 def test_why_a_point_s_drag_is_not_told(made: Programme) -> None:
