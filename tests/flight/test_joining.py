@@ -1,6 +1,9 @@
 """A flight records before what is compiled is ready: the rest joins later, in a replay at the same ticks."""
 
 import math
+import os
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -11,6 +14,7 @@ from station.conventions import SIGNAL_INDEX, Stream
 from station.flight.alignment import Aligner
 from station.flight.bus import Bus
 from station.flight.loop import ESTIMATORS, FRAMES, Chain, beats, recorded_beats, run
+from station.flight.preparing import children_fly_behind
 from station.flight.replay_check import Comparison
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, Quality, Sample, Tick
 
@@ -129,3 +133,26 @@ def test_ticks_are_made_up_for_while_estimators_are_prepared_and_given_up_after(
     preparing[0] = False
     clock.advance_s(0.2)
     assert next(source).tick.k > 35
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_RESET_ON_FORK"), reason="Linux alone has it")
+def test_what_compiles_has_an_ordinary_priority_under_a_flight_at_a_real_time_one():
+    tell = [sys.executable, "-c", "import os; print(os.sched_getscheduler(0) == os.SCHED_OTHER)"]
+    found = []
+
+    def preparing():
+        try:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+        except PermissionError:
+            return
+        for step_back in (lambda: None, children_fly_behind):
+            step_back()
+            found.append(subprocess.run(tell, stdout=subprocess.PIPE, text=True, check=True).stdout.strip())
+        found.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR)
+
+    thread = threading.Thread(target=preparing)
+    thread.start()
+    thread.join()
+    if not found:
+        pytest.skip("this user may not fly at a real-time priority")
+    assert found == ["False", "True", True]
