@@ -33,12 +33,14 @@ def flown_aircraft(scenario: Scenario, beside: Path | None = None) -> Aircraft:
 def known_aircraft(scenario: Scenario, flown: Aircraft, beside: Path | None = None) -> Aircraft:
     """The aircraft as the estimators know it: any vane but the profile's is one at the CG that tells the truth.
 
-    Nor do they know of ice. Where the lift has no memory they are not told: `physical` is to show what that costs. Mass
-    and inertia are those of the profile, and known to be.
+    Nor do they know of ice. Where the lift has no memory they are not told: `physical` is to show what that costs.
+    Mass, inertia and the scale of the elevator's sensor are those of the profile, and known to be.
     """
     boom: Boom | None = flown.boom if scenario.alpha == "boom" else None
     unsteady = flown.unsteady.model_copy(update={"memory": True})
-    doubt = flown.uncertainty.model_copy(update={"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0})
+    doubt = flown.uncertainty.model_copy(
+        update={"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, "surface_scale": 0.0}
+    )
     known: dict[str, object] = {"boom": boom, "unsteady": unsteady, "uncertainty": doubt}
     if scenario.icing:
         clean = flown_aircraft(scenario.model_copy(update={"icing": 0.0}), beside)

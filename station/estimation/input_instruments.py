@@ -63,7 +63,9 @@ class Sums(NamedTuple):
     right: Array
     """Re(Y^H W Z), and"""
     direct: Array
-    """Re(X^H W Z), (EQUATIONS, PLACES)."""
+    """Re(X^H W Z)."""
+    doubt: Array
+    """Re(Y^H W D), D what Z may have to hold beside; these (EQUATIONS, PLACES)."""
     extent: Array
     """(EQUATIONS, 4)"""
 
@@ -73,7 +75,7 @@ def no_sums() -> Sums:
     squares, columns = (EQUATIONS, PLACES, PLACES), (EQUATIONS, PLACES)
     return Sums(
         np.zeros(squares), np.zeros(squares), np.zeros(squares), np.zeros(squares),
-        np.zeros(columns), np.zeros(columns), np.zeros((EQUATIONS, 4)),
+        np.zeros(columns), np.zeros(columns), np.zeros(columns), np.zeros((EQUATIONS, 4)),
     )  # fmt: skip
 
 
@@ -149,7 +151,7 @@ def _level(x: Complex, z: Complex, theta: Array, noise: Array, spectrum: Array, 
 
 
 @register_jitable
-def _products(x: Complex, y: Complex, z: Complex, weight: Array, one: Sums) -> None:
+def _products(x: Complex, y: Complex, z: Complex, doubt: Complex, weight: Array, one: Sums) -> None:
     """Of one equation, added to `one`."""
     for f in range(z.shape[0]):
         w = weight[f]
@@ -158,6 +160,7 @@ def _products(x: Complex, y: Complex, z: Complex, weight: Array, one: Sums) -> N
             a, b, c, d = w * y[i, f].real, w * y[i, f].imag, w * x[i, f].real, w * x[i, f].imag
             one.right[i] += a * z[f].real + b * z[f].imag
             one.direct[i] += c * z[f].real + d * z[f].imag
+            one.doubt[i] += a * doubt[f].real + b * doubt[f].imag
             for j in range(PLACES):
                 one.cross[i, j] += a * x[j, f].real + b * x[j, f].imag
                 one.own[i, j] += a * y[j, f].real + b * y[j, f].imag
@@ -180,8 +183,9 @@ def _scores(x: Complex, y: Complex, z: Complex, weight: Array, theta: Array, inv
 @register_jitable
 def _of(sums: Sums, e: int) -> Sums:
     return Sums(
-        sums.cross[e], sums.own[e], sums.normal[e], sums.scores[e], sums.right[e], sums.direct[e], sums.extent[e]
-    )
+        sums.cross[e], sums.own[e], sums.normal[e], sums.scores[e], sums.right[e], sums.direct[e], sums.doubt[e],
+        sums.extent[e],
+    )  # fmt: skip
 
 
 @register_jitable
@@ -195,6 +199,7 @@ def _with_past(now: Sums, past: Sums, close: bool) -> None:
             now.scores[i, j] += past.scores[i, j]
         now.right[i] += past.right[i]
         now.direct[i] += past.direct[i]
+        now.doubt[i] += past.doubt[i]
     if close:
         _copied(past, now)
 
@@ -209,6 +214,7 @@ def _copied(past: Sums, now: Sums) -> None:
             past.normal[i, j] = now.normal[i, j]
         past.right[i] = now.right[i]
         past.direct[i] = now.direct[i]
+        past.doubt[i] = now.doubt[i]
 
 
 @register_jitable
@@ -220,7 +226,7 @@ def _without(still: Array, one: Sums) -> None:
                 one.cross[i, j] = one.cross[j, i] = one.own[i, j] = one.own[j, i] = 0.0
                 one.normal[i, j] = one.normal[j, i] = 0.0
             one.cross[i, i] = one.own[i, i] = one.normal[i, i] = 1.0
-            one.right[i] = one.direct[i] = 0.0
+            one.right[i] = one.direct[i] = one.doubt[i] = 0.0
 
 
 @register_jitable
@@ -236,19 +242,20 @@ def _weights(level: float, noise: Array, spectrum: Array, z: Complex, weight: Ar
 
 @njit(cache=True, error_model="numpy")
 def fit_by_input(
-    spectra: tuple[Complex, Complex, Complex], about: tuple[Array, Array, Array], share: float, close: bool,
-    theta: Array, past: Sums, fitted: Fitted, r2: Array,
+    spectra: tuple[Complex, Complex, Complex, Complex], about: tuple[Array, Array, Array, Array], share: float,
+    close: bool, past: Sums, fitted: Fitted, moved: Array, r2: Array,
 ) -> None:  # fmt: skip
     """All three equations.
 
-    `spectra`: of the regressors X (PLACES, frequencies), their instruments Y alike, and of CY, Cl and Cn. `about`: N
+    `spectra`: of the regressors X (PLACES, frequencies), their instruments Y alike, of CY, Cl and Cn, and of what these
+    may have to hold beside, which moves the parameters by `moved` (EQUATIONS, PLACES). `about`: N
     (EQUATIONS, frequencies), energy of the noise of all samples; Phi (frequencies,); of each regressor, 1 where its
-    surface stands still. `share`: T df, see equation_error.fit. `theta`: first estimates. Edits `past`, fills `fitted`
-    and `r2`, which is NaN without a solution and else the weighted share explained.
+    surface stands still; first estimates (EQUATIONS, PLACES). `share`: T df, see equation_error.fit. Edits `past`,
+    fills `fitted`, `moved` and `r2`, which is NaN without a solution and else the weighted share explained.
     """
     past, fitted = Sums(*past), Fitted(*fitted)
-    x, y, zs = spectra
-    noise, spectrum, still = about
+    x, y, zs, doubts = spectra
+    noise, spectrum, still, theta = about
     lines = x.shape[1]
     independent = min(max(share, 1e-3), 1.0)
     weight, score, inverse = np.empty(lines), np.empty((lines, PLACES)), np.empty((PLACES, PLACES))
@@ -256,13 +263,13 @@ def fit_by_input(
         z, before = zs[e], _of(past, e)
         now = Sums(
             np.zeros((PLACES, PLACES)), np.zeros((PLACES, PLACES)), np.zeros((PLACES, PLACES)),
-            np.zeros((PLACES, PLACES)), np.zeros(PLACES), np.zeros(PLACES), np.zeros(4),
+            np.zeros((PLACES, PLACES)), np.zeros(PLACES), np.zeros(PLACES), np.zeros(PLACES), np.zeros(4),
         )  # fmt: skip
         _level(x, z, theta[e], noise[e], spectrum, now.extent)
         now.extent[LINES] = lines * independent
         level = (now.extent[LEVEL] + before.extent[LEVEL]) / (now.extent[OF_LEVEL] + before.extent[OF_LEVEL])
         _weights(level, noise[e], spectrum, z, weight)
-        _products(x, y, z, weight, now)
+        _products(x, y, z, doubts[e], weight, now)
         _with_past(now, before, close)
         carry(before.extent, now.extent, close)
         _without(still, now)
@@ -276,9 +283,10 @@ def fit_by_input(
         if not invert_general(now.cross, PLACES, inverse):
             continue
         for i in range(PLACES):
-            fitted.value[e, i] = 0.0
+            fitted.value[e, i] = moved[e, i] = 0.0
             for j in range(PLACES):
                 fitted.value[e, i] += inverse[i, j] * now.right[j]
+                moved[e, i] += inverse[i, j] * now.doubt[j]
         _scores(x, y, z, weight, fitted.value[e], inverse, score)
         newey_west(score, independent, now.scores)
         for i in range(PLACES * close):

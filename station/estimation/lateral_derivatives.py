@@ -11,9 +11,9 @@ sideslip: the rest is the side gust, which reaches the CG x/V after the vane. Bo
 of a transform that ends while the air still moves would err by what is cut off at its ends, and derivatives from gusts
 alone by a fifth. The gusts' gradient across the span rolls and yaws the aircraft, and its answer misleads least squares
 (input_instruments.py): II and split may be wrong by their distance from split+gust; II also by its distance from
-split, and split by a tenth of that (attitude and mean wind are never quite known). Per radian, body axes, moments about
-the CG. The recursive transform (spectra.py) and least squares with its standard errors (equation_error.py) are those of
-the longitudinal equations.
+split, and split by a tenth of that (attitude and mean wind are never quite known); split+gust by what another sidewash
+than the profile's would make of it. Per radian, body axes, moments about the CG. The recursive transform (spectra.py)
+and least squares with its standard errors (equation_error.py) are those of the longitudinal equations.
 
 Source: Klein and Morelli 2006, equations 3.37 and 5.99-5.101 (coefficients), 10.6 (lever arm), section 11.3.
 """
@@ -40,6 +40,7 @@ from station.estimation.lateral_spectra import (
     LATE,
     PARAMETERS,
     SURFACES,
+    WASH,
     ByInput,
     Spectra,
 )
@@ -150,6 +151,7 @@ class Lateral:
         self._derivative = central_difference_factor(frequencies, dt)
         keep = math.exp(-1.0 / card.step / forgetting_s)
         self._gust = SideGust(aircraft, dt)
+        self._sidewash = aircraft.uncertainty.sidewash
         by_input = ByInput(aircraft, frequencies, noise, self._gust.force) if self._inertia else None
         self._spectra = tuple(Spectra(frequencies, dt, card.step, card.warm_up, keep, b) for b in (None, by_input))
         self._state = np.zeros(4)
@@ -211,12 +213,12 @@ class Lateral:
         if not math.isfinite(inertial):
             self._gust.restart()
             return
-        gust, late = self._gust.step(self._sides[0] - inertial, inertial, self._history[1, _R], speed)
-        if math.isfinite(gust + late):
+        gust, late, wash = self._gust.step(self._sides[0] - inertial, inertial, self._history[1, _R], speed)
+        if math.isfinite(gust + late + wash):
             self._sides[0] = inertial + gust
-            self._sides[LATE] = late
+            self._sides[LATE], self._sides[WASH] = late, wash
             split.add(self._sides, since_start_s)
-            self._sides[LATE] = 0.0
+            self._sides[LATE] = self._sides[WASH] = 0.0
 
     def _average(self, speed: float, pressure: float, pitch: float) -> None:
         self._averaged += 1
@@ -231,8 +233,10 @@ class Lateral:
         made = [self._solve(steady), self._solve(split)]
         apart = np.abs(steady.fitted.value - split.fitted.value) * np.isfinite(split.r2)[:, None]
         shown, r2 = nothing_fitted((len(EQUATIONS),), PARAMETERS), np.full(len(EQUATIONS), math.nan)
+        by_sidewash = np.zeros_like(apart)
         if split.by_input:
             shown, r2 = split.by_input.fitted, split.by_input.r2
+            by_sidewash = self._sidewash * np.abs(split.by_input.by_sidewash)
         models = apart, self._from_split(apart, split.energy())
         models = tuple(
             np.where(np.isfinite(r2)[:, None], np.sqrt(m**2 + (of.fitted.value - shown.value) ** 2 + shown.error**2), m)
@@ -246,7 +250,7 @@ class Lateral:
             "II": self._judge(steady.fitted, steady.r2, blocked[0], *made[0], models[0]),
             "split": self._judge(split.fitted, split.r2, blocked[1], still, noise, models[1]),
             # Noise of the motion is not in its instruments; that of a surface is.
-            "split+gust": self._judge(shown, r2, refused, still, noise * OF_SURFACES, np.zeros_like(apart)),
+            "split+gust": self._judge(shown, r2, refused, still, noise * OF_SURFACES, by_sidewash),
         }
 
     @staticmethod

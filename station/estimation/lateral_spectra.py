@@ -25,8 +25,10 @@ EQUATIONS: Final = ("CY", "Cl", "Cn")
 SURFACES: Final = ("aileron", "rudder")
 PARAMETERS: Final = 5
 LATE: Final = PARAMETERS + len(EQUATIONS)
-CHANNELS: Final = LATE + 1
-"""What a transform holds: beta, p b/2V, r b/2V, aileron, rudder, CY, Cl, Cn, and how much later the fin's beta is."""
+WASH: Final = LATE + 1
+CHANNELS: Final = WASH + 1
+"""What a transform holds: beta, p b/2V, r b/2V, aileron, rudder, CY, Cl, Cn, how much later the fin's beta is, and what
+it has of that per unit of sidewash."""
 RESPONSE_TICKS: Final = 50
 """Fits after which the response to the surfaces is computed anew."""
 
@@ -74,11 +76,14 @@ class ByInput:
         self._age = 0
         self._y = np.zeros((PARAMETERS, lines), dtype=np.complex128)
         self._z = np.zeros((len(EQUATIONS), lines), dtype=np.complex128)
+        self._wash = np.zeros_like(self._z)
         self._past = instruments.no_sums()
         self.fitted = nothing_fitted((len(EQUATIONS),), PARAMETERS)
         """By equation."""
         self.r2 = np.full(len(EQUATIONS), math.nan)
         """NaN where there is no solution."""
+        self.by_sidewash = np.zeros((len(EQUATIONS), PARAMETERS))
+        """By how much a sidewash larger by 1 would move the derivatives."""
         self._plain: Any = (tuple(self._past), tuple(self.fitted))
 
     def clear(self) -> None:
@@ -107,11 +112,12 @@ class ByInput:
         self._z[0] = spectrum[PARAMETERS]
         self._z[1:] = spectrum[PARAMETERS + 1 : LATE] * derivative
         self._z -= self._force[:, None] * spectrum[LATE]
+        np.multiply(self._force[:, None], spectrum[WASH], out=self._wash)
         gust = 1.0 / (1.0 + (4.0 / math.pi * 2.0 * state[instruments.HALF] * self._turn) ** 2)
-        about = samples * self._noise(state, theta), gust, still
-        spectra = x, self._y, self._z
+        about = samples * self._noise(state, theta), gust, still, theta
+        spectra = x, self._y, self._z, self._wash
         past, fitted = self._plain
-        instruments.fit_by_input(spectra, about, share, close, theta, past, fitted, self.r2)
+        instruments.fit_by_input(spectra, about, share, close, past, fitted, self.by_sidewash, self.r2)
 
     def _noise(self, state: Array, theta: Array) -> Array:
         """Energy of a sample's noise in CY, Cl and Cn, (3, frequencies)."""

@@ -43,8 +43,9 @@ def _ago(ring: Array, count: int, lag: float) -> float:
 @njit(cache=True)
 def _advance(
     constant: Array, rings: Array, count: int, dt: float, flow: tuple[float, float, float, float]
-) -> tuple[float, float]:
-    """One tick: the gust at the CG now, and the fin's `late`. `rings` (2, RING): gust at the vane, sideslip."""
+) -> tuple[float, float, float]:
+    """One tick: the gust at the CG now, the fin's `late`, and by how much a unit of sidewash more lessens it. `rings`
+    (2, RING): gust at the vane, sideslip."""
     gust, inertial, r, speed = flow
     lead, arm = constant[_LEAD] / (speed * dt), constant[_ARM] / (speed * dt)
     rings[0, count % rings.shape[1]] = gust
@@ -53,11 +54,8 @@ def _advance(
     beta = inertial + now
     # Before the gust at the CG is known, the sideslip is the inertial one: it is read again only after it has passed.
     rings[1, count % rings.shape[1]] = beta if math.isfinite(beta) else inertial
-    late = at_fin - now
-    if constant[_SIDEWASH] != 0.0:
-        past = _ago(rings[1], count, arm + constant[_DELAY] / dt)
-        late -= constant[_SIDEWASH] * (past - beta - r * constant[_ARM] / speed)
-    return now, late
+    wash = _ago(rings[1], count, arm + constant[_DELAY] / dt) - beta - r * constant[_ARM] / speed
+    return now, at_fin - now - constant[_SIDEWASH] * wash, wash
 
 
 class SideGust:
@@ -80,9 +78,9 @@ class SideGust:
         """The next tick is the first."""
         self._count = 0
 
-    def step(self, gust: float, inertial: float, r: float, speed: float) -> tuple[float, float]:
-        """One tick of the gust at the vane and the inertial sideslip, rad: the gust at the CG, and how much later the
-        fin's sideslip is, rad; NaN until they are known."""
+    def step(self, gust: float, inertial: float, r: float, speed: float) -> tuple[float, float, float]:
+        """One tick of the gust at the vane and the inertial sideslip, rad: the gust at the CG, how much later the fin's
+        sideslip is, and by how much a unit of sidewash more lessens that, rad; NaN until they are known."""
         found = _advance(self._constant, self._rings, self._count, self._dt, (gust, inertial, r, speed))
         self._count += 1
         return found

@@ -30,9 +30,10 @@ class Uncertainty(Frozen):
     """Of a recorded mass: weighed, less the fuel burnt."""
     inertia: float = Field(default=0.06, ge=0)
     """Of the moments of inertia: scaled from another loading, or added up from components."""
-    surface_scale: float = Field(default=0.0, ge=0)
+    surface_scale: float = Field(default=0.02, ge=0)
     """Of the scale of what measures elevator, aileron and rudder, of each by itself. No other instrument shows it: a
-    pot 20 % short makes the derivatives of its surface 25 % large, and nothing else."""
+    pot 20 % short makes the derivatives of its surface 25 % large, and nothing else. The default: installed systems
+    are to be within 3 % of the full range (14 CFR 91 appendix E, pitch control position), evenly spread 1.7 %."""
 
     tail_lift_slope: float = Field(default=0.2, ge=0)
     """Of the tail's lift slope."""
@@ -58,6 +59,9 @@ class Uncertainty(Frozen):
     """Of how the tail's lift follows the speed of the air there, absolute: the wing's wake is slower."""
     tail_span_lag: float = Field(default=0.5, ge=0)
     """Of the share of that lag, one half, with which the tail follows."""
+    sidewash: float = Field(default=0.1, ge=0)
+    """Of the sidewash at the fin, absolute: as much as the empirical formula of DATCOM 5.4.1 gives it for a high wing,
+    where a body of another shape may have none."""
     upwash_wing: float = Field(default=0.3, ge=0)
     """Of the wing's upwash at the vane."""
     upwash_rate: float = Field(default=0.27, ge=0)

@@ -20,7 +20,7 @@ from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
 
 PROFILE = load_aircraft("twin_otter")
-EXACT = {"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0}
+EXACT = {"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, "surface_scale": 0.0}
 AIRCRAFT = PROFILE.model_copy(update={"uncertainty": PROFILE.uncertainty.model_copy(update=EXACT)})
 """Its mass and inertia are what is flown: the intervals are those of gusts and noise alone."""
 THETA = np.array([AIRCRAFT.value(name) for name in LATERAL]).reshape(3, 5)
@@ -96,16 +96,19 @@ def test_the_fit_is_the_textbook_s_instrumental_variables():
     x = y + 0.5 * left[:, :1]
     z = np.einsum("ep,spf->sef", THETA, x) + left
     # Noise so much above the gusts that all weights are alike.
-    about = np.full((3, lines), 1e6), np.ones(lines), np.zeros(5)
-    past, fitted, r2 = tuple(no_sums()), tuple(nothing_fitted((3,), 5)), np.zeros(3)
+    about = np.full((3, lines), 1e6), np.ones(lines), np.zeros(5), THETA
+    past, fitted, r2, moved = tuple(no_sums()), tuple(nothing_fitted((3,), 5)), np.zeros(3), np.zeros((3, 5))
+    doubt = rng.normal(size=(2, 3, lines)) + 1j * rng.normal(size=(2, 3, lines))
     for s in range(2):
-        fit_by_input((x[s], y[s], z[s]), about, 1.0, s == 0, THETA, past, fitted, r2)
-    xs, ys, zs = (np.concatenate(list(c), axis=1) for c in (x, y, z))
+        fit_by_input((x[s], y[s], z[s], doubt[s]), about, 1.0, s == 0, past, fitted, moved, r2)
+    xs, ys, zs, ds = (np.concatenate(list(c), axis=1) for c in (x, y, z, doubt))
     wanted = np.linalg.solve((ys.conj() @ xs.T).real, (ys.conj() @ zs.T).real).T
     np.testing.assert_allclose(fitted[0], wanted, rtol=1e-9)
+    # What the coefficients may have to hold beside moves the estimates as they themselves do.
+    np.testing.assert_allclose(moved, np.linalg.solve((ys.conj() @ xs.T).real, (ys.conj() @ ds.T).real).T, rtol=1e-9)
     still = np.array([0.0, 0.0, 0.0, 1.0, 0.0])
-    fit_by_input((xs, ys, zs), (np.full((3, 2 * lines), 1e6), np.ones(2 * lines), still), 1.0, False, THETA,
-                 tuple(no_sums()), fitted, r2)  # fmt: skip
+    fit_by_input((xs, ys, zs, ds), (np.full((3, 2 * lines), 1e6), np.ones(2 * lines), still, THETA), 1.0, False,
+                 tuple(no_sums()), fitted, moved, r2)  # fmt: skip
     k = [0, 1, 2, 4]
     wanted = np.linalg.solve((ys[k].conj() @ xs[k].T).real, (ys[k].conj() @ zs.T).real).T
     np.testing.assert_allclose(fitted[0][:, k], wanted, rtol=1e-9)
@@ -152,9 +155,16 @@ def test_gusts_across_the_span_do_not_mislead_split_gust():
     assert np.mean(held) > 0.85  # of 90, few of them independent: 95 % are expected
 
 
+def test_a_sidewash_that_the_aircraft_has_not_is_within_the_intervals():
+    """On a line no sidewash is flown, and the profile has some: Cn_p by 2 % and more, ten standard errors of the noise;
+    of three flights 11 of 15 derivatives each were within two."""
+    found = [p for seed in (1, 2, 3) for p in estimated("0 ft/s", seed, "line")["split+gust"]]
+    assert sum(abs(p.value - AIRCRAFT.value(p.name)) < 2 * p.sd for p in found) >= 42
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("gust", "field"), [("0 ft/s", "plane"), ("5 ft/s", "plane"), ("10 ft/s", "plane"),
-                                             ("10 ft/s", "line")])  # fmt: skip
+                                             ("0 ft/s", "line"), ("10 ft/s", "line")])  # fmt: skip
 def test_intervals_of_split_gust_hold(gust, field):
     """Of the fifteen derivatives of twenty flights each, those that are called estimated lie within two standard
     errors 93 to 98 % of the time; three standard deviations of such a count, flights being independent and the
