@@ -56,6 +56,19 @@ def flights_of(logs: Sequence[Path]) -> tuple[Flight, ...]:
     return tuple(made)
 
 
+def _of_one_aircraft(flights: Sequence[Flight]) -> None:
+    """Raises UsageError where recordings are of aircraft of another size: neither's derivatives say a thing of the
+    other's. What a profile is called does not matter: a calibrated one is the same aircraft's."""
+    sizes: dict[tuple[str, ...], Flight] = {}
+    for flight in flights:
+        g = flight.table.aircraft.geometry
+        if not flight.table.aircraft.kinematics_only:
+            sizes.setdefault(tuple(f"{x:.4g}" for x in (g.wing_area, g.span, g.chord)), flight)
+    if len(sizes) > 1:
+        named = ", ".join(f"{f.table.aircraft.name} in {f.path.name}" for f in sizes.values())
+        raise UsageError(f"recordings of several aircraft: {named}\nhold each against a baseline of its own")
+
+
 def programme(
     logs: Sequence[Path],
     baseline_logs: Sequence[Path],
@@ -71,6 +84,7 @@ def programme(
     and UsageError where no point can be used.
     """
     flights = flights_of(tuple(dict.fromkeys((*baseline_logs, *logs))))
+    _of_one_aircraft(flights)
     made = []
     for flight in flights:
         about = metadata(flight.path).about

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from programme_flights import flown
 
+from station.commands.simulate import simulate
 from station.identification.flown_inputs import inputs_of
 from station.log import table
 from station.model.change_patterns import NAMES
@@ -21,6 +22,7 @@ from station.programme.drag import DragOfPoint
 from station.programme.histories_overlaid import history, pairs
 from station.programme.points_report import answer
 from station.programme.programme import Programme, changed, likeness, programme
+from station.rows import UsageError
 
 METHODS = ("II", "III", "split", "physical")
 THIN = """
@@ -113,6 +115,17 @@ def test_a_point_s_drag_is_that_of_rest_whatever_was_flown(made: Programme) -> N
         assert point.drag is not None
         assert point.drag.value == pytest.approx(truth.zero_lift, rel=0.004)
         assert abs(point.drag.value - truth.zero_lift) < 3 * point.drag.error
+
+
+def test_recordings_of_several_aircraft_are_refused_before_anything_is_made_of_them(log: Path, tmp_path: Path) -> None:
+    """A baseline of another: its changes were told, +80 % of CL_alpha among them."""
+    card, other, told = tmp_path / "card.toml", tmp_path / "other.mcap", []
+    text = 'name = "x"\naircraft = "attas"\nrig = "boom_thrust"\n[flight]\nspeed = "230 kt"\naltitude = "15000 ft"\n'
+    card.write_text(text)
+    simulate(str(card), other, None, 1, 2.0)
+    with pytest.raises(UsageError, match=r"several aircraft: attas in other.mcap, twin_otter in flight.mcap"):
+        programme([log], [other], load_aircraft("twin_otter"), METHODS, told.append)
+    assert told == []
 
 
 def test_another_configuration_than_the_baseline_s_is_said() -> None:
