@@ -159,13 +159,13 @@ class Problem:
             steady.append(e)
         return State(dict(values), a, levels, spectra, responses_, tuple(roots), tuple(white), tuple(steady), q)
 
-    def volume(self, levels: Levels) -> float:
+    def volume(self, levels: Levels, responses: Sequence[Complex] | None = None) -> float:
         """log det Sigma and the prior of the variances. Sigma is that of one candidate for all: its determinant must
-        not judge the parameters."""
-        assert self._volume_at is not None
+        not judge the parameters; or that of a candidate's own `responses`."""
+        responses = responses or self._volume_at or ()
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
-        for k, (m, r) in enumerate(zip(self.manoeuvres, self._volume_at, strict=True)):
+        for k, (m, r) in enumerate(zip(self.manoeuvres, responses, strict=True)):
             b = m.columns(r, m.grouped.pick)
             root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
             total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())

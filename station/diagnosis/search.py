@@ -24,11 +24,10 @@ FURTHER_SHARE: Final = 0.03
 """A further effect must also gain this share of what the first did: large corrections are never perfect."""
 CONFOUNDED: Final = 6.0
 """Candidates of one size within this deviance of the best are confounded with it."""
-LARGE: Final = 100.0
 HUGE: Final = 1000.0
-"""Deviance reductions of an effect without which the first fit may have ended in a minimum of its own: the first where
-constants are farther from the profile's than its doubt lets expect, the second anyhow. Such an effect is fitted from
-the profile on too."""
+"""Deviance reduction of an effect without which the first fit may have ended in a minimum of its own: it is fitted from
+the profile on too, as are the best where that fit has constants farther from the profile's than its doubt lets expect.
+"""
 RIVAL_SHARE: Final = 0.1
 """Of the best's deviance reduction: candidates nearer than this may yet overtake it when fitted to the end."""
 SINGLES: Final = 5
@@ -123,12 +122,13 @@ class _Refits:
         self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, e: Estimate) -> None:
-        """A candidate from the profile on, and the better of both."""
+        """A candidate from the profile on, and the better of both, by its own determinant too: the other is a minimum
+        farther away than steps lead, and may be that of small noise with large responses."""
         try:
             found = self._judged(self.problem.from_profile(e.state.values))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
-        if found.cost < e.cost:
+        if found.cost < e.cost and _own_cost(self.problem, found) < _own_cost(self.problem, e):
             self.done[frozenset(e.state.ids)] = found
 
     def _judged(self, found: Estimate) -> Estimate:
@@ -224,9 +224,9 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
             for e in rivals:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
-        if size == 1 and (gained := cost - found[0].cost) > LARGE:
-            e = found[0]
-            if gained > HUGE or e.state.a @ e.state.a > len(e.state.a):
+        if size == 1:
+            # What an effect does, constants far from the profile do in its place, and leave it no room from there on.
+            for e in found[:MORE] if _strained(refits.null) else found[: int(cost - best > HUGE)]:
                 refits.fit_from_profile(e)
             found = refits.of_size(size)
     return found
@@ -357,6 +357,18 @@ def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
         return None
     s = problem.state({}, np.where(far, 0.0, null.state.a), null.state.levels)
     return replace(null, state=s, slopes=problem.whole(s)[0])
+
+
+def _own_cost(problem: Problem, e: Estimate) -> float:
+    """By a candidate's own determinant: of one for all a fit gains whose levels shrink while its responses to them
+    grow, which explains no more."""
+    s = e.state
+    return e.cost + problem.volume(s.levels, s.responses) - problem.volume(s.levels)
+
+
+def _strained(e: Estimate) -> bool:
+    """Whether its constants are farther from the profile's, all together, than its doubt lets expect."""
+    return bool(e.state.a @ e.state.a > len(e.state.a))
 
 
 def _free(e: Estimate) -> list[Slopes]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
 from typing import Any
 
@@ -94,11 +95,12 @@ def compared(case: str, sigma: float, seed: int, bound: float) -> None:
     undone = found(flown(case, sigma, seed), faulty(case))
     plain = found(flown(case, sigma, seed), AIRCRAFT)
     assert any("instrument errors corrected" in r for r in undone["remarks"])
-    assert not any("instrument" in r for r in plain["remarks"])
+    assert not any("instrument errors corrected" in r for r in plain["remarks"])
     for method in METHODS:
         assert np.abs(apart(undone, sound, method)).max() < bound, (case, method)
-    # In gusts split's own error is the wider.
-    assert np.abs(apart(plain, sound, "split" if sigma == 0 else "split+gust")).max() > 2.0, case
+    # What the error would do, in standard errors that may allow for it, is nearly all gone.
+    left, wrong = (np.abs(apart(x, sound, "split+gust")).max() for x in (undone, plain))
+    assert left < 0.2 * wrong, (case, left, wrong)
 
 
 def test_estimates_are_those_of_sound_instruments() -> None:
@@ -244,8 +246,9 @@ def test_the_kinematic_diagnosis_of_a_profile_that_knows_its_errors_finds_nothin
     assert scale == pytest.approx(1.3, rel=0.02)
 
 
-@pytest.mark.slow
-def test_a_flight_diagnosed_with_the_profile_written_from_it_shows_no_effect(tmp_path: Any, station: Any) -> None:
+@pytest.fixture
+def late(tmp_path: Any) -> list[Any]:
+    """Recordings of two flights with a vane 58.7 ms late, 10 % and 1 deg off, which no profile knows of."""
     logs = []
     for seed in (41, 42):
         flight = flown("vane", 2.0, seed, 50.0)
@@ -256,11 +259,28 @@ def test_a_flight_diagnosed_with_the_profile_written_from_it_shows_no_effect(tmp
         ]
         logs.append(tmp_path / f"{seed}.mcap")
         write_log(logs[-1], About(AIRCRAFT, ROWS, RIG, card(2.0, seed), "simulation", imported=True), iter(samples))
+    return logs
+
+
+def test_an_effect_is_named_though_constants_far_from_the_profile_s_do_the_same(late: list[Any], station: Any) -> None:
+    """Without effects the fit ends 6 standard deviations from the vane's frequency, which leaves its delay no room."""
+    found = late[0].with_name("found.json")
+    station("diagnose", *late, "--json", found)
+    named = {e["id"]: e for e in json.loads(found.read_text())["effects"]}
+    for name, truth in {"alpha_vane.delay": 0.0587, "alpha_vane.scale": 0.1}.items():
+        low, high = named[name]["ci95"]
+        assert low < truth < high, named[name]
+
+
+@pytest.mark.slow
+def test_a_flight_diagnosed_with_the_profile_written_from_it_shows_no_effect(
+    tmp_path: Any, late: list[Any], station: Any
+) -> None:
     written = tmp_path / "written.toml"
-    code, out, err = station("diagnose", *logs, "--write-profile", written)
+    code, out, err = station("diagnose", *late, "--write-profile", written)
     assert "alpha_vane.delay" in out, (out, err)
     assert load_aircraft(str(written)).instruments["alpha_vane"].latency == pytest.approx(0.0587, abs=0.006)
-    code, out, err = station("diagnose", *logs, "--aircraft", written)
+    code, out, err = station("diagnose", *late, "--aircraft", written)
     assert code == 0, (out, err)
     assert "no effect found" in out
     # And what is identified with it: nearer to the sound flight's by far than with the profile it came from.
