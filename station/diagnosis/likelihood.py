@@ -162,7 +162,8 @@ class Problem:
     def volume(self, levels: Levels, responses: Sequence[Complex] | None = None) -> float:
         """log det Sigma and the prior of the variances. Sigma is that of one candidate for all: its determinant must
         not judge the parameters; or that of a candidate's own `responses`."""
-        responses = responses or self._volume_at or ()
+        responses = responses or self._volume_at
+        assert responses is not None
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
         for k, (m, r) in enumerate(zip(self.manoeuvres, responses, strict=True)):

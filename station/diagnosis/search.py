@@ -122,8 +122,8 @@ class _Refits:
         self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, e: Estimate) -> None:
-        """A candidate from the profile on, and the better of both, by its own determinant too: the other is a minimum
-        farther away than steps lead, and may be that of small noise with large responses."""
+        """A candidate fitted from the profile on, in place of the one there if it is better by both costs: it may have
+        ended in a far minimum of small noise and large responses, which only its own determinant shows."""
         try:
             found = self._judged(self.problem.from_profile(e.state.values))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
@@ -225,8 +225,9 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
         if size == 1:
-            # What an effect does, constants far from the profile do in its place, and leave it no room from there on.
-            for e in found[:MORE] if _strained(refits.null) else found[: int(cost - best > HUGE)]:
+            # Constants far from the profile do what an effect would, and leave it no room where the fit begins there.
+            again = MORE if _strained(refits.null) else 1 if cost - best > HUGE else 0
+            for e in found[:again]:
                 refits.fit_from_profile(e)
             found = refits.of_size(size)
     return found
@@ -360,8 +361,8 @@ def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
 
 
 def _own_cost(problem: Problem, e: Estimate) -> float:
-    """By a candidate's own determinant: of one for all a fit gains whose levels shrink while its responses to them
-    grow, which explains no more."""
+    """`cost` with the determinant of a candidate's own responses. With one for all, a fit gains whose noise levels
+    shrink while its responses to them grow, which explains no more."""
     s = e.state
     return e.cost + problem.volume(s.levels, s.responses) - problem.volume(s.levels)
 

@@ -35,8 +35,9 @@ ANGLES: Final = ("theta", "phi", "psi")
 FLOW: Final = ("alpha_vane", "beta_vane")
 IMU: Final = ("p", "q", "r", "ax", "ay", "az")
 GROUND: Final = ("v_north", "v_east", "v_down")
-LINES: Final = ("incidence", "sideslip")
-"""Of the vanes against the accelerometers: no instruments, but with a zero as one."""
+MISALIGNED: Final = ("incidence", "sideslip")
+"""Angles, rad, by which the vanes' mean flow is out of line with the accelerometers: each an instrument that reads
+nothing and has a zero."""
 AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
     "theta": (),
     "phi": (),
@@ -162,20 +163,20 @@ def _air(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array], arm
     incidence, slip = np.arctan2(w, u), np.arctan2(v, np.hypot(u, w))
     along, across, up = np.cos(incidence) * np.cos(slip), np.sin(slip), np.sin(incidence) * np.cos(slip)
     row("airspeed", (("airspeed", 1.0, 1), ("ax", -along, 0)), ("theta", G0 * np.sin(theta) * along))
-    # Lift and side force by their small parts along the path say nothing of their own instruments; the mean flow, which
-    # they are multiplied by, is as wrong as the vanes are out of line with the accelerometers.
+    # Lift and side force have parts along the path, too small to tell their own instruments' errors; the angles of the
+    # mean flow that make them are as wrong as the vanes are out of line with the accelerometers.
     lift = m["az"] + G0 * np.cos(theta) * np.cos(phi) if "az" in m else zero
     push = m["ay"] + G0 * np.cos(theta) * np.sin(phi) if "ay" in m else zero
     made.terms.append(Term("airspeed", "", -up * lift - across * push, one, 0, 0.0))
     roll = speed * p
-    for line, of, factor in (
+    for angle, of, factor in (
         ("incidence", "airspeed", -lift),
         ("incidence", "beta_vane", -roll),
         ("sideslip", "airspeed", -push),
         ("sideslip", "alpha_vane", roll),
     ):
         if of in made.heads and np.any(factor):
-            made.terms.append(Term(of, line, zero, factor, 0, 0.0))
+            made.terms.append(Term(of, angle, zero, factor, 0, 0.0))
 
 
 def _ground(made: Equations, m: Mapping[str, Array]) -> None:

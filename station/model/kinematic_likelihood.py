@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.fft import prev_fast_len
 
 from station.conventions import G0
-from station.model.kinematic_equations import LINES, equations
+from station.model.kinematic_equations import MISALIGNED, equations
 from station.numerics.differentiation import white_variance
 from station.numerics.modulation import MOST, Stretch
 from station.numerics.regression import NotIdentifiable
@@ -41,7 +41,7 @@ ZEROS: Final[Mapping[str, float]] = {
     **dict.fromkeys(("p", "q", "r"), 0.02),
     **dict.fromkeys(("ax", "ay", "az"), 0.5),
     **dict.fromkeys(("alpha_vane", "beta_vane"), 0.1),
-    **dict.fromkeys(LINES, 0.0175),
+    **dict.fromkeys(MISALIGNED, 0.0175),
 }
 """Prior standard deviations of zeros, about 0; az's is that of its reading at 1 g. A vane's shows where the speed
 changes; a boom is in line with the accelerometers to a degree."""
@@ -56,7 +56,7 @@ LEAST_S: Final = 5.0
 FIRST_LINE: Final = 3
 """Lines below it hold zeros and drift, and say nothing of the noise."""
 BAND_GROWS: Final = 1.3
-BAND_LINES: Final = 8
+BAND_MISALIGNED: Final = 8
 """Lines of all segments that a level of noise is the mean of, at least: known to 35 %."""
 LEAST_BAND: Final = 3
 LEAST_SHARE: Final = 0.02
@@ -97,11 +97,11 @@ class Likelihood:
         self.rows = {head: r for r, head in enumerate(self.model.heads)}
         self.speed = float(np.mean(motion["airspeed"])) if "airspeed" in motion else math.nan
         instruments = list(dict.fromkeys(t.instrument for t in self.model.terms if t.instrument))
-        self.keys = [(i, "lag") for i in instruments if i not in (*REFERENCE, *LINES)]
-        self.keys += [(i, "scale") for i in instruments if i not in (*LEVEL, *LINES)]
+        self.keys = [(i, "lag") for i in instruments if i not in (*REFERENCE, *MISALIGNED)]
+        self.keys += [(i, "scale") for i in instruments if i not in (*LEVEL, *MISALIGNED)]
         self.keys += [(i, "zero") for i in instruments if i in ZEROS]
         self.instruments = instruments
-        self.white = {i: 0.0 if i in LINES else white_variance(motion[i]) * dt for i in instruments}
+        self.white = {i: 0.0 if i in MISALIGNED else white_variance(motion[i]) * dt for i in instruments}
         self.frequencies = self.stretches[0].frequencies_hz
         self.omega = 2 * np.pi * self.frequencies
         self._kept: dict[tuple[int, int, float], tuple[list[Complex], Complex]] = {}
@@ -176,7 +176,7 @@ class Likelihood:
 
     def bands(self) -> list[tuple[int, int]]:
         """Lines that share a level of noise, first and one after the last."""
-        last, least = len(self.omega), max(LEAST_BAND, math.ceil(BAND_LINES / len(self.stretches)))
+        last, least = len(self.omega), max(LEAST_BAND, math.ceil(BAND_MISALIGNED / len(self.stretches)))
         edges = [min(FIRST_LINE, last - 1)]
         while edges[-1] + least < last:
             edges.append(max(edges[-1] + least, round(edges[-1] * BAND_GROWS)))

@@ -7,8 +7,8 @@ The short period with that lift, driven by the record's own elevator,
 
 has a response of alpha, q, CL and Cm at every line. CL and Cm by least squares on alpha, q c/2V and elevator over the
 lines, each with the elevator's energy there, are the quasi-steady derivatives; their errors follow from the model's
-covariance. In calm air alpha and q are those measured, which no derivative need answer for; and how far those that the
-model gives would move the result is an error too. CL and Cm are physical_columns.py's without gusts. SI, per radian.
+covariance. In calm air alpha and q are those measured, which do not depend on the model; the distance to what the
+model's own alpha and q give is counted as an error. CL and Cm are physical_columns.py's without gusts. SI, per radian.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ Complex = NDArray[np.complex128]
 INPUTS: Final = (X, QH, DE)
 """Channels that drive lift and moment in calm air."""
 CALM: Final = 0.05
-"""Share of gusts in the angle of attack's energy up to which the measured motion is the elevator's in part: it moves a
-derivative by that share of the distance between the two definitions, less than its error."""
+"""Share of gusts in the angle of attack's energy from which the measured motion is no longer taken for the elevator's
+doing. Gusts of a share s move a derivative by about s times the distance between the two definitions: a twentieth of it
+is less than any error."""
 STEP: Final = 1e-3
 """Of a parameter in its standard deviations, for the derivatives by it."""
 TINY: Final = 1e-30
