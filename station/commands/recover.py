@@ -9,6 +9,7 @@ import typer
 
 from station.commands.common import LogPath, there
 from station.console import DONE, say
+from station.log import in_words
 from station.log import recover as write_recovered
 from station.profile import load_aircraft
 
@@ -22,5 +23,5 @@ def recover(
 ) -> int:
     """Write every readable row of a broken recording into a new, complete file."""
     summary = write_recovered(there(log), out, None if aircraft is None else load_aircraft(aircraft))
-    say(f"{out}: {summary.rows} rows; the original is {summary.verdict}")
+    say(f"{out}: {summary.rows} rows; the original is {in_words(summary)}")
     return DONE

@@ -8,7 +8,7 @@ from station.log.about import About, LogInfo
 from station.log.arithmetic import arithmetic, unlike
 from station.log.disk import make_folder
 from station.log.reading import metadata, parts, read_rows, row_times
-from station.log.summary import Summary, describe, recover, span_ns, summarise, verdict
+from station.log.summary import Summary, describe, in_words, recover, span_ns, summarise, verdict
 from station.log.table import Point, Table, points, table
 from station.log.writer import LogWriter, write_log
 from station.log.writer_thread import WriterThread
@@ -23,6 +23,7 @@ __all__ = [
     "WriterThread",
     "arithmetic",
     "describe",
+    "in_words",
     "make_folder",
     "metadata",
     "parts",

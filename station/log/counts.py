@@ -91,6 +91,8 @@ class Counts(msgspec.Struct):
     event_counts: dict[str, int] = msgspec.field(default_factory=dict)
     events: list[tuple[int, str, str, int, str]] = msgspec.field(default_factory=list)
     """Time, source, code, count and detail of each."""
+    goes_on: bool = False
+    """Whether the flight's recording goes on in another file."""
 
     @classmethod
     def of(cls, streams: Iterable[Stream]) -> Counts:
@@ -150,6 +152,7 @@ class Counts(msgspec.Struct):
         for code, n in later.event_counts.items():
             self.event_counts[code] = self.event_counts.get(code, 0) + n
         self.events = (self.events + later.events)[:KEPT]
+        self.goes_on = later.goes_on
 
     def as_metadata(self) -> dict[str, str]:
         """As they are kept."""

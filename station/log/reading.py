@@ -11,7 +11,7 @@ import numpy as np
 from mcap.records import Channel
 from numpy.typing import NDArray
 
-from station.log.about import LogInfo, info_of
+from station.log.about import LogInfo, counts_of, info_of
 from station.log.messages import ROW_KINDS, read_row
 from station.log.scan import PartReader
 from station.rows import LogError, Row, Rows
@@ -26,7 +26,7 @@ def parts(path: Path) -> tuple[Path, ...]:
         return (path,)
     numbered = [p for p in path.parent.glob(f"{_escaped(path.stem)}.*.mcap") if _PART.search(p.stem)]
     numbered = [p for p in numbered if _PART.sub("", p.stem) == path.stem]
-    return (path, *sorted(numbered, key=lambda p: int(p.stem.rpartition(".")[2])))
+    return (path, *sorted(numbered, key=number_of))
 
 
 def _escaped(text: str) -> str:
@@ -92,15 +92,25 @@ def _names(kinds: Collection[type[Row]]) -> set[str]:
     return names
 
 
-def absent(path: Path) -> list[str]:
-    """Files of a recording that ought to be beside the one that is named, and are not."""
-    files = parts(path)
+def absent(path: Path, info: LogInfo) -> list[str]:
+    """Files of a recording that ought to be beside the one that is named, and are not. A later file whose first is
+    there stands for itself alone."""
     if number := _PART.search(path.stem):
         first = path.with_name(f"{path.stem[: number.start()]}.mcap")
         return [] if first.exists() else [first.name]
-    last = int(files[-1].stem.rpartition(".")[2]) if len(files) > 1 else 0
-    wanted = [path.with_name(f"{path.stem}.{n:04d}.mcap") for n in range(1, last)]
-    return [p.name for p in wanted if not p.exists()]
+    files = parts(path)
+    wanted = [path.with_name(f"{path.stem}.{n:04d}.mcap") for n in range(info.part + 1, number_of(files[-1]))]
+    # A later file that has been given a name of its own says itself which it is.
+    gone = [f"what came before {path.name}"] if info.part else []
+    gone += [p.name for p in wanted if not p.exists()]
+    last = counts_of(PartReader(files[-1]))
+    return [*gone, f"the file after {files[-1].name}"] if last is not None and last.goes_on else gone
+
+
+def number_of(path: Path) -> int:
+    """Of a file in its recording; 0 of the first."""
+    number = _PART.search(path.stem)
+    return int(number[1]) if number else 0
 
 
 def readers(path: Path, first: LogInfo | None = None) -> Iterator[PartReader]:

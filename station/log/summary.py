@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from station.conventions import SIGNALS, Stream
 from station.log.about import About, LogInfo, counts_of
 from station.log.counts import Counts
 from station.log.messages import RowWriter
-from station.log.reading import absent, metadata, read_part, readers
+from station.log.reading import absent, metadata, number_of, read_part, readers
 from station.log.scan import PartReader
 from station.log.writer import write_log
 from station.profile import Aircraft
 from station.rows import MISSED_SHARE, Code, LogError, Rows
 
 Verdict = Literal["complete", "truncated", "damaged"]
+_GONE: Final = "not here: "
 
 
 @dataclass(slots=True)
@@ -88,6 +89,10 @@ class Summary:
     """Signals that it makes of others, by name: expression and unit."""
     degraded: list[str] = field(default_factory=list)
     """What of it is not as it should be, in words; with any, `info` ends with exit code 3."""
+    part: int = 0
+    """Which file of its flight is named: of a later one only its own rows are told."""
+    recovered: str = ""
+    """What it was recovered from, and the verdict on that; empty for what was not."""
 
 
 def summarise(path: Path, info: LogInfo | None = None) -> Summary:
@@ -96,8 +101,9 @@ def summarise(path: Path, info: LogInfo | None = None) -> Summary:
     given, info = info, info or metadata(path)
     out = _empty(path, info)
     total = Counts.of(info.streams)
+    gone = absent(path, info)
     lost: list[float | None] = []
-    broke = False
+    broke, before = False, number_of(path)
     for reader in readers(path, given):
         out.files += 1
         out.bytes += reader.path.stat().st_size
@@ -106,18 +112,26 @@ def summarise(path: Path, info: LogInfo | None = None) -> Summary:
             counts = Counts.of(info.streams)
             for row in read_part(reader):
                 counts.add(row)
+        number = number_of(reader.path)
+        broke |= bool(gone) and number > before + 1
+        before = number
         if broke and counts.first_ns is not None:
-            # The file before ended early, and this one says when recording went on.
+            # The file before ended early or is not here, and this one says when recording went on.
             lost.append(max(0.0, (counts.first_ns - total.last_ns) * 1e-9))
-        broke = _judge(out, reader, lost) or broke
+            broke = False
+        broke |= _judge(out, reader, lost)
         total.join(counts)
     _tell(out, total, info)
+    if gone:
+        out.verdict = "truncated" if out.verdict == "complete" else out.verdict
+        out.problems.append(f"{_GONE}{', '.join(gone)}")
+        if info.part and total.first_ns is not None:
+            lost.append(max(0.0, (total.first_ns - info.station_ns) * 1e-9))
+        if total.goes_on:
+            lost.append(None)
     known = [x for x in lost if x is not None]
     out.seconds_lost = sum(known) if known or not lost else None
-    gone = absent(path)
-    if gone:
-        out.problems.append(f"not here: {', '.join(gone)}")
-    out.degraded = _shortcomings(out) + [f"not here: {name}" for name in gone]
+    out.degraded = _shortcomings(out) + [f"{_GONE}{name}" for name in gone]
     return out
 
 
@@ -157,7 +171,7 @@ def span_ns(path: Path) -> tuple[int, int] | None:
 
 def verdict(path: Path) -> Verdict:
     """The verdict alone, of files and chunks: no row is decoded. Raises LogError as `summarise` does."""
-    found: Verdict = "complete"
+    found: Verdict = "truncated" if absent(path, metadata(path)) else "complete"
     for reader in readers(path):
         if reader.is_sound():
             continue
@@ -181,7 +195,13 @@ def _empty(path: Path, info: LogInfo) -> Summary:
         declared={s.name: s.unit for s in about.further.measured},
         derived={d.signal.name: f"{d.formula.text} [{about.further.units[d.signal.name]}]"
                  for d in about.further.derived},
+        part=info.part, recovered=_recovered(about.notes),
     )  # fmt: skip
+
+
+def _recovered(notes: Mapping[str, str]) -> str:
+    whole = notes.get("verdict_of_original", "")
+    return f"{notes['recovered_from']}, which is {whole}" if whole and "recovered_from" in notes else ""
 
 
 def _judge(out: Summary, reader: PartReader, lost: list[float | None]) -> bool:
@@ -200,6 +220,13 @@ def _judge(out: Summary, reader: PartReader, lost: list[float | None]) -> bool:
     return reader.truncated_at is not None
 
 
+def in_words(summary: Summary) -> str:
+    """Its verdict, and what of the flight is in other files."""
+    gone = [problem for problem in summary.problems if problem.startswith(_GONE)]
+    alone = [f"file {summary.part} of a flight alone"] if summary.part else []
+    return ", ".join([summary.verdict, *alone, *gone])
+
+
 def describe(summary: Summary) -> str:
     """A summary in words, for a terminal."""
     s = summary
@@ -216,6 +243,8 @@ def describe(summary: Summary) -> str:
         f"{f', flown with {s.pilot}' if s.pilot else ''}",
         f"  {s.ticks} ticks ({s.ticks_missed} missed), {s.frames} frames, methods: {', '.join(s.methods) or 'none'}",
     ]
+    lines += [f"  recovered from {s.recovered}"] if s.recovered else []
+    lines += [f"  file {s.part} of a flight: rows of its other files are not counted here"] if s.part else []
     lines += [f"  ! {problem}" for problem in s.problems]
     for stream in s.streams:
         lines.append(
@@ -247,7 +276,7 @@ def recover(path: Path, out: Path, aircraft: Aircraft | None = None) -> Summary:
     summary = summarise(path, given)
     if not summary.rows:
         raise LogError(f"{path}: no row of it can be read")
-    notes = {**info.about.notes, "recovered_from": path.name, "verdict_of_original": summary.verdict}
+    notes = {**info.about.notes, "recovered_from": path.name, "verdict_of_original": in_words(summary)}
     about = replace(info.about, notes=notes)
     written = write_log(out, about, _rows(path, given), info.station_ns, info.utc_ns)
     try:

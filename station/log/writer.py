@@ -206,6 +206,7 @@ class LogWriter:
             self._look_ns = now + _LOOK_NS
             if not part.is_there():
                 self._part = None
+                self._counts[part].goes_on = True
                 # Renamed, it can still be completed where it is now; removed, what is in memory goes to the next.
                 elsewhere = part.is_linked()
                 if self._end(part) and elsewhere:
@@ -235,6 +236,7 @@ class LogWriter:
             self._opened_ns = None
             if part.size >= self._rotate_bytes:
                 self._part = None
+                self._counts[part].goes_on = True
                 # The index of a large file takes longer to write than a chunk may wait.
                 self._aside.put(partial(self._complete, part))
                 self._use(self._next())

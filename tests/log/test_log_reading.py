@@ -14,7 +14,18 @@ from mcap.stream_reader import StreamReader
 
 from station.clock import ManualClock
 from station.conventions import SIGNALS, Stream
-from station.log import About, LogWriter, describe, metadata, parts, read_rows, recover, summarise, write_log
+from station.log import (
+    About,
+    LogWriter,
+    describe,
+    metadata,
+    parts,
+    read_rows,
+    recover,
+    summarise,
+    verdict,
+    write_log,
+)
 from station.log.disk import Disk
 from station.log.part import PartWriter
 from station.profile import load_aircraft
@@ -222,7 +233,7 @@ def test_what_cannot_say_what_it_is_of_is_told_from_outside(whole: tuple[Path, l
 
 
 def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
-    writer = LogWriter(tmp_path, ABOUT, ManualClock(), lambda event: None, "flight", rotate_bytes=30_000)
+    writer = LogWriter(tmp_path, ABOUT, ManualClock(10**9), lambda event: None, "flight", rotate_bytes=30_000)
     for row in flight_rows(1500, random.Random(3)):
         writer.append([row])
     writer.close()
@@ -230,13 +241,44 @@ def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
     assert len(later) > 2
     assert summarise(first).degraded == []
     later[1].unlink()
-    assert f"not here: {later[1].name}" in summarise(first).degraded
+    holed = summarise(first)
+    assert holed.degraded[0] == "the recording is truncated"
+    assert holed.degraded[-1] == f"not here: {later[1].name}"
+    assert holed.seconds_lost == pytest.approx(holed.ticks_missed * 0.02, abs=0.021)
+    assert holed.ticks_missed > 50
+    assert verdict(first) == "truncated"
     assert summarise(later[0]).degraded == []
+    assert "file 1 of a flight: rows of its other files are not counted" in describe(summarise(later[0]))
+    start_ns = next(read_rows(first)).t_ns
+    later_ns = next(read_rows(later[0])).t_ns
     first.unlink()
-    assert summarise(later[0]).degraded == ["not here: flight.mcap"]
-    assert "not here: flight.mcap" in describe(summarise(later[0]))
+    alone = summarise(later[0])
+    assert alone.degraded == ["the recording is truncated", "not here: flight.mcap"]
+    assert alone.seconds_lost == pytest.approx((later_ns - start_ns) * 1e-9, abs=0.03)
+    assert "not here: flight.mcap" in describe(alone)
+    recover(later[0], tmp_path / "saved.mcap")
+    saved = summarise(tmp_path / "saved.mcap")
+    assert (saved.verdict, saved.part) == ("complete", 0)
+    assert saved.recovered == f"{later[0].name}, which is truncated, file 1 of a flight alone, not here: flight.mcap"
+    assert saved.recovered in describe(saved)
     with pytest.raises(LogError, match=rf"no such file\nlater files of it are: read .*{later[0].name}"):
         summarise(first)
+    renamed = later[0].rename(tmp_path / "renamed.mcap")
+    assert "not here: what came before renamed.mcap" in summarise(renamed).degraded
+
+
+def test_a_flight_whose_last_file_is_gone_is_not_complete(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path, ABOUT, ManualClock(), lambda event: None, "flight", rotate_bytes=30_000)
+    for row in flight_rows(1500, random.Random(3)):
+        writer.append([row])
+    writer.close()
+    first, *later = parts(tmp_path / "flight.mcap")
+    assert (summarise(first).verdict, verdict(first)) == ("complete", "complete")
+    later[-1].unlink()
+    found = summarise(first)
+    assert (found.verdict, verdict(first)) == ("truncated", "truncated")
+    assert found.problems == [f"not here: the file after {later[-2].name}"]
+    assert found.seconds_lost is None, "nothing says when the flight ended"
 
 
 def test_after_a_damaged_chunk_reading_goes_on_and_the_loss_is_told(
