@@ -62,7 +62,7 @@ class Summary:
     verdict: Verdict
     seconds_lost: float | None
     """Known to be missing, within the recording and in a broken last chunk; None where it is not known how much. What a
-    killed station had not yet written is not in it: at most 0.15 s."""
+    killed station had not yet written is not in it: at most 0.15 s, 1.5 s by a power cut."""
     problems: list[str]
     files: int
     bytes: int
@@ -236,7 +236,8 @@ def describe(summary: Summary) -> str:
         verdict = f"{s.verdict}: how much is missing is not known"
     else:
         verdict = f"{s.verdict}: {s.seconds_lost:.2f} s known to be missing"
-        verdict += ", and up to 0.15 s that was not yet written" if s.verdict == "truncated" else ""
+        if s.verdict == "truncated" and not all(problem.startswith(_GONE) for problem in s.problems):
+            verdict += ", and what was not yet written: up to 0.15 s if the station was killed, 1.5 s by a power cut"
     lines = [
         f"{s.path}: {verdict}",
         f"  {s.source} of {s.aircraft}, {s.duration_s:.2f} s, {s.rows} rows, {s.bytes} bytes in {s.files} file(s)"
