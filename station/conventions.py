@@ -27,11 +27,11 @@ SEA_LEVEL_DENSITY: Final = 1.225
 
 TICK_HZ: Final = 50
 TICK_NS: Final = 1_000_000_000 // TICK_HZ
-CLOCK_LAW: Final = 5
+CLOCK_LAW: Final = 6
 """How device clocks are put on the station's (flight/timebase.py); a recording says which law it was flown by. 1: jumps
 beyond 20 ms. 2: jumps from 3 ms on, told from messages that were held up, lost or overtaken. 3: of messages in one read
 the last tells. 4: a leap is followed once messages agree on it; bursts and stalls do not look like one. 5: a
-control surface that keeps still is none that is stuck."""
+control surface that keeps still is none that is stuck. 6: two-way exchanges prove a jump, however late messages are."""
 FRESH_AGE_S: Final = 0.011
 """A value this much older than its frame, half a tick and some rounding, still counts as measured at its time."""
 BRIDGED_S: Final = 0.1

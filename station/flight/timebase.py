@@ -13,7 +13,7 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from station.conventions import CLOCK_LAW
-from station.flight.clock_jump import LAW_OF_PROOF, Found, JumpWatch, LeapWatch, tail
+from station.flight.clock_jump import LAW_OF_PROOF, LEAST_NS, Found, JumpWatch, LeapWatch, tail
 
 BIN_NS: Final = 500_000_000
 """One lowest point is kept of each bin, and the floor drawn anew at its end."""
@@ -22,9 +22,17 @@ SYNCED_AFTER_NS: Final = 4_000_000_000
 DRIFT_AFTER_NS: Final = 10_000_000_000
 """Before this the floor is taken as level: 100 ppm is then 1 ms at most."""
 MAX_DRIFT: Final = 1e-3
+USUAL_DRIFT: Final = 1e-4
+"""Of crystals, and seldom more."""
 STEP_NS: Final = 20_000_000
 """A jump of the device clock against arrival beyond any jitter of a working link."""
 MAX_ROUND_TRIP_NS: Final = 10_000_000
+EXCHANGES: Final = 8
+"""Of the last two seconds, at MAVLink's four a second: any of them and a new one may prove a jump."""
+PROVEN_NS: Final = 1_000_000_000
+"""A larger jump shows in the messages' increments; exchanges of a clock that wraps seem to jump by days."""
+LAW_OF_EXCHANGES: Final = 6
+LEAP_SETTLES_NS: Final = 1_000_000_000
 NEWEST: Final = 2
 OVERTAKEN: Final = 2
 """A message may come so many periods after one that was sent later."""
@@ -45,6 +53,28 @@ class Mapped(NamedTuple):
     """Device times before this one that were wrong: what they showed was no clock's."""
 
 
+class Exchange(NamedTuple):
+    """Station minus device clock at a moment of the station's, good to half the round trip."""
+
+    offset_ns: int
+    round_trip_ns: int
+    t_ns: int
+
+    def moved_ns(self, later: Exchange) -> int:
+        """By how much the difference of the clocks has changed since, if by more than the journeys and any drift
+        explain; else 0."""
+        moved = later.offset_ns - self.offset_ns
+        return moved if self._doubt_ns(later) < abs(moved) < PROVEN_NS else 0
+
+    def denies(self, jump_ns: float, later: Exchange) -> bool:
+        """Whether the difference of the clocks has not changed by that much between the two."""
+        return abs(later.offset_ns - self.offset_ns - jump_ns) > self._doubt_ns(later)
+
+    def _doubt_ns(self, later: Exchange) -> float:
+        journeys_ns = (self.round_trip_ns + later.round_trip_ns) / 2
+        return journeys_ns + MAX_DRIFT * (later.t_ns - self.t_ns) + LEAST_NS
+
+
 class ClockMap:
     """Maps one stream's device times to station time. `state` is none, unsynced, converging, synced or rejected."""
 
@@ -57,7 +87,13 @@ class ClockMap:
         self._phase_ns = phase_ns
         self._last: tuple[int, int] | None = None
         self._stuck = 0
-        self._best_exchange: tuple[int, int, int] | None = None
+        self._best_exchange: Exchange | None = None
+        self._exchanges: deque[Exchange] = deque(maxlen=EXCHANGES)
+        self._uses_exchanges = law >= LAW_OF_EXCHANGES
+        self._settles_ns = 0
+        """Until then the floor is the few messages' that proved a leap, and exchanges will tell it better."""
+        self._proven_ns = 0
+        """A jump that exchanges have proven, until the next message is mapped by it."""
         self.state = "none"
         self._reset()
 
@@ -80,7 +116,7 @@ class ClockMap:
     @property
     def offset_s(self) -> float:
         """Station minus device time at the last message, s."""
-        return 1e-9 * self._less_journey(self._floor_line(self._last[0])) if self._last else 0.0
+        return 1e-9 * self._offset(self._last[0]) if self._last else 0.0
 
     @property
     def drift_ppm(self) -> float:
@@ -88,18 +124,53 @@ class ClockMap:
         return 1e6 * self._slope
 
     def exchange(self, offset_ns: int, round_trip_ns: int, t_ns: int) -> None:
-        """A two-way exchange: station minus device clock, good to half its round trip. The shortest recent rules.
+        """A two-way exchange: station minus device clock, good to half its round trip. The shortest rules, while it is
+        the best by that and by how far clocks drift meanwhile.
 
-        Two that differ by more than both their journeys can are of two clocks: the device has started anew since.
+        Two that differ by more than both their journeys can are of two clocks: the device's has jumped, or it has
+        started anew since.
         """
-        best = self._best_exchange
-        if round_trip_ns <= MAX_ROUND_TRIP_NS and (
+        if round_trip_ns > MAX_ROUND_TRIP_NS:
+            return
+        best, new = self._best_exchange, Exchange(offset_ns, round_trip_ns, t_ns)
+        if self._uses_exchanges and self._proves(new):
+            return
+        # The clocks have drifted apart since the best, which a longer journey may be worth.
+        aged_ns = 2 * USUAL_DRIFT * (t_ns - best.t_ns) if best is not None and self._uses_exchanges else 0
+        if (
             best is None
-            or round_trip_ns <= best[1]
-            or t_ns - best[2] > WINDOW_NS
-            or abs(offset_ns - best[0]) > MAX_ROUND_TRIP_NS
+            or round_trip_ns <= best.round_trip_ns + aged_ns
+            or t_ns - best.t_ns > WINDOW_NS
+            or abs(offset_ns - best.offset_ns) > MAX_ROUND_TRIP_NS
         ):
-            self._best_exchange = (offset_ns, round_trip_ns, t_ns)
+            self._best_exchange = new
+
+    def _proves(self, new: Exchange) -> bool:
+        """Whether this exchange and one shortly before are of a clock that has jumped between them, by which messages
+        are stamped as well: their floor lies a journey above it."""
+        shortest = min((e for e in self._exchanges if e.moved_ns(new)), key=lambda e: e.round_trip_ns, default=None)
+        is_theirs = shortest is not None and self._is_of(shortest)
+        if shortest is not None:
+            self._exchanges.clear()
+        self._exchanges.append(new)
+        if shortest is None or not is_theirs:
+            return False
+        self._proven_ns, self._best_exchange = shortest.moved_ns(new), new
+        return True
+
+    def _is_of(self, exchange: Exchange) -> bool:
+        """Whether the messages' clock is the one that answers: the floor, but for its newest points, lies no more than
+        a journey from its offset."""
+        if self._last is None or self.state not in ("converging", "synced"):
+            return False
+        settled_ns = self._floor_line(self._last[0]) + self._settled_ns - self._floor_ns
+        return abs(settled_ns - exchange.offset_ns) <= MAX_ROUND_TRIP_NS
+
+    def _is_denied(self, watch: JumpWatch) -> bool:
+        """Whether exchanges before and after show that no clock has jumped so: messages wait for longer than before."""
+        before = [e for e in self._exchanges if e.t_ns < watch.run[0].arrival_ns]
+        after = [e for e in self._exchanges if e.t_ns > watch.run[0].arrival_ns]
+        return any(self._is_of(a) and a.denies(watch.jump_ns, b) for a in before for b in after)
 
     def update(self, t_device_ns: int, arrival_ns: int) -> Mapped:
         """Take one message's times and say when it was measured on the station's clock."""
@@ -114,8 +185,12 @@ class ClockMap:
             stepped = False
         else:
             found = Found.USUAL
+        if self._proven_ns:
+            stepped, found = False, Found.USUAL
+            self._begin_anew()
         if stepped:
             self._reset()
+        proven_ns, self._proven_ns = self._proven_ns, 0
         self._last = (t_device_ns, arrival_ns)
         if self.state == "rejected":
             return Mapped(arrival_ns, 0, stepped)
@@ -125,13 +200,22 @@ class ClockMap:
         strays = leap.told() if leap is not None else 0
         if found is Found.EARLY:  # before its time: one wrong stamp, or the first after a jump
             return Mapped(arrival_ns, 0, stepped=False, strays=strays)
-        jump_ns = 0
+        jump_ns = proven_ns
         if watch is not None and found is Found.JUMP:
             # The new device times lie so far along the floor's slope as well.
             jump_ns = round(watch.jump_ns / (1.0 + self._slope) if watch is leap else watch.jump_ns)
             self._move(watch, jump_ns)
         t_ns = self._measured(t_device_ns, arrival_ns)
         return Mapped(t_ns, arrival_ns - t_ns, stepped, jump_ns, strays)
+
+    def _begin_anew(self) -> None:
+        """After a jump that exchanges have proven: the answer that did was a message, too, the first of the floor."""
+        self._reset()
+        if self._watch is not None:
+            self._watch.forget()
+        if (answer := self._best_exchange) is not None:
+            journey_ns = answer.round_trip_ns // 2
+            self._next_bin(answer.t_ns - answer.offset_ns - journey_ns, answer.t_ns)
 
     def _measured(self, t_device_ns: int, arrival_ns: int) -> int:
         """When, on the station's clock, by a floor that this message may lower."""
@@ -145,7 +229,7 @@ class ClockMap:
         if difference < floor:  # an earlier message than any before: the floor is at least this low
             self._floor_ns += difference - floor
             floor = float(difference)
-        return min(t_device_ns + round(self._less_journey(floor)), arrival_ns)
+        return min(t_device_ns + round(self._offset(t_device_ns)), arrival_ns)
 
     def _steps(self, t_device_ns: int, arrival_ns: int, last_device_ns: int, last_arrival_ns: int) -> bool:
         """The device clock jumped, not a late or bunched message: those have a plausible increment of their own."""
@@ -171,9 +255,11 @@ class ClockMap:
         over = self._over(t_device_ns, arrival_ns) + self._floor_ns - self._settled_ns
         span = arrival_ns - (self._first_ns or arrival_ns)
         doubt = 0.0 if span >= DRIFT_AFTER_NS + BIN_NS else MAX_DRIFT * span
-        if span < SYNCED_AFTER_NS:  # the floor is still being found
+        if span < SYNCED_AFTER_NS or arrival_ns < self._settles_ns:  # the floor is still being found
             return Found.USUAL
         found = watch.take(t_device_ns, arrival_ns, over, self._spread_ns, doubt, self._tail_ns)
+        if found is Found.JUMP and self._uses_exchanges and self._is_denied(watch):
+            return Found.USUAL
         # A larger jump back has shown in the increments: what is late by as much and did not was held up.
         return Found.USUAL if found is Found.JUMP and watch.jump_ns > STEP_NS else found
 
@@ -189,7 +275,10 @@ class ClockMap:
         difference = lowest.arrival_ns - lowest.device_ns
         self._floor_ns = difference - self._slope * (lowest.device_ns - self._x0_ns)
         self._bin = ((lowest.arrival_ns + self._phase_ns) // BIN_NS, lowest.device_ns, difference)
+        if isinstance(watch, LeapWatch) and self._exchanges:
+            self._settles_ns = watch.run[-1].arrival_ns + LEAP_SETTLES_NS
         self._best_exchange = None
+        self._exchanges.clear()
         if isinstance(watch, LeapWatch):
             watch.run = []
             if self._watch is not None:
@@ -242,11 +331,14 @@ class ClockMap:
     def _floor_line(self, t_device_ns: int) -> float:
         return self._floor_ns + self._slope * (t_device_ns - self._x0_ns)
 
-    def _less_journey(self, floor_ns: float) -> float:
+    def _offset(self, t_device_ns: int) -> float:
         """Station minus device time, ns: the floor, less the shortest journey where an exchange has measured it."""
-        if self._best_exchange is not None and 0 < floor_ns - self._best_exchange[0] <= MAX_ROUND_TRIP_NS:
-            return self._best_exchange[0]
-        return floor_ns
+        floor_ns, best = self._floor_line(t_device_ns), self._best_exchange
+        if best is None:
+            return floor_ns
+        # Nothing comes before it is sent, but a floor may be drawn too low.
+        least_ns = -MAX_ROUND_TRIP_NS if self._uses_exchanges else 0
+        return best.offset_ns if least_ns < floor_ns - best.offset_ns <= MAX_ROUND_TRIP_NS else floor_ns
 
 
 def _hull_slope(points: deque[tuple[int, int]]) -> float:

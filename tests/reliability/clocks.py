@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from station.conventions import CLOCK_LAW
-from station.flight.timebase import ClockMap
+from station.flight.timebase import ClockMap, Exchange
 
 S = 1_000_000_000
 Times = NDArray[np.int64]
+BUSY = "a busy device's queue"
 DELAYS_S = {
     "an adapter's millisecond": lambda rng, n: rng.uniform(0.0, 0.001, n),
     "a bus of 5 ms": lambda rng, n: rng.uniform(0.0, 0.005, n),
     "a network's 1 ms, exponential": lambda rng, n: rng.exponential(0.001, n),
+    BUSY: lambda rng, n: rng.exponential(0.002, n) + np.abs(_wander(rng, n)),
 }
+EXCHANGE_S = 0.25
+"""Between two-way exchanges, as MAVLink's TIMESYNC is asked for."""
+
+
+def _wander(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    """3 ms, changing over 50 messages: what waits before a message is sent."""
+    step = 1.0 / 50
+    made: NDArray[np.float64] = lfilter([0.003 * np.sqrt(2 * step)], [1.0, step - 1.0], rng.normal(size=n))
+    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +93,24 @@ class Mapping:
     error_s: NDArray[np.float64]
 
 
-def mapped(messages: Messages, law: int = CLOCK_LAW) -> Mapping:
+def exchanged(messages: Messages, delay: str, rng: np.random.Generator) -> Iterator[Exchange]:
+    """Station minus device clock as both ways' delays let it be seen: the middle of sending and arrival is taken for
+    the moment of the answer."""
+    asked = np.arange(messages.true[0], messages.true[-1], EXCHANGE_S * S).astype(np.int64)
+    there, back = ((DELAYS_S[delay](rng, len(asked)) * S).astype(np.int64) for _ in range(2))
+    last = np.searchsorted(messages.true, asked + there, side="right") - 1
+    answered = messages.device[last] + asked + there - messages.true[last]
+    yield from map(Exchange, ((2 * asked + there + back) // 2 - answered).tolist(), (there + back).tolist(),
+                   (asked + there + back).tolist())  # fmt: skip
+
+
+def mapped(messages: Messages, law: int = CLOCK_LAW, exchanges: Iterable[Exchange] = ()) -> Mapping:
     clock = ClockMap(round(S / messages.rate_hz), 0, law)
     told, at = [], []
+    waiting = deque(sorted(exchanges, key=lambda e: e.t_ns))
     for n, (device, arrival) in enumerate(zip(messages.device.tolist(), messages.arrival.tolist(), strict=True)):
+        while waiting and waiting[0].t_ns <= arrival:
+            clock.exchange(*waiting.popleft())
         found = clock.update(device, arrival)
         at.append(found.t_ns)
         if found.stepped or found.jump_ns:

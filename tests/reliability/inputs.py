@@ -19,7 +19,7 @@ from station.convert import import_file
 from station.log import summarise
 from station.rows import LogError
 from tests.reliability import live_links, speakers
-from tests.reliability.clocks import jumped, mapped, sent, stalled, starved
+from tests.reliability.clocks import BUSY, exchanged, jumped, mapped, sent, stalled, starved
 from tests.reliability.counts import GROWTH_MIB
 from tests.reliability.crafted import KINDS, cost
 from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, ulog
@@ -30,6 +30,8 @@ from tests.reliability.recordings import Told
 from tests.reliability.wraps import fly as fly_wraps
 from tests.reliability.wraps import wrapping
 
+SETTLED = 250
+"""Messages at 50 Hz after a jump, until shorter exchanges have come."""
 SLOPE = 1.0
 """MiB an hour that the station's memory may grow by, from 10 min on."""
 
@@ -81,6 +83,27 @@ def clock_jumps(links: int) -> Told:
     words = f"{wrong} not told, or told twice; told after {late:.2f} s, then off by {worst * 1e3:.2f} ms at most"
     holds = not wrong and late <= 1 and worst <= 0.002
     return f"device clocks that jump by 3 ms to 1 h, {count}", "0; 1 s, 2 ms", words, holds
+
+
+def jumps_behind_a_queue(links: int) -> Told:
+    """Clocks that jump where messages wait for up to 10 ms before they are sent, by turns: time sync tells of it."""
+    sizes_s = [j * 1e-3 for j in (6, 10, 15, 19)] + [0.1, 2.0, 3600.0]
+    late, wrong, worst, before = 0.0, 0, 0.0, 0
+    rng = np.random.default_rng(1)
+    for _ in range(links):
+        for by_s in (sign * size for size in sizes_s for sign in (-1, 1)):
+            messages, first = jumped(sent(50, 60.0, BUSY, rng), 30.0, by_s)
+            exchanges = list(exchanged(messages, "a network's 1 ms, exponential", rng))
+            found = mapped(messages, exchanges=exchanges)
+            wrong += len(found.told) != 1
+            before += len(mapped(messages, 5, exchanges).told) != 1
+            if found.told:
+                late = max(late, float(messages.arrival[found.told[0]] - messages.arrival[first]) * 1e-9)
+                worst = max(worst, float(np.abs(found.error_s[first + SETTLED :]).max()))
+    words = f"{wrong} not told, or told twice ({before} by clock law 5); told after {late:.2f} s"
+    words += f", from 5 s on off by {worst * 1e3:.2f} ms at most"
+    name = f"device clocks that jump by 6 ms to 1 h behind a queue of 10 ms, with time sync, {links * 2 * len(sizes_s)}"
+    return name, "0; 1 s, 2 ms", words, not wrong and late <= 1 and worst <= 0.002
 
 
 def stalls_of_the_station(hours: float) -> Told:

@@ -59,6 +59,7 @@ def trials(part: int, seconds: float, counts: Path | None = None) -> dict[str, C
         "cuts": lambda: recordings.hurt("cuts", 2000 // part, recordings.cut),
         "foreign-files": lambda: inputs.foreign(200 // part),
         "jumps": lambda: inputs.clock_jumps(20 // part),
+        "jumps-behind-a-queue": lambda: inputs.jumps_behind_a_queue(20 // part),
         "wraps": lambda: inputs.all_wraps(500 // part),
         "sound-clocks": lambda: inputs.stalls_of_the_station(10.0 / part),
         "crafted": inputs.crafted_bytes,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reliability.clocks import Messages, S, jumped, mapped, sent, stalled, starved
+from reliability.clocks import BUSY, Messages, S, exchanged, jumped, mapped, sent, stalled, starved
 from reliability.endings import about
 
 from station.conventions import CLOCK_LAW
@@ -37,6 +37,39 @@ def test_a_jump_from_3_ms_on_is_told_within_a_second_and_followed(delay: str, ra
     # Before it and from then on as good as the link: 1 ms.
     assert np.abs(found.error_s[10 * rate_hz : first]).max() < 1e-3
     assert np.abs(found.error_s[found.told[0] + 1 :]).max() < 1e-3
+
+
+@pytest.mark.parametrize("by_ms", [-19.0, -6.0, 6.0, 17.0])
+def test_a_jump_behind_a_queue_is_told_by_time_sync(by_ms: float) -> None:
+    """Flown by hand on a busy machine: law 5 told no jump of less than 0.1 s there, and ended 19 ms off."""
+    rng = np.random.default_rng(abs(int(by_ms)))
+    messages, first = jumped(sent(50, 60.0, BUSY, rng), 30.0, by_ms * 1e-3)
+    exchanges = list(exchanged(messages, "a network's 1 ms, exponential", rng))
+    found = mapped(messages, exchanges=exchanges)
+    assert len(found.told) == 1
+    assert 0.0 <= (messages.arrival[found.told[0]] - messages.arrival[first]) / S <= WITHIN_S
+    assert np.abs(found.error_s[500:first]).max() < 1e-3
+    assert np.abs(found.error_s[first + 250 :]).max() < 2e-3
+
+
+def test_what_waits_longer_than_before_is_no_jump_where_time_sync_says_so() -> None:
+    """Law 5 took a queue that had grown for a clock, in one of a hundred such flights."""
+    rng = np.random.default_rng(169)
+    sound = sent(50, 40.0, BUSY, rng)
+    exchanges = list(exchanged(sound, "a network's 1 ms, exponential", rng))
+    assert len(mapped(sound, 5, exchanges).told) == 1
+    assert mapped(sound, exchanges=exchanges).told == []
+
+
+def test_time_sync_of_another_clock_than_the_messages_moves_nothing() -> None:
+    """A message's time may be of another clock of the device, or its wrap unwound: 5 s off the one that answers."""
+    rng = np.random.default_rng(2)
+    messages = sent(50, 40.0, "an adapter's millisecond", rng)
+    exchanges = list(exchanged(messages, "an adapter's millisecond", rng))
+    other = [e._replace(offset_ns=e.offset_ns + 5 * S + (15_000_000 if n > 80 else 0)) for n, e in enumerate(exchanges)]
+    found = mapped(messages, exchanges=other)
+    assert found.told == []
+    assert np.abs(found.error_s[500:]).max() < 1e-3
 
 
 @pytest.mark.parametrize("rate_hz", [5, 50, 200])
