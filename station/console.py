@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,12 +14,23 @@ from typing import Any
 from station.rows import LogError
 
 DONE, ERROR, USAGE, DEGRADED = 0, 1, 2, 3
+LEAST_WIDTH = 40
+"""Columns: in less, words are not broken for it."""
 
 
 def say(text: str) -> None:
     """Words for the user, on stderr; stdout is for what was asked for."""
     with contextlib.suppress(OSError):  # nobody there to hear it
         print(text, file=sys.stderr, flush=True)
+
+
+def say_wrapped(text: str) -> None:
+    """Words to read, not to copy: on a terminal, broken between words at its width."""
+    if sys.stderr.isatty():
+        width = max(shutil.get_terminal_size().columns, LEAST_WIDTH)
+        lines = (textwrap.wrap(t, width, break_long_words=False, break_on_hyphens=False) for t in text.splitlines())
+        text = "\n".join(line for wrapped in lines for line in wrapped or [""])
+    say(text)
 
 
 def judge(reasons: Sequence[str]) -> int:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
 import typer
 
 from station.commands.rig_ import new_file
-from station.console import DONE, say
+from station.console import DONE, say, say_wrapped
 from station.profile import Aircraft, read_profile
 from station.rows import ProfileError, UsageError
 
@@ -97,7 +97,7 @@ def _ask(values: dict[str, str]) -> None:
     """What is not given yet; an empty answer leaves out what may be."""
     for q in QUESTIONS:
         while q.key not in values:
-            say(f"{q.words}, like {q.example}{f' (empty: {q.without})' if q.without else ''}")
+            say_wrapped(f"{q.words}, like {q.example}{f' (empty: {q.without})' if q.without else ''}")
             answer = input(f"{q.key} > ").strip()
             why = refused(q, answer) if answer else ""
             if why:

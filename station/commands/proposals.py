@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from drivers.listening import Heard
 from station.conventions import SIGNALS, UNIT_ALIASES, UNITS, unit_named
-from station.profile import Card, Channel, load_rig, nearest
+from station.profile import Card, Channel, Rig, load_rig, nearest
 from station.rows import UsageError
 
 SHIPPED: Final = ("mavlink_only", "mixed", "boom_serial", "vectornav", "dronecan")
@@ -43,8 +43,11 @@ ALSO: Final[Mapping[tuple[str, str | int], Mapping[str, Channel]]] = {
     ("mavlink", "RAW_IMU"): {n: Channel(field=f, unit=u, slope=1e-3) for n, f, u in _IMU},
     **{("mavlink", m): {n: Channel(field=f, unit=u) for n, f, u in _IMU} for m in _SCALED},
     ("mavlink", "VFR_HUD"): {"airspeed": Channel(field="airspeed", unit="m/s")},
+    ("mavlink", "SCALED_PRESSURE"): {"dynamic_pressure": Channel(field="press_diff", unit="hPa")},
 }
 """What autopilots send where they have no HIGHRES_IMU nor AIRSPEED."""
+MAY_LACK: Final = ("press_diff",)
+"""Fields that are 0 throughout where the sensor is not there."""
 UNNAMED: Final = ("boombox", "boombox_ascii", "lines")
 """Protocols whose fields mean what the rig says,"""
 OUTPUTS: Final = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "uavcan.equipment.actuator.Status")
@@ -64,6 +67,11 @@ WHICH: Final = "Which signal?\n(SIGNAL:UNIT[:SLOPE[:ZERO]], like alpha_vane:deg;
 WHICH_SURFACE: Final = (
     "Which surface does it move?\n(SURFACE:deg:SLOPE:ZERO, deg = SLOPE x (value - ZERO), like elevator:deg:0.05:1500; "
     "empty: none)"
+)
+PLACE: Final = "0.1 m, 0 m, -0.02 m"
+WHERE: Final = (
+    f"where from the centre of gravity?\n(forward, right, down, like {PLACE}; empty: at it. Half a chord not told can "
+    "turn the sign of CL_de)"
 )
 
 Ask = Callable[[str], str]
@@ -110,7 +118,8 @@ def propose(heard: Sequence[Heard], ask: Ask, maps: Sequence[str]) -> Proposal:
             if found.protocol in UNNAMED or message in OUTPUTS:
                 wanted = _asked(name, found, message, ask, told)
             else:
-                wanted = {n: c for n, c in known.get((found.protocol, message), {}).items() if c.field in fields}
+                there = [f for f, seen in fields.items() if any(seen) or f not in MAY_LACK]
+                wanted = {n: c for n, c in known.get((found.protocol, message), {}).items() if c.field in there}
             taken = made.signals()
             streams[message] = {n: c for n, c in wanted.items() if n not in taken}
             rest = ", ".join(f"{n} (from {taken[n]})" for n in wanted if n in taken)
@@ -200,17 +209,44 @@ def describe(found: Heard) -> str:
     return f"{where}: {found.what}{f': {said}' if said else ''}"
 
 
+def imu_place(made: Proposal, ask: Ask, given: str) -> tuple[str, ...]:
+    """Where the accelerometers are, each length with its unit; none where nobody says. Raises UsageError for a `given`
+    one that is no place."""
+    device = made.signals().get("az")
+    if given:
+        return _place(given)
+    question = f"accelerometers of {device}: {WHERE}"
+    while device is not None and (answer := ask(question)):
+        try:
+            return _place(answer)
+        except UsageError as error:
+            question = str(error)
+    return ()
+
+
+def _place(text: str) -> tuple[str, ...]:
+    """Raises UsageError."""
+    lengths = tuple(word.strip() for word in text.split(","))
+    try:
+        TypeAdapter[object](Rig.model_fields["imu_position"].annotation).validate_python(lengths)
+    except ValidationError as error:
+        why = error.errors()[0]["msg"]
+        raise UsageError(f"{text}: {why}\nforward, right, down from the centre of gravity, like {PLACE}") from error
+    return lengths
+
+
 # --- the files
 
 
-def rig_text(name: str, made: Proposal, ports: Mapping[str, str]) -> str:
-    """The rig's TOML. `ports`: address heard -> what the rig calls it."""
+def rig_text(name: str, made: Proposal, ports: Mapping[str, str], imu: tuple[str, ...] = ()) -> str:
+    """The rig's TOML. `ports`: address heard -> what the rig calls it; `imu`: where the accelerometers are, if told."""
+    where = ", ".join(f'"{length}"' for length in imu or ("0 m",) * 3)
     lines = [
         "# Proposed from what was heard: look at each line before it is flown. Keys: profiles/README.md.",
         "",
         f'name = "{name}"',
         'description = "Proposed by station rig new"',
-        'imu_position = ["0 m", "0 m", "0 m"] # from the centre of gravity: forward, right, down. To be measured.',
+        f"imu_position = [{where}] # from the centre of gravity: forward, right, down{'' if imu else '. To be measured.'}",
     ]
     for device, found, streams in made.devices:
         lines += ["", *_comments(made.passed_over[device])]

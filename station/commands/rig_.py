@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from station.clock import SystemClock
-from station.console import DONE, say
+from station.console import DONE, say, say_wrapped
 from station.profile import Rig, find, load_card, read_profile
 from station.rows import DeviceError, ProfileError, UsageError
 
@@ -28,6 +28,7 @@ an autopilot on the network: --mavlink udpin:0.0.0.0:14550"""
 USUAL_MAVLINK = "udpin:127.0.0.1:14550"
 NONE = "none"
 MAP = "what a box's field is"
+IMU = 'where the accelerometers are, from the centre of gravity: forward, right, down, like "0.1 m, 0 m, 0 m"'
 
 
 class Action(StrEnum):
@@ -47,12 +48,13 @@ def rig_(
     mavlink: Annotated[str, typer.Option(metavar="URL", help="where an autopilot sends to, or none")] = USUAL_MAVLINK,
     field: Annotated[list[str] | None, typer.Option("--map", metavar="FIELD=SIGNAL:UNIT:SLOPE:ZERO", help=MAP)] = None,
     aircraft: Annotated[str, typer.Option(metavar="NAME", help="of the card; that of this name, or unknown")] = "",
+    imu: Annotated[str, typer.Option("--imu-position", metavar="X,Y,Z", help=IMU)] = "",
     seconds: Annotated[float, typer.Option(min=1.0, max=60.0, help="how long each device is listened to")] = 3.0,
     yes: Annotated[bool, typer.Option("--yes", help="ask nothing, take all that is heard")] = False,
 ) -> int:
     """Listen to serial ports, CAN interfaces and MAVLink, propose signals, write a commented rig and a card for it."""
     from drivers.adapter import check_devices
-    from station.commands.proposals import card_text, propose, rig_text
+    from station.commands.proposals import card_text, imu_place, propose, rig_text
 
     rig_file, card_file = new_file(folder, "rigs", name), new_file(folder, "cards", name)
     if not (yes or sys.stdin.isatty()):
@@ -72,7 +74,8 @@ def rig_(
         raise UsageError(
             "no field of what was heard is a signal: say what they are, like --map v0=alpha_vane:deg:0.005"
         )
-    _write(rig_file, rig_text(name, made, names))
+    place = imu_place(made, ask, imu)
+    _write(rig_file, rig_text(name, made, names, place))
     _write(card_file, card_text(name, aircraft or _aircraft(folder, name), made))
     check_devices(read_profile(Rig, rig_file), rig_file)
     try:
@@ -126,7 +129,7 @@ def _listen(place: _Place, ask: Callable[[str], str]) -> Heard | None:
     except DeviceError as error:
         say(f"  {error}")
         return None
-    say(f"  {describe(found)}")
+    say_wrapped(f"  {describe(found)}")
     if not found.messages:
         return None
     is_declined = ask(f"  use it? [Y/n] ({found.address})").lower() in ("n", "no")
@@ -172,7 +175,7 @@ def _places(ports: list[str] | None, cans: list[str] | None, mavlink: str, secon
 
 
 def _ask(question: str) -> str:
-    say(question)
+    say_wrapped(question)
     return input("> ").strip()
 
 

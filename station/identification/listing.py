@@ -7,6 +7,8 @@ from typing import Final
 
 from rich import box
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Column
 from rich.table import Table as Grid
 
 from station.conventions import LATERAL
@@ -23,6 +25,8 @@ WIDTH: Final = 100
 QUASI_STEADY: Final = " q.s."
 """Marks the row of a method's quasi-steady derivatives, beside its own."""
 LATERAL_GROUPS: Final = ("CY", "Cl", "Cn")
+UNBOUNDED: Final = 10_000
+"""Columns that nothing is as wide as."""
 DECIMALS: Final = 4
 """Of an estimate without an error."""
 
@@ -37,7 +41,7 @@ def print_estimates(found: Identification) -> None:
         f"{found.aircraft.name}, {start:.2f} to {end:.2f} s, turbulence {found.turbulence}; "
         f"recommended: {found.recommended or 'none'}. Estimate ± 2 standard errors; - is not estimated."
     )
-    for grid in _estimates(found):
+    for grid in _estimates(found, console):
         console.print(grid)
     console.print(_meaning(found), highlight=False, markup=False, end="")
     reasons: dict[str, list[str]] = {}
@@ -79,7 +83,7 @@ def definitions(own: list[str]) -> str:
     )
 
 
-def _estimates(found: Identification) -> list[Grid]:
+def _estimates(found: Identification, console: Console) -> list[Grid]:
     known = list(dict.fromkeys(p.name for m in found.methods.values() for p in m.parameters))
     lateral = [n for n in known if n in LATERAL]
     groups = [
@@ -96,11 +100,18 @@ def _estimates(found: Identification) -> list[Grid]:
                 rows[f"{m}{QUASI_STEADY}"] = [_cell(quasi_steady.get(n)) for n in names]
         rows = {m: cells for m, cells in rows.items() if any(c != "-" for c in cells)}
         if rows:
-            grid = Grid("", *names, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-            for m, cells in rows.items():
-                grid.add_row(m, *cells)
+            grid = _grid(names, rows)
+            if Measurement.get(console, console.options.update(max_width=UNBOUNDED), grid).maximum > console.width:
+                grid = _grid(names, {m: [c.replace("±", "\n±") for c in cells] for m, cells in rows.items()})
             grids.append(grid)
     return grids
+
+
+def _grid(names: list[str], rows: dict[str, list[str]]) -> Grid:
+    grid = Grid(Column(no_wrap=True), *names, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for m, cells in rows.items():
+        grid.add_row(m, *cells)
+    return grid
 
 
 def _consistency(found: Identification) -> Grid | None:

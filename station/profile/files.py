@@ -181,6 +181,11 @@ def explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:
     elif first["type"] == "union_tag_not_found":
         key += "." + first["ctx"]["discriminator"].strip("'")
         message = "missing key"
+    elif first["type"] == "model_type":
+        given = f"{first['input']!r:.60}"
+        is_derivative = first["ctx"]["class_name"] == "Derivative"
+        message = f"it is {given}, and a table of keys is wanted"
+        message += f": write {{ value = {given} }}" if is_derivative else ""
     else:
         message = first["msg"][:1].lower() + first["msg"][1:]
         if first["type"] not in ("quantity", "derivative", "signal", "unit", "claimed", "probe"):

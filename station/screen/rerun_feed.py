@@ -284,7 +284,8 @@ class View:
         oldest_ns = self._flying[0] if self._flying else 0
         with contextlib.suppress(IndexError):  # show() drops from the same end
             oldest_ns = oldest_ns or self._queue[0][0]
-        return (now_ns - oldest_ns) * 1e-9 if oldest_ns else 0.0
+        # What was handed over since the clock was read is not late.
+        return max(0, now_ns - oldest_ns) * 1e-9 if oldest_ns else 0.0
 
 
 def page_address(mode: str, port: int, web_port: int) -> str:

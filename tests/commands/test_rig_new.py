@@ -87,6 +87,7 @@ class Autopilot(Sender):
             m.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3),
             m.MAVLink_attitude_message(1000, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0),
             m.MAVLink_raw_imu_message(1_000_000, 40, -10, -1001, 1, -250, 3, 0, 0, 0),
+            m.MAVLink_scaled_pressure_message(1000, 1002.5, 1.98, 1400),
             m.MAVLink_servo_output_raw_message(0, 0, 1500, 1400, 1000, 1500, *[0] * 4),
         ):
             self._socket.sendto(message.pack(self._link), self._to)
@@ -119,6 +120,7 @@ def test_from_nothing_to_a_card_that_check_takes(
     assert {"phi", "theta", "psi", "p", "q", "r", "v_north", "latitude"} <= signals.keys()
     # ArduPilot's RAW_IMU is in mg and mrad/s; a level aircraft's az is -1 g. Rates come of ATTITUDE already.
     assert signals["az"].to_si(-1001) == pytest.approx(-9.81646, abs=1e-4)
+    assert signals["dynamic_pressure"].to_si(1.98) == pytest.approx(198.0)
     assert "airspeed" not in profiles.card.needs
     assert profiles.aircraft.name == "uav"
     assert profiles.aircraft.inertia.iyy is None
@@ -150,7 +152,8 @@ def test_outputs_of_an_autopilot_are_asked_for_where_they_are_connected(
     uav: tuple[Path, str, str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, *_, url = uav
-    answers = iter(("y", "", "elevator:deg:0.05:1500", "", "rudder:deg:-0.05:1500"))
+    place = ("0.1 m, 0 m", "0.1 m, 0, 0 m", "0.1 m, 0 m, -2 cm")
+    answers = iter(("y", "", "elevator:deg:0.05:1500", "", "rudder:deg:-0.05:1500", *place))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     words = ("--folder", str(folder), "--port", "none", "--mavlink", url, "--can", "none", "--seconds", "1")
@@ -159,7 +162,10 @@ def test_outputs_of_an_autopilot_are_asked_for_where_they_are_connected(
     said = capsys.readouterr().err
     assert "servo2_raw: 1400 to 1400, now 1400. Which surface does it move?" in said
     assert "SLOPE x (value - ZERO)" in said
-    (device,) = read_profile(Rig, folder / "rigs" / "mine.toml").devices
+    rig = read_profile(Rig, folder / "rigs" / "mine.toml")
+    assert rig.imu_position == pytest.approx((0.1, 0.0, -0.02))
+    assert "accelerometers of autopilot: where from the centre of gravity?" in said
+    (device,) = rig.devices
     (outputs,) = [s.signals for s in device.streams if s.message == "SERVO_OUTPUT_RAW"]
     assert outputs["rudder"].to_si(1600) == pytest.approx(-0.087266, abs=1e-6)  # -5 deg
 

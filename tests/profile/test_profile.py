@@ -99,6 +99,7 @@ def message(tmp_path, load, text):
         ('chord = "6.5 ft"', 'chrod = "6.5 ft"', "did you mean chord?"),
         ('chord = "6.5 ft"', "chord = 6.5", 'missing unit: write "6.5 m"'),
         ('chord = "6.5 ft"', 'chord = "6.5"', "missing unit"),
+        ("CL_alpha = { value = 5.66, sd = 0.57 }", "CL_alpha = 5.66", "write { value = 5.66 }"),
         ('chord = "6.5 ft"', 'chord = "6.5 kg"', "does not fit here"),
         ('chord = "6.5 ft"', 'chord = "long"', "not a number"),
         ('chord = "6.5 ft"', 'chord = "-6.5 ft"', "greater than 0"),
