@@ -50,6 +50,7 @@ QUESTIONS: Final = (
     Question("boom", "vane_x", "vane ahead of the centre of gravity", "0.45 m", "the vane is not corrected for rates"),
     Question("boom", "vane_frequency", "natural frequency of the vane", "9 Hz", "9 Hz is taken"),
     Question("boom", "vane_damping", "damping ratio of the vane", "0.35", "0.35 is taken"),
+    Question("boom", "upwash_body", "share by which the vane reads too much: upwash", "0.1", "10 % in all errors"),
     Question("unsteady", "tail_arm", "tail behind the centre of gravity", "0.75 m", "few derivatives in turbulence"),
     Question("drag", "zero_lift", "drag coefficient at zero lift", "0.035", "thrust is not told by drag"),
     Question("drag", "induced", "drag per square of the lift coefficient", "0.05", "the same"),
@@ -154,9 +155,16 @@ def text_of(name: str, values: dict[str, str]) -> str:
             lines.append(f"{'' if is_known else '# '}{q.key} = {quoted} # {note}")
         if table == "unsteady" and is_there:
             lines.append("memory = false # quasi-steady lift; true with the indicial responses that physical needs")
+    if "vane_x" in values and "upwash_body" not in values:
+        lines += _UPWASH_UNKNOWN
     return "\n".join([*lines, *_DERIVATIVES]) + "\n"
 
 
+_UPWASH_UNKNOWN: Final = (
+    "",
+    "[uncertainty]",
+    "vane_scale = 0.1 # as long as the upwash is not known: station calibrate and station planform tell it",
+)
 _DERIVATIVES: Final = (
     "",
     "# Derivatives are estimated without priors. Known ones serve simulation and diagnosis (per rad, q c/2V):",

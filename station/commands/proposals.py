@@ -241,12 +241,13 @@ def _place(text: str) -> tuple[str, ...]:
 def rig_text(name: str, made: Proposal, ports: Mapping[str, str], imu: tuple[str, ...] = ()) -> str:
     """The rig's TOML. `ports`: address heard -> what the rig calls it; `imu`: where the accelerometers are, if told."""
     where = ", ".join(f'"{length}"' for length in imu or ("0 m",) * 3)
+    doubt = "" if imu else " To be measured."
     lines = [
         "# Proposed from what was heard: look at each line before it is flown. Keys: profiles/README.md.",
         "",
         f'name = "{name}"',
         'description = "Proposed by station rig new"',
-        f"imu_position = [{where}] # from the centre of gravity: forward, right, down{'' if imu else '. To be measured.'}",
+        f"imu_position = [{where}] # from the centre of gravity: forward, right, down.{doubt}",
     ]
     for device, found, streams in made.devices:
         lines += ["", *_comments(made.passed_over[device])]

@@ -124,6 +124,7 @@ def test_from_nothing_to_a_card_that_check_takes(
     assert "airspeed" not in profiles.card.needs
     assert profiles.aircraft.name == "uav"
     assert profiles.aircraft.inertia.iyy is None
+    assert profiles.aircraft.uncertainty.vane_scale == pytest.approx(0.1), "nobody has told the upwash"
     said = capsys.readouterr().err
     assert "u-blox UBX: NAV-PVT 50 Hz" in said
     assert "system 7, component 1" in said
@@ -185,7 +186,23 @@ def test_an_aircraft_is_asked_for_and_may_be_left_out_of(
     """An answer without its unit, of another kind or below zero is refused at once, and asked for again."""
     area = ("", "420", "420 ft", "-420 ft2", "420 ft2")
     answers = iter(
-        (*area, "65 ft", "6.5 ft", "340 slug", "24640 slug ft2", "", "", "", "", "", "24.5 ft", "0.04", "high", "0.05")
+        (
+            *area,
+            "65 ft",
+            "6.5 ft",
+            "340 slug",
+            "24640 slug ft2",
+            "",
+            "",
+            "",
+            "",
+            "",
+            "",
+            "24.5 ft",
+            "0.04",
+            "high",
+            "0.05",
+        )
     )
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
