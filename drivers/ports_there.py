@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,14 +38,20 @@ def serial_ports() -> Iterator[PortThere]:
 
 
 def permission_lacking(device: str) -> str:
-    """Said of a port that this user may not open."""
-    return f"no permission: sudo usermod -aG {_group(device)} $USER, then log in again"
+    """Said of a port that this user may not open. To join a group helps where the group may, and is not root's."""
+    group = _group(device)
+    if group is None:
+        return f"no permission, and no group has it: sudo setfacl -m u:$USER:rw {device}; a udev rule makes it last"
+    return f"no permission: sudo usermod -aG {group} $USER, then log in again"
 
 
-def _group(device: str) -> str:
-    """Who may open a device; Debian's group for serial ports where the system does not say."""
+def _group(device: str) -> str | None:
+    """Who may open a device, none where only its owner or the system's own may; Debian's group for serial ports where
+    the system does not say."""
     try:
-        return Path(device).group()
+        told = Path(device).stat()
+        may = told.st_mode & stat.S_IRGRP and told.st_mode & stat.S_IWGRP and told.st_gid != 0
+        return Path(device).group() if may else None
     except (OSError, KeyError, NotImplementedError):
         return "dialout"
 

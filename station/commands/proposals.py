@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -227,8 +227,9 @@ def imu_place(made: Proposal, ask: Ask, given: str) -> tuple[str, ...]:
 def _place(text: str) -> tuple[str, ...]:
     """Raises UsageError."""
     lengths = tuple(word.strip() for word in text.split(","))
+    kind: Any = Rig.model_fields["imu_position"].annotation
     try:
-        TypeAdapter[object](Rig.model_fields["imu_position"].annotation).validate_python(lengths)
+        TypeAdapter[Any](kind).validate_python(lengths)
     except ValidationError as error:
         why = error.errors()[0]["msg"]
         raise UsageError(f"{text}: {why}\nforward, right, down from the centre of gravity, like {PLACE}") from error

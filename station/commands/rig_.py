@@ -74,8 +74,7 @@ def rig_(
         raise UsageError(
             "no field of what was heard is a signal: say what they are, like --map v0=alpha_vane:deg:0.005"
         )
-    place = imu_place(made, ask, imu)
-    _write(rig_file, rig_text(name, made, names, place))
+    _write(rig_file, rig_text(name, made, names, imu_place(made, ask, imu)))
     _write(card_file, card_text(name, aircraft or _aircraft(folder, name), made))
     check_devices(read_profile(Rig, rig_file), rig_file)
     try:

@@ -81,6 +81,7 @@ def test_a_port_without_permission_says_how_to_get_it(station, tmp_path: Path, m
     port = tmp_path / "ttyUSB0"
     port.touch()
     device = SimpleNamespace(device=str(port), description="FT232R", serial_number="A1")
+    monkeypatch.setattr(drivers.ports_there, "_group", lambda _: "dialout")
     monkeypatch.setattr(drivers.ports_there.list_ports, "comports", lambda: [device])
     monkeypatch.setattr(drivers.ports_there.os, "access", lambda path, how: path != str(port) and os.path.exists(path))
     code, found = findings(station, "--log", str(tmp_path))

@@ -6,6 +6,7 @@ The senders: pyubx2, pynmeagps, pymavlink and the emulated devices' encoders.
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 from pyubx2 import GET, UBXMessage
 
-from drivers import serial_port
+from drivers import ports_there, serial_port
 from drivers.adapter import Adapter
 from drivers.can_frames import encode_slcan
 from drivers.codec import Reading
@@ -136,8 +137,17 @@ def test_a_port_without_permission_names_its_group_and_the_command(
     def refused(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
 
+    def said(mode: int, gid: int) -> str:
+        made = SimpleNamespace(st_mode=mode, st_gid=gid)
+        monkeypatch.setattr(ports_there, "Path", lambda _: SimpleNamespace(stat=lambda: made, group=lambda: "uucp"))
+        with pytest.raises(serial_port.DeviceError) as error:
+            serial_port.open_port(str(port), 115_200)
+        return str(error.value)
+
     port = tmp_path / "ttyUSB0"
     port.touch()
     monkeypatch.setattr(serial_port.serial, "Serial", refused)
-    with pytest.raises(serial_port.DeviceError, match=f"no permission: sudo usermod -aG {port.group()}"):
-        serial_port.open_port(str(port), 115_200)
+    assert "no permission: sudo usermod -aG uucp" in said(0o660, 20)
+    # As a system without serial devices has them: no group to join, least of all root's.
+    for mode, gid in ((0o600, 20), (0o640, 20), (0o660, 0)):
+        assert f"no group has it: sudo setfacl -m u:$USER:rw {port}" in said(mode, gid)
