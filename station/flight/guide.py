@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -36,6 +37,9 @@ SHOWN_S: Final = 4.0
 """Without keys: a verdict stands so long."""
 LEAST_MOTION: Final = 0.5
 """Of the drawn input's rms, that must be flown."""
+MOST_LOST: Final = 0.1
+"""Of a steady step's time, that may be flown out of tolerance: the errors of what is told by the rest are 5 % larger,
+which is not worth another run."""
 
 
 class Phase(StrEnum):
@@ -53,6 +57,8 @@ class Check:
 
     words: str
     good: bool
+    name: str = ""
+    """Of what is to be held; "" of what is not the crew's to hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +109,8 @@ class Guide:
         self._trim: dict[str, float] = {}
         self._faults: list[str] = []
         self._worst_air = 0
+        self._strayed: Counter[str] = Counter()
+        """Ticks of a steady step out of tolerance, by what was, and of all together by ""."""
         self._mass_recorded = self._has_point = False
         self._warm_up_ns, self._settled_ns = round(card.warm_up * 1e9), 0
 
@@ -179,6 +187,9 @@ class Guide:
     def _follow(self, frame: Frame, since_s: float) -> None:
         self._take(frame, round(since_s * TICK_HZ))
         ended = since_s - float(self.table.t_s[-1])
+        if self.step.steady is not None and ended <= 0:
+            strayed = [c.name for c in self.shown.checks if c.name and not c.good]
+            self._strayed.update([*strayed, ""] if strayed else [])
         if ended > SETTLE_S:
             self._judge(frame.t_ns)
         elif ended > 0:
@@ -214,6 +225,7 @@ class Guide:
         self._ask([m.model_copy(update={"start": begins + m.start - first}) for m in step.inputs])
         self.flown = {name: np.full(len(x), math.nan) for name, x in self.table.surfaces.items()}
         self._trim, self._faults, self._worst_air = {}, [], 0
+        self._strayed.clear()
         self._say(Code.STEP, f"{step.name}: run {shown.run + 1} begins in {COUNTDOWN_S:g} s")
         self.shown = replace(shown, phase=Phase.COUNTDOWN, run=shown.run + 1, since_s=-COUNTDOWN_S, verdict=None)
 
@@ -231,6 +243,9 @@ class Guide:
         if wanted is not None and self._worst_air > AIR.index(wanted):
             self._faults.append(f"the air was {AIR[self._worst_air]}, {wanted} is wanted")
         self._faults += [words for words in map(self._unlike, self.flown) if words]
+        if step.steady is not None and self._strayed[""] > MOST_LOST * step.steady * TICK_HZ:
+            names = " and ".join(n for n, _ in self._strayed.most_common() if n)
+            self._faults.append(f"{names} out of tolerance for {self._strayed[''] / TICK_HZ:.0f} of {step.steady:g} s")
         names = tuple(step.accept)
         method = {n: board.lateral_method if n in LATERAL else board.recommended for n in names}
         found = {n: board.parameter(method[n], n) for n in names}
@@ -280,8 +295,9 @@ class Guide:
         if c.heading is not None:
             heading = c.heading + math.remainder(_signal(frame, "psi") - c.heading, 2 * math.pi)
             yield _check("heading", heading, c.heading, c.heading_tolerance, "deg")
-        if before:
+        if before or self.step.steady is not None:
             yield _check("bank", _signal(frame, "phi"), c.bank, c.bank_tolerance, "deg")
+        if before:
             rate = _signal(frame, "q")
             words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s" if math.isfinite(rate) else "pitch rate unknown"
             yield Check(words, not abs(rate) > c.pitch_rate_tolerance)
@@ -332,4 +348,4 @@ def _check(name: str, value: float, wanted: float, tolerance: float, unit: str) 
     shown = from_si(value, unit)
     digits = 0 if unit in ("ft", "kt") else 1
     words = f"{name} {shown:.{digits}f} {unit} ({from_si(wanted, unit):.0f}±{from_si(tolerance, unit):.0f})"
-    return Check(words if math.isfinite(value) else f"{name} unknown", not abs(value - wanted) > tolerance)
+    return Check(words if math.isfinite(value) else f"{name} unknown", not abs(value - wanted) > tolerance, name)

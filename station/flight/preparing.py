@@ -1,9 +1,10 @@
 """What of a flight is compiled, made ready beside it: the station records from the first second on.
 
-Compiling takes most of a minute after an update and leaves the compiler's memory in the process that did it. So the
-first flight of a card has it done by processes of their own, `python -m station.flight.preparing CARD PART AIRCRAFT`,
-at a lower priority, and loads the kernels from the cache. When a part is there, an event on the bus says so, and the
-loop lets it join at the tick that the event comes with: a replay does the same.
+Compiling takes most of a minute after an update and leaves the compiler's memory in the process that did it. So a
+flight loads its kernels from the cache, and at the first that the cache lacks, for whatever card or aircraft, has them
+compiled by processes of their own, `python -m station.flight.preparing CARD PART AIRCRAFT`, at a lower priority. When a
+part is there, an event on the bus says so, and the loop lets it join at the tick that the event comes with: a replay
+does the same.
 """
 
 from __future__ import annotations
@@ -14,20 +15,22 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable
-from pathlib import Path
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
 
 from station.clock import Clock
 from station.conventions import Stream
 from station.flight.alignment import Aligner
 from station.flight.loop import ESTIMATORS, FRAMES, Chain
-from station.profile import Aircraft, Profiles, load_card
+from station.profile import Profiles, load_card
 from station.rows import Code, Event, Rows
 
 NICE: Final = 10
 NICE_FRAMES: Final = 5
 """Frames are the smaller part, and wanted first."""
+PARTS: Final = (FRAMES, "signals", "physical")
+"""Of what is compiled, a process each."""
 GIVEN_UP_S: Final = 1.0
 """In so long what is not amid a kernel is given up."""
 SETTLE_S: Final = 0.3
@@ -85,28 +88,44 @@ class Preparation:
     def _prepare(self) -> None:
         if self._stopping.wait(SETTLE_S):
             return
-        profiles = self._profiles
-        done = _mark(self._card, profiles.aircraft)
-        children = {} if done.exists() else {part: self._compiling(part) for part in (FRAMES, "signals", "physical")}
+        children: dict[str, subprocess.Popen[bytes]] = {}
         try:
-            if not self._has_ended(children.get(FRAMES)):
-                return
-            Aligner(self._streams, profiles.rig.noise_si(), further=profiles.rig.further).begin()
-            self._say(FRAMES, Code.READY, "frames begin")
-            if not all(self._has_ended(child) for child in children.values()):
-                return
+            for part, make in ((FRAMES, self._frames), (ESTIMATORS, self._estimators)):
+                words = self._loaded(make) if not children else None
+                if words is None:
+                    children = children or {p: self._compiling(p) for p in PARTS if p != FRAMES or part == FRAMES}
+                    awaited = [children[FRAMES]] if part == FRAMES else list(children.values())
+                    if not all(self._has_ended(child) for child in awaited):
+                        return
+                    words = make()
+                self._say(part, Code.READY, words)
         finally:
             for child in children.values():
                 child.kill()
                 child.wait()
-        if all(child.returncode == 0 for child in children.values()):
-            with contextlib.suppress(OSError):
-                done.touch()
+
+    @staticmethod
+    def _loaded(make: Callable[[], str]) -> str | None:
+        """What is made of compiled kernels; None where one of them would have to be compiled."""
+        try:
+            with refusing_to_compile():
+                return make()
+        except NotCompiled:
+            return None
+
+    def _frames(self) -> str:
+        rig = self._profiles.rig
+        Aligner(self._streams, rig.noise_si(), further=rig.further).begin()
+        return "frames begin"
+
+    def _estimators(self) -> str:
         from station.flight.chain import chain, undone
 
-        self._chain = chain(profiles.aircraft, profiles.card, profiles.rig)
-        words = undone(profiles.aircraft, self._chain.correct)
-        self._say(ESTIMATORS, Code.READY, "estimates begin" + (f"; {words}" if words else ""))
+        profiles = self._profiles
+        made = chain(profiles.aircraft, profiles.card, profiles.rig)
+        words = undone(profiles.aircraft, made.correct)
+        self._chain = made
+        return "estimates begin" + (f"; {words}" if words else "")
 
     def _compiling(self, part: str) -> subprocess.Popen[bytes]:
         """A process that fills the cache with a part's kernels; where it fails, this one compiles them."""
@@ -135,15 +154,31 @@ def children_fly_behind() -> None:
             os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, os.sched_getparam(0))
 
 
-def _mark(card: str, aircraft: Aircraft) -> Path:
-    """The file that says that a flight of this card has filled the cache; an aircraft whose instrument errors are
-    undone needs more kernels than one without."""
-    more = "-corrected" if aircraft.instruments or aircraft.bends else ""
-    return Path(os.environ["NUMBA_CACHE_DIR"]) / f"compiled-{card.replace(os.sep, '-')[-100:]}{more}"
+class NotCompiled(Exception):
+    """A kernel is not in the cache."""
+
+
+@contextmanager
+def refusing_to_compile() -> Iterator[None]:
+    """In this thread kernels are loaded from the cache; one that it lacks raises NotCompiled."""
+    from numba.core.event import Listener, install_listener  # not before the first bytes are recorded
+
+    thread = threading.get_ident()
+
+    class Refusal(Listener):
+        def on_start(self, event: Any) -> None:
+            if threading.get_ident() == thread:
+                raise NotCompiled(str(event.data["dispatcher"]))
+
+        def on_end(self, event: Any) -> None:
+            """Nothing: what began was refused."""
+
+    with install_listener("numba:compile", Refusal()):
+        yield
 
 
 def compile_part(card: str, part: str, aircraft: str) -> None:
-    """Fill the cache with the kernels of a part: FRAMES, "signals" or "physical". `aircraft`: name or path, as the card
+    """Fill the cache with the kernels of one of PARTS. `aircraft`: name or path, as the card
     that is flown has it."""
     os.nice(NICE_FRAMES if part == FRAMES else NICE)
     gc.set_threshold(100_000, *gc.get_threshold()[1:])  # compiling makes objects that last: a tenth of its time

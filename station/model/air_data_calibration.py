@@ -26,16 +26,16 @@ error); Klein and Morelli 2006, chapter 10; Patterson and Thompson 1971 (restric
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from station.conventions import G0, ned_from_body
+from station.numerics.gauss_markov import whitened
 
 Array = NDArray[np.float64]
 
@@ -50,8 +50,7 @@ SHEAR: Final = 0.005
 """Change of the wind by height, 1/s: that of a well-mixed layer above its lowest 100 m, 0.5 m/s in 100 m."""
 FIRST_WIND: Final = 30.0
 """Prior standard deviation of either component, m/s."""
-FASTEST_S: Final = 8.0
-SLOWEST_S: Final = 60.0
+LENGTHS_S: Final = np.array([8.0, 60.0])
 """Correlation times of what the rows leave: a gust of 500 m at 60 m/s, and air that rises for a minute."""
 PRIORS: Final[Mapping[str, float]] = {
     "airspeed_error": 10.0, "airspeed_slope": 0.3, "pressure_scale": 0.5, "vane_zero": 0.2, "upwash": 0.5,
@@ -292,17 +291,17 @@ class _Problem:
     def fitted(self, x: Array, walk: float, noise: Mapping[str, Array]) -> tuple[float, Array, Array]:
         """Log evidence of a walk of the wind, the parameters with it, begun at `x`, and their covariance."""
         mean, precision = self.start(), self.precision(walk)
-        roots = {r: cho_factor(covariance(self.blocks.time[self.used[r]], noise[r]), lower=True) for r in self.rows}
         for _ in range(ROUNDS):
             e = self.residuals(x)
             slope = self.slopes(x, e)
             information, score, misfit = precision.copy(), -precision @ (x - mean), 0.0
-            for r, root in roots.items():
-                j, y = slope[r][self.used[r]], e[r][self.used[r]]
-                white = cho_solve(root, np.column_stack((j, y)))
-                information += j.T @ white[:, :-1]
-                score -= j.T @ white[:, -1]
-                misfit += float(y @ white[:, -1])
+            for r in self.rows:
+                used = self.used[r]
+                white, _ = _whitened(self.blocks.time[used], np.column_stack((slope[r], e[r]))[used], noise[r])
+                j, y = white[:, :-1], white[:, -1]
+                information += j.T @ j
+                score -= j.T @ y
+                misfit += float(y @ y)
             step = np.linalg.solve(information, score)
             x = x + step
         evidence = -0.5 * misfit - 0.5 * float((x - mean) @ precision @ (x - mean))
@@ -316,16 +315,15 @@ class _Problem:
         t, y, j = self.blocks.time[used], e[used], slope[used]
         flat = y - j @ np.linalg.lstsq(np.vstack((j, 1e-6 * np.eye(j.shape[1]))), np.r_[y, np.zeros(j.shape[1])])[0]
         total = max(float(np.var(flat)), 1e-12)
-        start = 2 * np.log(before)
+        start, columns = 2 * np.log(before), np.column_stack((j, y))
         low = math.log(LEAST_VARIANCE * total)
 
         def cost(logs: Array) -> float:
-            root = cho_factor(covariance(t, np.exp(0.5 * np.maximum(logs, low))), lower=True)
-            white = cho_solve(root, np.column_stack((j, y)))
-            seen = precision + j.T @ white[:, :-1]
-            drawn = j.T @ white[:, -1]
-            fit = float(y @ white[:, -1] - drawn @ np.linalg.solve(seen, drawn))
-            return 0.5 * fit + float(np.log(np.diag(root[0])).sum()) + 0.5 * float(np.linalg.slogdet(seen)[1])
+            white, size = _whitened(t, columns, np.exp(0.5 * np.maximum(logs, low)))
+            product = white.T @ white
+            seen, drawn = precision + product[:-1, :-1], product[:-1, -1]
+            fit = float(product[-1, -1] - drawn @ np.linalg.solve(seen, drawn))
+            return 0.5 * (fit + size + float(np.linalg.slogdet(seen)[1]))
 
         found = minimize(cost, np.maximum(start, low), method="Nelder-Mead", options={"xatol": 0.1, "fatol": 0.05})
         return np.asarray(np.exp(0.5 * np.maximum(found.x, low)))
@@ -351,9 +349,6 @@ class _Problem:
         )
 
 
-def covariance(time: Array, parts: Sequence[float] | Array) -> Array:
-    """(n, n) of white noise, a gust's and a slow process, with their standard deviations."""
-    apart = np.abs(time[:, None] - time)
-    made = parts[1] ** 2 * np.exp(-apart / FASTEST_S) + parts[2] ** 2 * np.exp(-apart / SLOWEST_S)
-    made[np.diag_indices(len(time))] += parts[0] ** 2
-    return np.asarray(made)
+def _whitened(time: Array, columns: Array, noise: Array) -> tuple[Array, float]:
+    """Of a row's columns (n, m), with the standard deviations of its white, gust's and slow part."""
+    return whitened(time, columns, noise[0], noise[1:], LENGTHS_S)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -116,6 +117,12 @@ def vane_in_motion(
     return fit.solve()
 
 
+@lru_cache(maxsize=16)
+def _band(dt: float) -> Array:
+    """Second-order sections of BAND_HZ."""
+    return np.asarray(butter(2, BAND_HZ, "bandpass", fs=1 / dt, output="sos"))
+
+
 class _Fit:
     def __init__(
         self,
@@ -160,8 +167,7 @@ class _Fit:
     @staticmethod
     def _kept(s: Stretch, x: Array) -> Array:
         """The band at KEPT_HZ, without the ends."""
-        sos = butter(2, BAND_HZ, "bandpass", fs=1 / s.dt, output="sos")
-        band = sosfiltfilt(sos, x - x.mean())
+        band = sosfiltfilt(_band(s.dt), x - x.mean())
         step, margin = max(1, round(1 / (KEPT_HZ * s.dt))), round(MARGIN_S / s.dt)
         return np.asarray(band[margin : len(x) - margin : step])
 

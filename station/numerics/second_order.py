@@ -6,6 +6,7 @@ Sampled, its input is linear between ticks. `frequency`: wn/2 pi, Hz; `damping`:
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,11 @@ Array = NDArray[np.float64]
 def second_order(frequency: float, damping: float, dt: float) -> Array:
     """Sampled every dt: of the output and its rate the transition (4,), what the last input adds (2,) and the new one
     (2,)."""
+    return np.array(_sampled(frequency, damping, dt))
+
+
+@lru_cache(maxsize=256)
+def _sampled(frequency: float, damping: float, dt: float) -> tuple[float, ...]:
     omega = 2.0 * math.pi * frequency
     # Exponential of the system with its input and the input's slope.
     system = np.zeros((4, 4))
@@ -29,7 +35,7 @@ def second_order(frequency: float, damping: float, dt: float) -> Array:
     system[2, 3] = 1.0 / dt
     whole = exponential(system * dt)
     hold, ramp = whole[:2, 2], whole[:2, 3]
-    return np.array((*whole[:2, :2].ravel(), *(hold - ramp), *ramp))
+    return tuple(np.concatenate((whole[:2, :2].ravel(), hold - ramp, ramp)).tolist())
 
 
 @register_jitable

@@ -17,6 +17,7 @@ advanced exactly for inputs that are straight lines between samples.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +78,7 @@ class VaneConstants(NamedTuple):
     """The interval, s."""
 
 
+@lru_cache(maxsize=64)
 def second_order(frequency: float, damping: float, dt: float) -> SecondOrder:
     """The system of that natural frequency (Hz) and damping ratio, sampled every `dt` seconds."""
     from scipy.linalg import expm

@@ -67,6 +67,28 @@ def test_why_it_is_to_be_flown_again(change: dict, words: str) -> None:
     assert len(cockpit.words(Code.POINT_START)) == 1  # runs of a step add up in one test point
 
 
+@pytest.mark.parametrize(
+    ("strayed_s", "kind", "words"),
+    [(0.5, "enough", "next step"), (3.0, "repeat", "bank and speed out of tolerance for 3 of 10 s")],
+)
+def test_a_steady_condition_is_judged_by_how_long_it_was_held(strayed_s: float, kind: str, words: str) -> None:
+    hold = {"name": "north", "repeats": 2, "steady": "10 s", "condition": {**STEP["condition"], "bank": "0 deg"}}
+    cockpit = Cockpit(hold)
+    cockpit.fly(0.2)
+    cockpit.press("n")
+    cockpit.fly(COUNTDOWN_S + 4.0)
+    cockpit.changed = {"phi": 0.3}
+    cockpit.fly(0.4 * strayed_s)
+    cockpit.changed = {"phi": 0.3, "airspeed": 60.0}
+    cockpit.fly(0.6 * strayed_s)
+    cockpit.changed = {}
+    cockpit.fly(20.0, until=lambda: cockpit.guide.shown.phase is Phase.VERDICT)
+    verdict = cockpit.guide.shown.verdict
+    assert verdict is not None
+    assert verdict.kind == kind
+    assert words in verdict.words
+
+
 def test_abort_takes_the_input_back_and_skip_leaves_the_step() -> None:
     cockpit = Cockpit(STEP, {**STEP, "name": "again"})
     cockpit.fly(0.2)

@@ -8,13 +8,14 @@ import threading
 
 import numpy as np
 import pytest
+from numba import njit
 
 from station.clock import ManualClock
 from station.conventions import SIGNAL_INDEX, Stream
 from station.flight.alignment import Aligner
 from station.flight.bus import Bus
 from station.flight.loop import ESTIMATORS, FRAMES, Chain, beats, recorded_beats, run
-from station.flight.preparing import children_fly_behind
+from station.flight.preparing import NotCompiled, children_fly_behind, refusing_to_compile
 from station.flight.replay_check import Comparison
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, Quality, Sample, Tick
 
@@ -133,6 +134,23 @@ def test_ticks_are_made_up_for_while_estimators_are_prepared_and_given_up_after(
     preparing[0] = False
     clock.advance_s(0.2)
     assert next(source).tick.k > 35
+
+
+def test_a_kernel_that_would_have_to_be_compiled_is_refused_in_this_thread_alone():
+    @njit
+    def twice(x):
+        return 2 * x
+
+    with refusing_to_compile():
+        with pytest.raises(NotCompiled, match="twice"):
+            twice(1)
+        other = threading.Thread(target=twice, args=(1,))
+        other.start()
+        other.join()
+        assert twice(1) == 2, "what is compiled is called"
+        with pytest.raises(NotCompiled):
+            twice(1.0)
+    assert twice(1.0) == 2.0
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_RESET_ON_FORK"), reason="Linux alone has it")
