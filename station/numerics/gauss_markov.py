@@ -21,17 +21,33 @@ def whitened(time: Array, columns: Array, white: float, sds: Array, lengths: Arr
     """The columns (n, m) with rows at `time` (n,), s, increasing, whitened, and the logarithm of the determinant of the
     errors' covariance: `white` is the standard deviation of what is new in each row, above 0; `sds` and `lengths` (k,)
     those of the processes and their correlation times, s."""
+    kept, gain, variance = _filtered(time, white, sds, lengths)
     out = np.empty(columns.shape)
-    state, spread, logarithm = np.zeros((len(sds), columns.shape[1])), np.diag(sds**2), 0.0
+    state, count = np.zeros((len(sds), columns.shape[1])), len(sds)
     for t in range(len(time)):
-        kept = np.exp((time[max(t - 1, 0)] - time[t]) / lengths)
-        state *= kept.reshape(-1, 1)
-        spread = spread * np.outer(kept, kept) + np.diag(sds**2 * (1.0 - kept**2))
-        gain = spread.sum(axis=1)
-        variance = gain.sum() + white**2
-        new = columns[t] - state.sum(axis=0)
-        out[t] = new / math.sqrt(variance)
-        state += np.outer(gain / variance, new)
-        spread -= np.outer(gain, gain) / variance
-        logarithm += math.log(variance)
-    return out, logarithm
+        for j in range(columns.shape[1]):
+            new = columns[t, j]
+            for i in range(count):
+                state[i, j] *= kept[t, i]
+                new -= state[i, j]
+            out[t, j] = new / math.sqrt(variance[t])
+            for i in range(count):
+                state[i, j] += gain[t, i] * new
+    return out, np.log(variance).sum()
+
+
+@njit(cache=True, error_model="numpy")
+def _filtered(time: Array, white: float, sds: Array, lengths: Array) -> tuple[Array, Array, Array]:
+    """What each process keeps since the row before and takes of an innovation (n, k), and the innovations' variances
+    (n,)."""
+    n = len(time)
+    kept, gain, variance = np.empty((n, len(sds))), np.empty((n, len(sds))), np.empty(n)
+    spread = np.diag(sds**2)
+    for t in range(n):
+        kept[t] = np.exp((time[max(t - 1, 0)] - time[t]) / lengths)
+        spread = spread * np.outer(kept[t], kept[t]) + np.diag(sds**2 * (1.0 - kept[t] ** 2))
+        shared = spread.sum(axis=1)
+        variance[t] = shared.sum() + white**2
+        gain[t] = shared / variance[t]
+        spread -= np.outer(gain[t], shared)
+    return kept, gain, variance
