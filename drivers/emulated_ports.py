@@ -10,6 +10,7 @@ import os
 import socket
 import tty
 from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Protocol
 
@@ -75,8 +76,10 @@ class PtyPort:
             taken = os.write(self._master, data)
         except BlockingIOError:
             taken = 0
-        # Half a message is finished before the next begins; whole messages that nobody takes are dropped.
-        self._rest = data[taken:] if taken > len(self._rest) else self._rest[taken:]
+        # Half a message is finished before the next begins; whole messages that nobody takes are dropped: kept, they
+        # would come seconds late, as if the device's clock had jumped.
+        ends = accumulate(map(len, messages), initial=len(self._rest))
+        self._rest = data[taken : next((end for end in ends if end >= taken), taken)]
 
     def descriptors(self) -> list[int]:
         return [self._master] if self._master >= 0 else []

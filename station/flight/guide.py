@@ -244,8 +244,8 @@ class Guide:
             self._faults.append(f"the air was {AIR[self._worst_air]}, {wanted} is wanted")
         self._faults += [words for words in map(self._unlike, self.flown) if words]
         if step.steady is not None and self._strayed[""] > MOST_LOST * step.steady * TICK_HZ:
-            names = " and ".join(n for n, _ in self._strayed.most_common() if n)
-            self._faults.append(f"{names} out of tolerance for {self._strayed[''] / TICK_HZ:.0f} of {step.steady:g} s")
+            what = " and ".join(n for n, _ in self._strayed.most_common() if n)
+            self._faults.append(f"{what} out of tolerance for {self._strayed[''] / TICK_HZ:.0f} of {step.steady:g} s")
         names = tuple(step.accept)
         method = {n: board.lateral_method if n in LATERAL else board.recommended for n in names}
         found = {n: board.parameter(method[n], n) for n in names}

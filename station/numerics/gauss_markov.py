@@ -33,7 +33,7 @@ def whitened(time: Array, columns: Array, white: float, sds: Array, lengths: Arr
             out[t, j] = new / math.sqrt(variance[t])
             for i in range(count):
                 state[i, j] += gain[t, i] * new
-    return out, np.log(variance).sum()
+    return out, float(np.log(variance).sum())
 
 
 @njit(cache=True, error_model="numpy")

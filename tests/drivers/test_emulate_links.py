@@ -224,9 +224,13 @@ def test_a_pty_nobody_reads_drops_whole_messages(tmp_path: Path) -> None:
     port.plug()
     try:
         with serial.Serial(port.endpoint, timeout=0.2) as reader:
-            for n in range(20_000):
-                port.send([b"message %06d\n" % n])
+            for n in range(0, 20_001, 3):
+                port.send([b"message %06d\n" % k for k in (n, n + 1, n + 2)])
             lines = reader.read(1 << 20).splitlines(keepends=True)
+            port.send([])
+            late = reader.read(1 << 16)
+            assert len(late) < 14, "what nobody took in its time is not sent later"
+            lines.append(late)
             for n in range(3):
                 port.send([b"message %06d\n" % n])
             after = reader.read(1 << 16).splitlines(keepends=True)
