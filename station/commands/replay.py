@@ -89,6 +89,9 @@ def replay(
 
 def outcome(found: Comparison, other: str) -> int:
     """The exit code of a replay whose bits differ; `other`: in what the recording's machine differs from this one."""
+    if found.gap_k is not None and not found.before_gap:
+        words = f"rows are missing from the recording before tick {found.gap_k}, and {found.different} after it differ"
+        return judge([f"{words}: what was flown with them cannot be repeated; all before is the same"])
     if other and not found.beyond:
         return judge([f"differs as another machine rounds, and no more; recorded on another: {other}"])
     say(found.first)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import msgspec
 
 from station.flight.loop import Beat
-from station.rows import MethodEstimate, ParamEstimate, Rows, Status
+from station.rows import Code, Event, MethodEstimate, ParamEstimate, Rows, Status
 
 BAND: Final = 1e-12
 """Of a number, or of one where it is smaller: other kernels of the same sums may make as much, no sensor sees it."""
@@ -27,10 +27,19 @@ class Comparison:
     def __init__(self) -> None:
         self.beats = self.rows = self.different = self.beyond = 0
         self.first = ""
+        self.gap_k: int | None = None
+        """The first tick before which the recording lacks rows: the loop did not say that it left out any."""
+        self.before_gap = 0
+        """Rows that differ before it; after it what the estimators had had cannot be repeated."""
+        self._next_k = 0
 
     def take(self, beat: Beat, made: Sequence[Rows]) -> None:
         """One tick: what was recorded of it, and what is made of it now."""
         self.beats += 1
+        left_out = sum(e.count for e in beat.rows if isinstance(e, Event) and e.code is Code.OVERRUN)
+        if self.gap_k is None and beat.tick.k > self._next_k + left_out:
+            self.gap_k = beat.tick.k
+        self._next_k = beat.tick.k + 1
         if not beat.recorded:
             return  # the station died between the tick and its estimates
         self.rows += len(beat.recorded)
@@ -38,6 +47,7 @@ class Comparison:
         for was, now in itertools.zip_longest(beat.recorded, made[: len(beat.recorded)]):
             if now is None or not same_bits(was, now):
                 self.different += 1
+                self.before_gap += self.gap_k is None
                 is_beyond = not is_rounding(was, now)
                 if not self.first or (is_beyond and not self.beyond):
                     self.first = f"first difference at tick {beat.tick.k}: {difference(was, now)}"

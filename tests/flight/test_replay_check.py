@@ -11,7 +11,7 @@ from station.flight.loop import Beat
 from station.flight.replay_check import Comparison, difference, is_rounding, same_bits
 from station.log import About, arithmetic, metadata, recover, unlike, write_log
 from station.profile import load_aircraft
-from station.rows import AlphaEstimate, MethodEstimate, ParamEstimate, Status, Tick
+from station.rows import AlphaEstimate, Code, Event, MethodEstimate, ParamEstimate, Status, Tick
 
 
 def estimate(value: float, name: str = "Cm_q") -> MethodEstimate:
@@ -88,21 +88,42 @@ def test_other_names_and_kinds_are_no_rounding() -> None:
 
 def replayed(change: float) -> Comparison:
     found, moved = Comparison(), msgspec.structs.replace(ALPHA, alpha=ALPHA.alpha + change)
-    found.take(Beat(Tick(5, 7, 4), (), recorded=(ALPHA,)), [moved])
-    found.take(Beat(Tick(6, 8, 5), (), recorded=(ALPHA,)), [ALPHA])
+    found.take(Beat(Tick(5, 0, 4), (), recorded=(ALPHA,)), [moved])
+    found.take(Beat(Tick(6, 1, 5), (), recorded=(ALPHA,)), [ALPHA])
     return found
+
+
+@pytest.mark.parametrize(
+    ("told", "differs_at", "code", "words"),
+    [
+        (0, 9, 3, "rows are missing from the recording before tick 5, and 1 after it differ"),
+        (0, 1, 1, "first difference at tick 1"),
+        (3, 9, 1, "first difference at tick 9"),
+    ],
+)
+def test_what_rows_that_are_gone_change_is_told_apart_from_a_real_difference(
+    told: int, differs_at: int, code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A disk was full for three ticks; the loop itself says which slots it left out."""
+    found, moved = Comparison(), msgspec.structs.replace(ALPHA, alpha=1.0)
+    for k in (0, 1, 5, 6, 9):
+        late = [Event(5, "loop", Code.OVERRUN, told)] if k == 5 else []
+        late += [Event(5, "loop", Code.OVERRUN, 2)] if k == 9 else []
+        found.take(Beat(Tick(5, k, 4), late, recorded=(ALPHA,)), [moved if k == differs_at else ALPHA])
+    assert outcome(found, "") == code
+    assert words in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("change", "machine", "code", "words"),
     [
-        (1e-13, "", 1, ["first difference at tick 7"]),
+        (1e-13, "", 1, ["first difference at tick 0"]),
         (1e-13, "processor A recorded, B here", 3, ["as another machine rounds", "processor A recorded, B here"]),
         (
             1e-9,
             "processor A recorded, B here",
             1,
-            ["first difference at tick 7", "1 rows differ by more", "processor A recorded, B here"],
+            ["first difference at tick 0", "1 rows differ by more", "processor A recorded, B here"],
         ),
     ],
 )
