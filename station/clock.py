@@ -54,6 +54,11 @@ def utc_now_ns() -> int:
     return time.time_ns()
 
 
+def utc_instant(utc_ns: int) -> datetime:
+    """Of ns since 1970 UTC, to the microsecond."""
+    return datetime.fromtimestamp(utc_ns // 1000 / 1e6, UTC)
+
+
 def utc_date(utc_ns: int) -> str:
     """Of ns since 1970 UTC: 2026-11-22."""
     return datetime.fromtimestamp(utc_ns // 1_000_000_000, UTC).strftime("%Y-%m-%d")

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from station.clock import utc_instant
 from station.convert.delimited import write_csv
 from station.convert.fdata import write_fdata
 from station.convert.foxglove import write_mcap
@@ -21,7 +23,7 @@ from station.convert.tracks import Column
 from station.convert.ulog_writer import write_ulog
 from station.log import Table, make_folder, metadata, read_rows, row_times, table
 from station.profile import to_json
-from station.rows import AlphaEstimate, Frame, LogError
+from station.rows import AlphaEstimate, Frame, LogError, Row
 
 Format = Literal["csv", "parquet", "mat", "mdf4", "ulog", "tlog", "mcap"]
 
@@ -103,9 +105,17 @@ def _mat(path: Path, out: Path, told: Told) -> list[Path]:
         times, alpha = flown.t_s, _alpha_cg(path, flown.t0_ns, flown.t_s)
         times = times if flown.record_ns is None else flown.record_ns / 1e9
         return _single(out, lambda to: write_fdata(to, flown.aircraft, times, [(flown, alpha)]))
-    times = (row_times(path, Frame) - zero.t_ns) / 1e9
+    # Frames before the links have come up hold nothing, which SIDPAC's least squares would make nothing of too.
+    empty = sum(1 for _ in takewhile(_is_empty, read_rows(path, (Frame,))))
+    times = (row_times(path, Frame)[empty:] - zero.t_ns) / 1e9
+    if not len(times):
+        raise LogError(f"{path}: no frame has a value: the links never came up")
     alpha, aircraft = _alpha_cg(path, zero.t_ns, times), metadata(path).aircraft
-    return _single(out, lambda to: write_fdata(to, aircraft, times, _blocks(path, times, alpha, told)))
+    return _single(out, lambda to: write_fdata(to, aircraft, times, _blocks(path, times, alpha, told, empty)))
+
+
+def _is_empty(row: Row) -> bool:
+    return isinstance(row, Frame) and all(map(math.isnan, row.values))
 
 
 def _alpha_cg(path: Path, zero_ns: int, times: Column) -> Column | None:
@@ -120,10 +130,12 @@ def _alpha_cg(path: Path, zero_ns: int, times: Column) -> Column | None:
     return np.asarray(np.interp(times, t_s, values, np.nan, np.nan), dtype=np.float64)
 
 
-def _blocks(path: Path, times: Column, alpha: Column | None, told: Told) -> Iterator[tuple[Table, Column | None]]:
-    """The frames, ROWS at a time."""
+def _blocks(
+    path: Path, times: Column, alpha: Column | None, told: Told, empty: int
+) -> Iterator[tuple[Table, Column | None]]:
+    """The frames after the first `empty` ones, ROWS at a time."""
     info = metadata(path)
-    rows = (r for r in read_rows(path, (Frame,)) if isinstance(r, Frame))
+    rows = islice((r for r in read_rows(path, (Frame,)) if isinstance(r, Frame)), empty, None)
     done = 0
     while some := list(islice(rows, ROWS)):
         told(some[-1].t_ns)
@@ -137,8 +149,10 @@ def _blocks(path: Path, times: Column, alpha: Column | None, told: Told) -> Iter
 def _mdf4(path: Path, out: Path, told: Told) -> list[Path]:
     from asammdf import MDF, Signal  # slow to import, and wanted here only
 
-    gathered, known = Gathered(path, told), metadata(path).about.signals
+    gathered, info = Gathered(path, told), metadata(path)
+    known = info.about.signals
     mdf: Any = MDF(version="4.10")
+    mdf.start_time = utc_instant(info.utc_ns + gathered.zero_ns - info.station_ns)
     try:
         for number, group in enumerate(gathered.in_order()):
             for k, (t_s, columns) in enumerate(group.blocks()):

@@ -104,7 +104,7 @@ class Gathered:
     of an import "extra"."""
 
     def __init__(self, path: Path, told: Told = lambda _: None) -> None:
-        """Raises LogError where there are neither frames nor samples."""
+        """Raises LogError where there are neither frames nor samples. `zero_ns`: station time that times count from."""
         self._path = path
         self._told = told
         info = metadata(path)
@@ -113,7 +113,7 @@ class Gathered:
         self.groups: dict[str, Group] = {}
         first = next(read_rows(path, (Frame,)), None)
         flown = None if first is not None else table(path)
-        self._zero = first.t_ns if first is not None else flown.t0_ns if flown is not None else 0
+        self.zero_ns = first.t_ns if first is not None else flown.t0_ns if flown is not None else 0
         self._is_single = flown is not None and flown.record_ns is not None
         if flown is not None:
             self._of_table(flown)
@@ -141,7 +141,7 @@ class Gathered:
     def _gather(self) -> None:
         kinds = (Frame, Sample, AlphaEstimate, MethodEstimate, Truth)
         for count, row in enumerate(read_rows(self._path, kinds)):
-            t_s = (row.t_ns - self._zero) / 1e9
+            t_s = (row.t_ns - self.zero_ns) / 1e9
             if not count % ROWS:
                 self._told(row.t_ns)
             if isinstance(row, Sample):

@@ -15,7 +15,7 @@ from scipy.io import loadmat
 from station.conventions import SIGNAL_INDEX, SIGNALS, TICK_NS, Stream
 from station.convert import export, import_file
 from station.convert.mat_file import MatrixFile
-from station.log import About, table, write_log
+from station.log import About, read_rows, table, write_log
 from station.profile import load_aircraft
 from station.rows import (
     AlphaEstimate,
@@ -57,7 +57,7 @@ def flight(tmp_path: Path) -> Path:
         rows.append(MethodEstimate(t, "split+gust", parameters if k > 10 else ()))
         rows.append(Truth(t, {"alpha": 0.01 * k}))
     path = tmp_path / "flight.mcap"
-    write_log(path, About(AIRCRAFT, (STREAM,)), rows)
+    write_log(path, About(AIRCRAFT, (STREAM,)), rows, station_ns=0, utc_ns=1_790_000_000 * 10**9)
     return path
 
 
@@ -101,6 +101,8 @@ def test_mdf4_holds_every_time_base_with_the_same_bits(flight: Path, tmp_path: P
     assert export(flight, "mdf4", tmp_path / name) == (tmp_path / name,)
     flown = table(flight)
     with MDF(tmp_path / name) as mdf:
+        # The first frame's, a second after the clock was read, not the export's.
+        assert mdf.start_time.timestamp() == 1_790_000_001
         names = [group.channel_group.comment for group in mdf.groups]
         assert names == ["table", "can.gyro", "alpha", "method split+gust", "truth"]
         for signal in FLOWN:
@@ -127,6 +129,24 @@ def test_mat_of_a_flight_is_fdata(flight: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(fdata[:, 71], qhat)
     # Channel 4 is the angle of attack at the CG that the station estimated, not the vane's.
     assert not np.allclose(fdata[:, 3], fdata[:, 80])
+
+
+def test_frames_before_the_links_come_up_are_not_in_fdata(flight: Path, tmp_path: Path) -> None:
+    """They hold nothing, and SIDPAC's least squares would be NaN by them; times stay those of the recording."""
+
+    def before(k: int) -> Frame:
+        count = len(SIGNALS)
+        return Frame(k * TICK_NS, k, (math.nan,) * count, (0.0,) * count, (int(Quality.MISSING),) * count)
+
+    write_log(tmp_path / "late.mcap", About(AIRCRAFT, (STREAM,)), [*map(before, range(7)), *read_rows(flight)])
+    export(tmp_path / "late.mcap", "mat", tmp_path / "late.mat")
+    export(flight, "mat", tmp_path / "out.mat")
+    late, whole = (loadmat(tmp_path / f"{name}.mat")["fdata"] for name in ("late", "out"))
+    np.testing.assert_array_equal(late[:, 1:], whole[:, 1:])
+    np.testing.assert_allclose(late[:, 0], 1.0 + whole[:, 0])
+    write_log(tmp_path / "never.mcap", About(AIRCRAFT, (STREAM,)), map(before, range(7)))
+    with pytest.raises(LogError, match="the links never came up"):
+        export(tmp_path / "never.mcap", "mat", tmp_path / "never.mat")
 
 
 def test_mat_written_in_blocks_is_the_same(flight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
