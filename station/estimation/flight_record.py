@@ -95,7 +95,7 @@ class FlightRecord:
         t_s = np.asarray(t_s, dtype=np.float64)
         cleaned = {n: _redated(t_s, c, ages[n], n) if ages and n in ages else c for n, c in cleaned.items()}
         grid, dt, motion = _uniform(t_s, cleaned, remarks)
-        motion = {n: _bridged(c, dt) for n, c in motion.items()}
+        motion = {n: _bridged(c, dt, n) for n, c in motion.items()}
         motion["dynamic_pressure"] = _dynamic_pressure(motion, aircraft)
         slow = motion["airspeed"] < MIN_SPEED
         if slow.all():
@@ -181,13 +181,18 @@ def _redated(t: Array, column: Array, age: Array, name: str) -> Array:
     measured = (t - age)[known]
     before = np.concatenate(([-np.inf], np.maximum.accumulate(measured)[:-1]))
     new = measured > before + SAME_S
-    values = column[known][new]
-    if name in ANGLES_THAT_WRAP:
-        values = np.unwrap(values)
-    found = np.interp(t[held], measured[new], values)
     made = column.copy()
-    made[held] = np.remainder(found + np.pi, 2 * np.pi) - np.pi if name in ANGLES_THAT_WRAP else found
+    made[held] = _straight(t[held], measured[new], column[known][new], name)
     return made
+
+
+def _straight(at: Array, t: Array, values: Array, name: str) -> Array:
+    """Linear interpolation; of an angle that wraps the short way round: half-way from 179 to -179 deg is 180, not 0."""
+    if name not in ANGLES_THAT_WRAP:
+        return np.asarray(np.interp(at, t, values))
+    turned, good = values.copy(), np.isfinite(values)
+    turned[good] = np.unwrap(values[good])
+    return np.asarray(np.remainder(np.interp(at, t, turned) + np.pi, 2 * np.pi) - np.pi)
 
 
 def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tuple[Array, float, dict[str, Array]]:
@@ -207,23 +212,24 @@ def _uniform(t: Array, columns: Mapping[str, Array], remarks: list[str]) -> tupl
     far = (t[after] - t[after - 1]) > BRIDGED_S + dt
     made = {}
     for name, column in columns.items():
-        value = np.interp(grid, t, column)
+        value = _straight(grid, t, column, name)
         value[far & (np.abs(grid - t[after]) > SAME_S) & (np.abs(grid - t[after - 1]) > SAME_S)] = np.nan
         made[name] = value
     return grid, dt, made
 
 
-def _bridged(column: Array, dt: float) -> Array:
+def _bridged(column: Array, dt: float, name: str) -> Array:
     """Gaps up to BRIDGED_S filled by a straight line; longer ones, and those at the ends, left."""
     bad = ~np.isfinite(column)
     if not bad.any() or bad.all():
         return column
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
     filled = column.copy()
-    good = np.flatnonzero(~bad)
+    good = np.flatnonzero(~bad).astype(np.float64)
+    known = column[~bad]
     for start, end in edges.reshape(-1, 2):
         if start > 0 and end < len(column) and (end - start) * dt <= BRIDGED_S + 1e-9:
-            filled[start:end] = np.interp(np.arange(start, end), good, column[good])
+            filled[start:end] = _straight(np.arange(start, end, dtype=np.float64), good, known, name)
     return filled
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import LATERAL, SIGNAL_INDEX, TICK_HZ, from_si
+from station.conventions import G0, LATERAL, SIGNAL_INDEX, TICK_HZ, from_si
 from station.flight.board import Board
 from station.flight.limits import LimitWatch
 from station.flight.point_marks import Points
@@ -109,6 +109,8 @@ class Guide:
         self._trim: dict[str, float] = {}
         self._faults: list[str] = []
         self._worst_air = 0
+        self._heard: set[str] = set()
+        """Signals of a condition that have been there in this flight."""
         self._strayed: Counter[str] = Counter()
         """Ticks of a steady step out of tolerance, by what was, and of all together by ""."""
         self._mass_recorded = self._has_point = False
@@ -289,21 +291,38 @@ class Guide:
             yield Check(f"estimators settle for {(self._settled_ns - frame.t_ns) * 1e-9:.0f} s", good=False)
         before = self.shown.phase in (Phase.READY, Phase.COUNTDOWN, Phase.VERDICT)
         if c.speed is not None:
-            yield _check("speed", _signal(frame, "airspeed"), c.speed, c.speed_tolerance, "kt")
+            yield self._check(frame, "speed", "airspeed", c.speed, c.speed_tolerance, "kt")
         if c.altitude is not None:
-            yield _check("altitude", _signal(frame, "altitude"), c.altitude, c.altitude_tolerance, "ft")
+            yield self._check(frame, "altitude", "altitude", c.altitude, c.altitude_tolerance, "ft")
         if c.heading is not None:
-            heading = c.heading + math.remainder(_signal(frame, "psi") - c.heading, 2 * math.pi)
-            yield _check("heading", heading, c.heading, c.heading_tolerance, "deg")
+            yield self._check(frame, "heading", "psi", c.heading, c.heading_tolerance, "deg")
         if before or self.step.steady is not None:
-            yield _check("bank", _signal(frame, "phi"), c.bank, c.bank_tolerance, "deg")
+            yield self._check(frame, "bank", "phi", c.bank, c.bank_tolerance, "deg")
         if before:
-            rate = _signal(frame, "q")
-            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s" if math.isfinite(rate) else "pitch rate unknown"
-            yield Check(words, not abs(rate) > c.pitch_rate_tolerance)
+            rate = _signal(frame, "q") - (_turning(frame) if c.bank else 0.0)
+            beyond = " beyond the turn's" if c.bank else ""
+            words = f"pitch rate {from_si(rate, 'deg/s'):+.1f} deg/s{beyond}"
+            good = self._never_heard("q", rate) or abs(rate) <= c.pitch_rate_tolerance
+            yield Check(words if math.isfinite(rate) else "pitch rate unknown", good)
         if c.air is not None:
             air = self._alpha.turbulence if self._alpha is not None else "unknown"
             yield Check(f"air {air} (at most {c.air})", air not in AIR or AIR.index(air) <= AIR.index(c.air))
+
+    def _check(self, frame: Frame, name: str, signal: str, wanted: float, tolerance: float, unit: str) -> Check:
+        value = _signal(frame, signal)
+        if signal == "psi":
+            value = wanted + math.remainder(value - wanted, 2 * math.pi)
+        shown = from_si(value, unit)
+        digits = 0 if unit in ("ft", "kt") else 1
+        words = f"{name} {shown:.{digits}f} {unit} ({from_si(wanted, unit):.0f}±{from_si(tolerance, unit):.0f})"
+        good = self._never_heard(signal, value) or abs(value - wanted) <= tolerance
+        return Check(words if math.isfinite(value) else f"{name} unknown", good, name)
+
+    def _never_heard(self, signal: str, value: float) -> bool:
+        """What the rig does not tell is not held against the crew; what falls silent for a while is."""
+        if math.isfinite(value):
+            self._heard.add(signal)
+        return signal not in self._heard
 
     def _say(self, code: Code, words: str) -> None:
         self._put(Event(self._board.clock.now_ns(), "card", code, 1, words))
@@ -336,16 +355,14 @@ def _signal(frame: Frame, name: str) -> float:
     return frame.values[SIGNAL_INDEX[name]]
 
 
+def _turning(frame: Frame) -> float:
+    """Pitch rate of a level turn in this bank at this airspeed, rad/s."""
+    bank, speed = _signal(frame, "phi"), _signal(frame, "airspeed")
+    return G0 * math.tan(bank) * math.sin(bank) / speed if speed > 0 else math.nan
+
+
 def _smoothed(old: float | None, new: float) -> float:
     """Over half a second."""
     if old is None or not math.isfinite(old):
         return new
     return old + (new - old) * 2.0 / TICK_HZ if math.isfinite(new) else old
-
-
-def _check(name: str, value: float, wanted: float, tolerance: float, unit: str) -> Check:
-    """What cannot be known is not held against the crew."""
-    shown = from_si(value, unit)
-    digits = 0 if unit in ("ft", "kt") else 1
-    words = f"{name} {shown:.{digits}f} {unit} ({from_si(wanted, unit):.0f}±{from_si(tolerance, unit):.0f})"
-    return Check(words if math.isfinite(value) else f"{name} unknown", not abs(value - wanted) > tolerance, name)

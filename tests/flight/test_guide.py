@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from cockpit import STEP, Cockpit
@@ -87,6 +89,32 @@ def test_a_steady_condition_is_judged_by_how_long_it_was_held(strayed_s: float, 
     assert verdict is not None
     assert verdict.kind == kind
     assert words in verdict.words
+
+
+@pytest.mark.parametrize(("rate", "phase"), [(0.0500, Phase.COUNTDOWN), (0.0, Phase.READY)])
+def test_a_level_turn_has_a_pitch_rate_of_its_own(rate: float, phase: Phase) -> None:
+    """g tan 30 sin 30/56.6 m/s = 0.0500 rad/s, beyond the tolerance of 0.03 about none."""
+    turn = {"name": "turn", "steady": "10 s", "condition": {"bank": "30 deg"}}
+    cockpit = Cockpit(turn, auto=True)
+    cockpit.changed = {"phi": math.radians(30.0), "q": rate}
+    cockpit.fly(3.0)
+    assert cockpit.guide.shown.phase is phase
+
+
+def test_a_signal_that_falls_silent_is_waited_for_and_one_that_never_came_is_not() -> None:
+    cockpit = Cockpit(STEP)
+    cockpit.fly(0.2)
+    good = {check.words: check.good for check in cockpit.guide.shown.checks}
+    cockpit.changed = {"airspeed": math.nan}
+    cockpit.fly(0.2)
+    lost = {check.words: check.good for check in cockpit.guide.shown.checks}
+    never = Cockpit(STEP)
+    never.changed = {"airspeed": math.nan}
+    never.fly(0.2)
+    unheard = {check.words: check.good for check in never.guide.shown.checks}
+    assert good["speed 110 kt (110±5)"]
+    assert not lost["speed unknown"]
+    assert unheard["speed unknown"]
 
 
 def test_abort_takes_the_input_back_and_skip_leaves_the_step() -> None:

@@ -125,6 +125,28 @@ def test_record_takes_a_vane_off_the_roll_axis_to_the_cg() -> None:
     assert np.std(record.beta - truth["beta"]) < np.radians(0.1)
 
 
+@pytest.mark.parametrize("missing", ["rows", "values"])
+def test_a_heading_is_bridged_the_short_way_round(missing: str) -> None:
+    """South, from 179.9 to -179.9 deg and back: what lies between is 180 deg, not 0."""
+    n = 500
+    t, psi = np.arange(n) * DT, np.radians(180.0 - 0.1 * (-1.0) ** (np.arange(n) // 3))
+    psi = np.where(psi > np.pi, psi - 2 * np.pi, psi)
+    columns = {m: np.zeros(n) for m in ("alpha_vane", "q", "ax", "theta", "elevator", "phi")}
+    columns |= {
+        "airspeed": np.full(n, 60.0),
+        "az": np.full(n, -9.81),
+        "dynamic_pressure": np.full(n, 1980.0),
+        "psi": psi,
+    }
+    lost = np.arange(50, 450, 7)
+    if missing == "rows":
+        t, columns = np.delete(t, lost), {m: np.delete(x, lost) for m, x in columns.items()}
+    else:
+        columns["psi"][lost] = np.nan
+    record = FlightRecord.of(t, columns, load_aircraft("twin_otter"))
+    assert np.abs(np.cos(record.motion["psi"]) + 1).max() < 1e-5
+
+
 def test_air_velocity_is_the_inverse_of_the_flow_angles() -> None:
     u = air_velocity(np.array([50.0]), np.array([0.2]), np.array([-0.1]))[0]
     assert np.linalg.norm(u) == pytest.approx(50.0)
