@@ -2,9 +2,9 @@
 
     uv run python tests/benchmarks/multisines.py [--flights 6]
 
-The card `multisine`'s inputs over one period at 50 Hz. Then flights of the profile's own aircraft, known exactly, in its
-air: with all three surfaces at once, with the elevator alone and with aileron and rudder alone, each of 60 s of input and
-of the same amplitudes, so that those apart take twice the time.
+The card `multisine`'s inputs over one period at 50 Hz. Then flights of the profile's own aircraft, known exactly, in
+its air: with all three surfaces at once, with the elevator alone and with aileron and rudder alone, each of 60 s of input
+and of the same amplitudes, so that those apart take twice the time.
 """
 
 from __future__ import annotations
@@ -74,8 +74,7 @@ def main() -> None:
         cells = [cell for flights in (together, alone) for cell in sizes([f[name] for f in flights if name in f])]
         print(f"| {name} | {' | '.join(cells)} |")
     print(f"\nLargest correlation of two surfaces over the period: {apart:.1e}; relative peak factors: "
-          f"{', '.join(f'{s} {p:.3f}' for s, p in zip(SURFACES, peaks, strict=True))}. {count} flights; in brackets, of "
-          "how many where fewer are estimated.")  # fmt: skip
+          f"{', '.join(f'{s} {p:.3f}' for s, p in zip(SURFACES, peaks, strict=True))}. {count} flights.")  # fmt: skip
     ratios = [
         np.sqrt(np.mean([f[n][1] ** 2 for f in together if n in f]) / np.mean([f[n][1] ** 2 for f in alone if n in f]))
         for n in (*LONGITUDINAL, *LATERAL)
