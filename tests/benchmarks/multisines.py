@@ -3,8 +3,8 @@
     uv run python tests/benchmarks/multisines.py [--flights 6]
 
 The card `multisine`'s inputs over one period at 50 Hz. Then flights of the profile's own aircraft, known exactly, in
-its air: with all three surfaces at once, with the elevator alone and with aileron and rudder alone, each of 60 s of input
-and of the same amplitudes, so that those apart take twice the time.
+its air: with all three surfaces at once, with the elevator alone and with aileron and rudder alone, each of 60 s of
+input and of the same amplitudes, so that those apart take twice the time.
 """
 
 from __future__ import annotations
