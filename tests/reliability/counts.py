@@ -17,7 +17,7 @@ LONGEST_S: Final = 2.0
 FOREIGN_S: Final = 65.0
 """Of a file from elsewhere: its parser is ended after 60 s of processor time."""
 GROWTH_MIB: Final = 200.0
-FOREIGN: Final = ("csv", "asc", "mat", "mat compressed", "bin", "ulg")
+FOREIGN: Final = ("csv", "asc", "mat", "mat compressed", "bin", "ulg", "ch10", "mat umn", "csv onspeed")
 
 
 @dataclass(slots=True)

@@ -26,6 +26,26 @@ def mat(path: Path, compressed: bool, rows: int = 200) -> bytes:
     return path.read_bytes()
 
 
+def umn(path: Path, rows: int = 12) -> bytes:
+    """The University of Minnesota's structure, written by scipy."""
+    names = "aoa aos p q r ax ay az phi theta psi navvn navve navvd navlat navlon navalt de dr da_r da_l Ps ias"
+    data = {name: np.full(rows, 1.5) for name in names.split()}
+    savemat(path, {"flight_data": {**data, "time": np.arange(rows) * 0.02}})
+    return path.read_bytes()
+
+
+def onspeed(rows: int = 6) -> bytes:
+    """Its header, and what the reader uses of it."""
+    names = "timeStamp PStatic OAT TAS boomAlpha boomBeta boomAge vnAngularRateRoll vnAngularRatePitch vnAngularRateYaw"
+    names += " vnVelNedNorth vnVelNedEast vnVelNedDown vnAccelFwd vnAccelLat vnAccelVert vnYaw vnPitch vnRoll vnGnssLat"
+    names += " vnGnssLon vnDataAge Altitude"
+    lines = [names.replace(" ", ",")]
+    rest = "43.96,-89.08,16,6044"
+    for k in range(rows):
+        lines.append(f"{2860003 + 20 * k},811.96,14.38,81.65,3659,4021,29,{'0.01,' * 10}0.18,6.89,{rest}")
+    return "\n".join(lines).encode()
+
+
 def dataflash(times_us: list[int]) -> bytes:
     """ATT messages, packed by hand after ArduPilot's FMT."""
     kinds = [

@@ -44,9 +44,10 @@ from station.rows import (
     TimeSync,
     Truth,
 )
+from tests.chapter10 import packet, pcm_packets, setup
 from tests.reliability.counts import TOGETHER, Flown
 from tests.reliability.endings import about, tick_rows
-from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, ulog
+from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, onspeed, ulog, umn
 from tests.reliability.hurting import mutated
 
 BATCH: Final = 500
@@ -77,6 +78,9 @@ def files(work: Path) -> dict[str, bytes]:
         "mat compressed": mat(work / "made.mat", True, rows=12),
         "bin": dataflash([1_000_000 + k * 20_000 for k in range(12)]),
         "ulg": ulog(12),
+        "ch10": setup() + pcm_packets("packed") + pcm_packets("throughput"),
+        "mat umn": umn(work / "made.mat"),
+        "csv onspeed": onspeed(),
     }
 
 
@@ -113,6 +117,26 @@ def hurt_compressed(data: bytes, noise: random.Random) -> bytes:
         return mutated(data, noise)
     packed = zlib.compress(mutated(_inflated(data), noise), 1)
     return data[:132] + struct.pack("<I", len(packed)) + packed
+
+
+def hurt_chapter10(data: bytes, noise: random.Random) -> bytes:
+    """Or what is in its packets, whose checksums then fit."""
+    if noise.random() < 0.3:
+        return mutated(data, noise)
+    packets = list(_packets(data))
+    for at in noise.sample(range(len(packets)), noise.choice((1, 1, 2))):
+        channel, kind, body, ticks = packets[at]
+        packets[at] = channel, kind, mutated(body, noise), ticks
+    return b"".join(packet(*each) for each in packets)
+
+
+def _packets(data: bytes) -> Iterator[tuple[int, int, bytes, int]]:
+    """Channel, type of data, body and time of each (IRIG 106 Chapter 11, packet header)."""
+    at = 0
+    while at < len(data):
+        _, channel, length, size, _, _, _, kind = struct.unpack_from("<HHIIBBBB", data, at)
+        yield channel, kind, data[at + 24 : at + 24 + size], int.from_bytes(data[at + 16 : at + 22], "little")
+        at += length
 
 
 @lru_cache(maxsize=1)
@@ -202,6 +226,9 @@ HURT: Final[dict[str, Callable[[bytes, random.Random], bytes]]] = {
     "mat compressed": hurt_compressed,
     "bin": mutated,
     "ulg": mutated,
+    "ch10": hurt_chapter10,
+    "mat umn": mutated,
+    "csv onspeed": hurt_text,
 }
 """How a file of each kind is hurt."""
 

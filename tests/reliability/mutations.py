@@ -39,6 +39,9 @@ READERS: Final = {
     "mat compressed": ("station.convert.fdata", "station.convert.umn"),
     "bin": ("drivers.dataflash",),
     "ulg": ("station.convert.ulog",),
+    "ch10": ("station.convert.ch10",),
+    "mat umn": ("station.convert.umn",),
+    "csv onspeed": ("station.convert.onspeed",),
 }
 """Modules that read a file of each kind, beside what confines them."""
 
