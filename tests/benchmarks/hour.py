@@ -3,8 +3,8 @@
     uv run python tests/benchmarks/hour.py [--flight LOG] [--only WORD]
 
 Run by hand; prints, asserts nothing. The bench is flown for two minutes; its last 60 s, repeated with their clocks
-moved on, are the hour, with a test point a minute. Each command is a process of its own: seconds since its start, and
-its largest resident memory.
+moved on, are the hour, with a test point a minute. Each command is a process of its own: seconds since its start, of
+processor time (which others on the machine do not lengthen), and its largest resident memory.
 """
 
 import argparse
@@ -75,14 +75,14 @@ def moved(row: Any, on: int, minute: int, counts: dict[str, int]) -> Row:
     return msgspec.structs.replace(row, **more)
 
 
-def measured(words: list[str], folder: Path) -> tuple[float, float, int]:
-    """Seconds, MiB and exit code of a command."""
+def measured(words: list[str], folder: Path) -> tuple[float, float, float, int]:
+    """Seconds, those of processor time, MiB and exit code of a command."""
     began = time.monotonic()
     with (folder / "told").open("w") as told:
         child = subprocess.Popen([sys.executable, "-m", "station", *words], stdout=told, stderr=told)
         _, status, used = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
-    return time.monotonic() - began, used.ru_maxrss / 1024, child.returncode
+    return time.monotonic() - began, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, child.returncode
 
 
 def commands(log: Path, folder: Path) -> list[tuple[str, list[str]]]:
@@ -111,13 +111,13 @@ def main() -> None:
             write_log(log, metadata(flight).about, hour(flight, chosen.minutes))
         size = log.stat().st_size
         print(f"{chosen.minutes} min, {size / 2**20:.0f} MiB, {len(os.sched_getaffinity(0))} cores")
-        print(f"{'':24}{'s':>8}{'MiB':>8}", flush=True)
+        print(f"{'':24}{'s':>8}{'cpu s':>8}{'MiB':>8}", flush=True)
         measured(["identify", str(log), "--point", "1"], folder)  # compiles the numerics where they are not yet
         for title, words in commands(log, folder):
             if chosen.only in title:
-                seconds, memory, code = measured(words, folder)
+                seconds, busy, memory, code = measured(words, folder)
                 end = "" if code in (0, 3) else f"  exit {code}: {(folder / 'told').read_text().strip()[-200:]}"
-                print(f"{title:24}{seconds:8.1f}{memory:8.0f}{end}", flush=True)
+                print(f"{title:24}{seconds:8.1f}{busy:8.1f}{memory:8.0f}{end}", flush=True)
 
 
 if __name__ == "__main__":
