@@ -100,11 +100,16 @@ def _estimates(found: Identification, console: Console) -> list[Grid]:
                 rows[f"{m}{QUASI_STEADY}"] = [_cell(quasi_steady.get(n)) for n in names]
         rows = {m: cells for m, cells in rows.items() if any(c != "-" for c in cells)}
         if rows:
-            grid = _grid(names, rows)
-            if Measurement.get(console, console.options.update(max_width=UNBOUNDED), grid).maximum > console.width:
-                grid = _grid(names, {m: [c.replace("±", "\n±") for c in cells] for m, cells in rows.items()})
-            grids.append(grid)
+            grids.append(estimates_grid(names, rows, console))
     return grids
+
+
+def estimates_grid(names: list[str], rows: dict[str, list[str]], console: Console) -> Grid:
+    """Rows of estimates, their errors below them where they do not fit beside them."""
+    grid = _grid(names, rows)
+    if Measurement.get(console, console.options.update(max_width=UNBOUNDED), grid).maximum <= console.width:
+        return grid
+    return _grid(names, {m: [c.replace("±", "\n±") for c in cells] for m, cells in rows.items()})
 
 
 def _grid(names: list[str], rows: dict[str, list[str]]) -> Grid:
