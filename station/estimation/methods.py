@@ -166,6 +166,10 @@ class Estimator:
         if self._lateral:
             self._lateral.clear()
 
+    def sideslip(self) -> float:
+        """The inertial one at the CG as of the last tick, rad; NaN where there is none."""
+        return self._flow.beta if self._running and self._flow.is_ready else math.nan
+
     def statistical(self) -> dict[str, dict[str, float]]:
         """The standard errors of each method's longitudinal derivatives as of the last tick, had its model no error:
         how well the manoeuvre, flown again, would give the same."""

@@ -31,7 +31,7 @@ def chain(aircraft: Aircraft, card: Card, rig: Rig) -> Chain:
     estimator = Estimator(aircraft, card, place, noise, forgetting_s=forgetting)
     estimator.warm_up()
     monitor = ChangeMonitor(aircraft, forgetting, estimator.within_model) if aircraft.measured else None
-    watch = Disagreement(aircraft, place, noise)
+    watch = Disagreement(aircraft, place, noise, estimator.sideslip)
     watch.warm_up()
     vanes = second_vanes(elsewhere(rig.signals, "alpha_vane"), rig.further.index, aircraft)
     return Chain(estimator, watch, corrector(aircraft, noise, place), monitor, vanes)

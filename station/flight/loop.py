@@ -77,9 +77,13 @@ class Correcting(Protocol):
 
 
 class Watching(Protocol):
-    """What the loop asks of who compares instruments and model in flight. `step` never raises."""
+    """What the loop asks of who compares instruments and model in flight. Neither raises."""
 
     def step(self, frame: Frame, alpha: AlphaEstimate) -> Sequence[Event]: ...
+
+    def flagged(self, methods: Sequence[MethodEstimate]) -> Sequence[MethodEstimate]:
+        """Estimates, of which those that rest on an instrument that disagrees are none."""
+        ...
 
 
 class Recording(Protocol):
@@ -127,9 +131,12 @@ class Chain:
             alpha, methods = self.estimator.step(seen)
             if self.correct is not None:
                 alpha = _with_vane(alpha, measured.values[_VANE])
-            made += (alpha, *methods)
+            made.append(alpha)
+            warnings: Sequence[Event] = ()
             if self.watch is not None:
-                made += self.watch.step(seen, alpha)
+                warnings = self.watch.step(seen, alpha)
+                methods = tuple(self.watch.flagged(methods))
+            made += (*methods, *warnings)
             for vane in self.vanes:
                 made += vane.step(frame, alpha)
             if self.monitor is not None:

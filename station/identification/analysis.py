@@ -30,7 +30,7 @@ from station.identification.by_input import by_input, misled
 from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.identified import Identification
-from station.identification.instrument_bias import Error, biases, matters, undone, without_misled
+from station.identification.instrument_bias import INTEGRATED, Error, biases, matters, undone, without_misled
 from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.left_out import knows_gusts, left_out, mostly_gusts
@@ -133,7 +133,8 @@ def _with_doubts(
     shown = by_input(record, axes, longitudinal=not knows_gusts(record))
     doubts = biases(record, instruments, axes, shown)
     wrong, own = doubts.wrong(), _of_method(ready, flown, doubts.errors)
-    contradiction = doubts.words if matters(wrong, results.values()) else ""
+    harmed = matters(wrong, results.values()) or any(matters(own[n], [results[n]]) for n in own.keys() & results.keys())
+    contradiction = doubts.words if harmed else ""
     whys = {**mostly_gusts(record, instruments), **drowned(record)}
     results = misled(results, shown, record, as_they_are)
     beside = left_out(record, axes)
@@ -146,9 +147,12 @@ def _with_doubts(
 
 def _of_method(ready: Prepared, flown: Flown | None, errors: Mapping[str, Error]) -> dict[str, dict[str, float]]:
     """By method, by how much its lateral derivatives differ with the instruments' errors undone: of methods that go by
-    the input, which an error misleads otherwise than it does least squares."""
-    names = tuple(n for n in flown.last if METHODS[n].by_input) if flown and errors else ()
-    if flown is None or not names:
+    the input, which an error misleads otherwise than it does least squares, and of those that go by the attitude."""
+    by_attitude = bool(errors.keys() & set(INTEGRATED))
+    if flown is None or not errors:
+        return {}
+    names = tuple(n for n in flown.last if METHODS[n].by_input or (by_attitude and METHODS[n].is_split))
+    if not names:
         return {}
     whole, axes = with_pitch(ready.whole), ready.request.axes
     columns = {n: e.undone(whole.columns[n], whole.t_s) for n, e in errors.items() if n in whole.columns}

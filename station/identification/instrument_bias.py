@@ -41,7 +41,9 @@ SURE: Final = 3.0
 LATE_S: Final = 0.02
 """A lag that is no error of an instrument: unsteady upwash and the vane on its spring make it as late."""
 REGRESSED: Final = ("alpha_vane", "q", "az", "ax", "airspeed", "beta_vane", "p", "r", "ay")
-"""What the equations are made of; velocities over ground are not in them."""
+"""What the equations are made of; velocities over ground are not in them,"""
+INTEGRATED: Final = ("phi", "psi")
+"""nor attitude, which the inertial sideslip is made with."""
 SURFACES: Final = {"Cm": ("elevator", "de"), "Cl": ("aileron", "da"), "Cn": ("rudder", "dr")}
 """The coefficient that shows a surface best, and its mark there."""
 LONGEST_S: Final = 0.3
@@ -114,7 +116,7 @@ def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, Erro
         if not row.scale.why:
             share = row.scale.value / row.stated.get("scale", 1.0)
             scale = share if abs(share - 1) > max(SURE * row.scale.sd / row.scale.value, scale_known) else 1.0
-        if row.signal in REGRESSED and (lag, scale) != (0.0, 1.0):
+        if row.signal in (*REGRESSED, *INTEGRATED) and (lag, scale) != (0.0, 1.0):
             found[row.signal] = Error(lag, scale)
     return found
 

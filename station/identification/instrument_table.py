@@ -1,12 +1,12 @@
 """What the instruments of a record say of each other: the table that every analysis begins with.
 
 Lag, scale and zero of each signal against the others, without any aerodynamics (station/model/instrument_lags.py), over
-up to SEGMENTS minutes of the record, those in which it pitched most. SI, rad.
+up to SEGMENTS minutes of the record, those in which it pitched most, or pitched, and rolled and yawed. SI, rad.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,11 +17,12 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from station.estimation.flight_record import FlightRecord
+from station.estimation.results import moves_laterally
 from station.identification.preparation import corrected, flight_record
 from station.log import Table
 from station.model.instrument_lags import Value, solve
 from station.model.kinematic_equations import AGAINST, ANGLES, FLOW, GROUND
-from station.model.kinematic_likelihood import LAGS_S, LEVEL, REFERENCE, SEGMENT_S, ZEROS
+from station.model.kinematic_likelihood import LAGS_S, LEVEL, REFERENCE, ROLL, SEGMENT_S, ZEROS
 from station.numerics.regression import NotIdentifiable
 from station.numerics.second_order import vane_lag
 from station.profile import Aircraft
@@ -88,7 +89,8 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
     good = np.all([np.isfinite(record.motion[n]) for n in present], axis=0)
     if "airspeed" in present:
         good &= record.motion["airspeed"] > 1.0
-    spans = _spans(good, record.motion["q"], record.dt)
+    lateral = [record.motion[n] for n in ("p", "r") if n in present and moves_laterally(record)]
+    spans = _spans(good, [[record.motion["q"]], lateral] if lateral else [[record.motion["q"]]], record.dt)
     motion = {n: np.where(good, record.motion[n], 0.0) for n in present}
     boom = record.aircraft.boom
     arm = (boom.vane_x, boom.vane_y, boom.vane_z) if boom else (0.0, 0.0, 0.0)
@@ -104,9 +106,9 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
         late = {"lag": vane_lag(boom.vane_frequency, boom.vane_damping)}
         stated = {"alpha_vane": {"zero": boom.zero, "scale": 1 / boom.steady_calibration, **late}, "beta_vane": late}
     rows = []
-    for n in (n for n in present if n in REFERENCE or np.ptp(motion[n][good]) > 0):
+    for n in (n for n in present if n in (REFERENCE, ROLL) or np.ptp(motion[n][good]) > 0):
         parts = {kind: found.values.get((n, kind), Value(np.nan, np.nan, _why(n, kind))) for kind in KINDS}
-        against = tuple(a for a in AGAINST[n] if a in moving)[:2]
+        against = () if parts["lag"].why == REFERENCE_WHY else tuple(a for a in AGAINST[n] if a in moving)[:2]
         rows.append(Instrument(n, against, **parts, stated=stated.get(n, {})))
     return InstrumentTable(tuple(rows), found.gust_sd, found.seconds, found.high_hz)
 
@@ -123,7 +125,7 @@ def of_recording(
 
 
 def _why(signal: str, kind: str) -> str:
-    if kind == "lag" and signal in REFERENCE:
+    if kind == "lag" and signal in (REFERENCE, ROLL):
         return REFERENCE_WHY
     if kind == "scale" and signal in LEVEL:
         return NO_SCALE[signal]
@@ -132,8 +134,9 @@ def _why(signal: str, kind: str) -> str:
     return "not in any row of the record" if signal in ZEROS else "needs wind and path known"
 
 
-def _spans(good: NDArray[np.bool_], q: Array, dt: float) -> list[slice]:
-    """Stretches without gaps; of a longer record the SEGMENTS pieces of SEGMENT_S in which q varied most."""
+def _spans(good: NDArray[np.bool_], motions: Sequence[Sequence[Array]], dt: float) -> list[slice]:
+    """Stretches without gaps; of a longer record the SEGMENTS pieces of SEGMENT_S in which it moved most, as many by
+    each of the `motions`: rates (n,), whose variances are added."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8))).reshape(-1, 2)
     spans = [slice(int(a), int(b)) for a, b in edges]
     longest = max((s.stop - s.start for s in spans), default=0)
@@ -144,7 +147,9 @@ def _spans(good: NDArray[np.bool_], q: Array, dt: float) -> list[slice]:
     if sum(s.stop - s.start for s in spans) * dt <= SEGMENTS * SEGMENT_S:
         return spans
     pieces = [slice(a, a + piece) for s in spans for a in range(s.start, s.stop - piece + 1, piece)]
-    return sorted(sorted(pieces, key=lambda s: -float(np.var(q[s])))[:SEGMENTS], key=lambda s: s.start)
+    ranked = [sorted(pieces, key=lambda s: -sum(float(np.var(x[s])) for x in motion)) for motion in motions]
+    best = list(dict.fromkeys((s.start, s.stop) for of_each in zip(*ranked, strict=True) for s in of_each))
+    return [slice(*span) for span in sorted(best[:SEGMENTS])]
 
 
 def as_json(table: InstrumentTable | str) -> dict[str, Any]:

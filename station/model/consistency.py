@@ -38,7 +38,7 @@ KEEP: Final = 1200
 """Means kept: 120 s."""
 FARTHEST: Final = 1.0
 """What the elevator alone can do to the angle of attack, rad."""
-_SEA_LEVEL: Final = 0.6
+SEA_LEVEL: Final = 0.6
 """Half the density of the air at sea level, kg/m3: dynamic pressure of the instrument where none is measured."""
 
 SIGNALS_USED: Final = (
@@ -186,7 +186,7 @@ def _follow_elevator(c: Constants, s: State, u: Array, mass: float) -> None:
         return
     if not math.isfinite(s.elevator_0):
         s.elevator_0 = de
-    pressure = qbar if qbar > 0.0 else _SEA_LEVEL * v * v
+    pressure = qbar if qbar > 0.0 else SEA_LEVEL * v * v
     moved = de - s.elevator_0
     # By trapezes, which bear any short period; one that diverges begins anew.
     lift, pitch = 0.5 * c.dt * pressure * c.area / (mass * v), 0.5 * c.dt * pressure * c.area * c.chord / c.iyy
@@ -261,17 +261,42 @@ def add(constants: Element, state: Element, u: Array, age: Array) -> bool:
     return step(constants[0], state[0], u, age)
 
 
-class Window:
+class Means:
+    """What a window keeps: `state` has `rows`, the means completed, and `means` (KEEP, channels)."""
+
+    def __init__(self, state: Element) -> None:
+        self._state = state
+        self._means: Array = state["means"][0]
+        self._delays: dict[int, float] = {}
+
+    def _column(self, channel: int, count: int) -> Array:
+        """The newest means of a channel, oldest first."""
+        newest = int(self._state["rows"][0])
+        rows = np.arange(newest - min(count, newest), newest) % KEEP
+        return np.ascontiguousarray(self._means[rows, channel])
+
+    def compare(self, y: int, x: int, z: int) -> Match:
+        """`compare` of three channels."""
+        found = compare(self._column(y, KEEP), self._column(x, KEEP), self._column(z, KEEP), self._delays.get(y, 0.0))
+        self._delays[y] = found.delay if math.isfinite(found.delay) else 0.0
+        return found
+
+    def level(self, y: int, x: int, moving: bool, count: int) -> tuple[float, float]:
+        """`level` of two channels over the newest `count` means: mean and sd."""
+        mean, sd = level(self._column(y, count), self._column(x, count), moving)
+        return mean, sd
+
+
+class Window(Means):
     """The state of `step`: what is kept of the last two minutes."""
 
     def __init__(self, aircraft: Aircraft, imu: tuple[float, float, float], dt: float) -> None:
         self._known, self.has_model = constants(aircraft, imu, dt)
-        self._constants, self._state = packed(self._known), at_rest()
-        self._means = self._state["means"][0]
+        super().__init__(at_rest())
+        self._constants = packed(self._known)
         columns = [SIGNAL_INDEX[name] for name in SIGNALS_USED]
         self._pick: Any = itemgetter(*columns)
         self._pick_ages: Any = itemgetter(*columns[:OF_ITS_TIME])
-        self._delays: dict[int, float] = {}
         self._nothing = (math.nan,) * 3
 
     def add(self, frame: Frame, a: AlphaEstimate) -> None:
@@ -291,20 +316,3 @@ class Window:
     def speed(self) -> float:
         """The newest mean airspeed, m/s."""
         return float(self._means[(int(self._state["rows"][0]) - 1) % KEEP, SPEED])
-
-    def _column(self, channel: int, count: int) -> Array:
-        """The newest means of a channel, oldest first."""
-        newest = int(self._state["rows"][0])
-        rows = np.arange(newest - min(count, newest), newest) % KEEP
-        return np.ascontiguousarray(self._means[rows, channel])
-
-    def compare(self, y: int, x: int, z: int) -> Match:
-        """`compare` of three channels."""
-        found = compare(self._column(y, KEEP), self._column(x, KEEP), self._column(z, KEEP), self._delays.get(y, 0.0))
-        self._delays[y] = found.delay if math.isfinite(found.delay) else 0.0
-        return found
-
-    def level(self, y: int, x: int, moving: bool, count: int) -> tuple[float, float]:
-        """`level` of two channels over the newest `count` means: mean and sd."""
-        mean, sd = level(self._column(y, count), self._column(x, count), moving)
-        return mean, sd

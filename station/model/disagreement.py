@@ -1,24 +1,29 @@
 """Warnings in flight: which instruments disagree, by how much, and how surely; and where the profile's model does.
 
 A disagreement is told when it is beyond what a test flight can bear by four standard deviations, twice in a row, and
-taken back when it is gone. The model is judged only while the instruments agree.
+taken back when it is gone. The model is judged only while the instruments agree. While a lateral instrument disagrees,
+lateral derivatives are none: their vane and gyros are in every regressor.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from station.conventions import G0, TICK_HZ, from_si, to_si
+import msgspec
+
+from station.conventions import G0, LATERAL, TICK_HZ, from_si, to_si
 from station.model import consistency as c
-from station.model.consistency import Window
+from station.model import lateral_consistency as lc
+from station.model.consistency import Means, Window
 from station.model.gain_and_delay import RECENT, STEP_S
+from station.model.lateral_consistency import LateralWindow
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, gust_sigma
 from station.profile import Aircraft
-from station.rows import AlphaEstimate, Code, Event, Frame
+from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, ParamEstimate, Status
 
 SURE: Final = 4.0
 """Standard deviations beyond the tolerance."""
@@ -83,6 +88,14 @@ CHECKS: Final = {
         _both("theta.bias", "deg", 0.5, "theta {size} deg {way} against vane and accelerations (±{sd2})",
               "high", "low"),
         _both("airspeed.bias", "m/s", 2, "airspeed {size} m/s {way} against dynamic pressure (±{sd2})", "high", "low"),
+        _both("p.bias", "deg/s", 0.3, "p {size} deg/s {way} against the change of phi (±{sd2})", "high", "low"),
+        _both("p.scale", "%", 4, "p shows {size} % {way} than phi turns (±{sd2})", "more", "less"),
+        _both("p.delay", "ms", 10, "p {size} ms {way} against phi (±{sd2})", "late", "early"),
+        _both("r.bias", "deg/s", 0.3, "r {size} deg/s {way} against the change of psi (±{sd2})", "high", "low"),
+        _both("r.scale", "%", 4, "r shows {size} % {way} than psi turns (±{sd2})", "more", "less"),
+        _both("r.delay", "ms", 10, "r {size} ms {way} against psi (±{sd2})", "late", "early"),
+        _both("beta_vane.scale", "%", 8, "β vane shows {size} % {way} than inertial β moves (±{sd2})", "more", "less"),
+        _both("beta_vane.delay", "ms", 20, "β vane {size} ms {way} against inertial β (±{sd2})", "late", "early"),
         _both("model.alpha", "deg", 0.5, "α {size} deg {way} by the profile's lift and moment (±{sd2})", "high", "low"),
         _both("model.lift", "%", 20, "lift {size} % {way} than the profile's model says (±{sd2})", "more", "less"),
         _both("model.moment", "%", 30, "pitching moment {size} % {way} than the profile's model says (±{sd2})", "more",
@@ -114,8 +127,17 @@ _PAIRS: Final = (
     _Pair(c.LIFT, c.LIFT_MODEL, c.LIFT_Z, "model.lift", "", "model.lift_0"),
     _Pair(c.MOMENT, c.MOMENT_MODEL, c.MOMENT_Z, "model.moment", "", "model.moment_0"),
 )
-_OF_X: Final = frozenset(("q.scale", "accelerometer.scale"))
+_LATERAL_PAIRS: Final = (
+    _Pair(lc.ROLL, lc.ROLLED, lc.ROLLED, "p.scale", "p.delay", "p.bias"),
+    _Pair(lc.HEADING, lc.YAWED, lc.YAWED, "r.scale", "r.delay", "r.bias"),
+    _Pair(lc.VANE, lc.SLIP, lc.SLIP_Z, "beta_vane.scale", "beta_vane.delay", ""),
+)
+_OF_X: Final = frozenset(("q.scale", "accelerometer.scale", "p.scale", "r.scale"))
 """Gains that are told of x, against y."""
+_EARLY: Final = frozenset(("q.delay", "p.delay", "r.delay"))
+"""An angle behind its integral rate is a rate that is early."""
+_RATES: Final = frozenset(("p.bias", "p.scale", "p.delay", "r.bias", "r.scale", "r.delay"))
+_OF_LATERAL: Final = _RATES | {"beta_vane.scale", "beta_vane.delay"}
 _INERTIAL: Final = frozenset(
     ("q.bias", "q.scale", "q.delay", "accelerometer.bias", "accelerometer.scale", "velocity.delay")
 )
@@ -129,7 +151,8 @@ _LEVELS: Final = (
     ("model.lift_0", c.LIFT, c.LIFT_MODEL, False),
     ("model.moment_0", c.MOMENT_MODEL, c.MOMENT, False),
 )
-_STEPS: Final = frozenset(name for name, _, _, moving in _LEVELS if moving)
+_LATERAL_LEVELS: Final = (("p.bias", lc.ROLLED, lc.ROLL, True), ("r.bias", lc.YAWED, lc.HEADING, True))
+_STEPS: Final = frozenset(name for name, _, _, moving in (*_LEVELS, *_LATERAL_LEVELS) if moving)
 _GAIN_SD: Final = 0.3
 _DELAY_SD: Final = 0.05
 """Less sure than that, a gain or delay is not looked at."""
@@ -148,10 +171,17 @@ class Disagreement:
     """Watches frames and angles of attack; `step` gives the warnings as events. Deterministic; never raises."""
 
     def __init__(
-        self, aircraft: Aircraft, imu_position: tuple[float, float, float], noise: dict[str, float] | None = None
+        self,
+        aircraft: Aircraft,
+        imu_position: tuple[float, float, float],
+        noise: dict[str, float] | None = None,
+        sideslip: Callable[[], float] = lambda: math.nan,
     ) -> None:
-        """`imu_position`: m from the CG. `noise`: of the vane, rad, by signal's name."""
+        """`imu_position`: m from the CG. `noise`: of the vane, rad, by signal's name. `sideslip`: the inertial one at
+        the CG as of the frame stepped, rad; without it no vane of sideslip is judged."""
         self._window = Window(aircraft, imu_position, 1.0 / TICK_HZ)
+        self._lateral = LateralWindow(aircraft, 1.0 / TICK_HZ)
+        self._sideslip = sideslip
         self._noise = (noise or {}).get("alpha_vane", 0.0) or DEFAULT_NOISE["alpha_vane"]
         self._checks = {name: _Told() for name in CHECKS}
         self._ticks = 0
@@ -165,16 +195,23 @@ class Disagreement:
         twin.add(Frame(0, 0, nan, nan, (3,) * 64), alpha)
         twin.compare(c.VANE, c.FLOW, c.FLOW_Z)
         twin.level(c.VANE, c.FLOW, False, RECENT)
+        LateralWindow(self._copy[0], 1.0 / TICK_HZ).add(Frame(0, 0, nan, nan, (3,) * 64), 0.0)
 
     def step(self, frame: Frame, alpha: AlphaEstimate) -> tuple[Event, ...]:
         """Take a tick's frame and angle of attack; once a second one pair is judged, and what it shows told."""
         self._window.add(frame, alpha)
+        self._lateral.add(frame, self._sideslip())
         self._ticks += 1
         second, rest = divmod(self._ticks, TICK_HZ)
-        if rest:
+        if rest == 0:
+            turn = second % (len(_PAIRS) + 1)
+            judged = self._levels(alpha) if turn == len(_PAIRS) else self._pair(self._window, _PAIRS[turn])
+        elif rest == TICK_HZ // 2:
+            # Between the others: a tick compares one pair.
+            turn = second % (len(_LATERAL_PAIRS) + 1)
+            judged = self._rates() if turn == len(_LATERAL_PAIRS) else self._pair(self._lateral, _LATERAL_PAIRS[turn])
+        else:
             return ()
-        turn = second % (len(_PAIRS) + 1)
-        judged = self._levels(alpha) if turn == len(_PAIRS) else self._pair(turn)
         events = []
         for name, value in judged.items():
             event = self._tell(frame.t_ns, name, value)
@@ -182,57 +219,84 @@ class Disagreement:
                 events.append(event)
         return tuple(events)
 
-    def _pair(self, turn: int) -> dict[str, Value | None]:
-        pair = _PAIRS[turn]
+    def flagged(self, methods: Sequence[MethodEstimate]) -> Sequence[MethodEstimate]:
+        """Estimates, of which the lateral ones are none while a lateral instrument disagrees."""
+        told = [CHECKS[n].sentence(v) for n in CHECKS if n in _OF_LATERAL and (v := self._checks[n].told) is not None]
+        if not told:
+            return methods
+        why = "; ".join(told)
+
+        def judged(p: ParamEstimate) -> ParamEstimate:
+            if p.name not in LATERAL or p.status is not Status.ESTIMATED:
+                return p
+            return ParamEstimate(p.name, p.value, p.sd, Status.INVALID, why)
+
+        return [msgspec.structs.replace(m, parameters=tuple(judged(p) for p in m.parameters)) for m in methods]
+
+    def _pair(self, window: Means, pair: _Pair) -> dict[str, Value | None]:
         names = [pair.gain, pair.delay] if pair.delay else [pair.gain]
         if self._is_blocked(pair.gain):
             return dict.fromkeys(names)
-        gain, gain_sd, delay, delay_sd = self._window.compare(pair.y, pair.x, pair.z)
+        gain, gain_sd, delay, delay_sd = window.compare(pair.y, pair.x, pair.z)
         # No step makes a gain so far out as a wrong unit or sign.
-        if 1 / FAR < gain < FAR and self._has_stepped(pair):
+        if 1 / FAR < gain < FAR and self._has_stepped(window, pair):
             return dict.fromkeys(names)
         if pair.gain in _OF_X and gain > 0:
             gain, gain_sd = 1 / gain, gain_sd / gain**2
         sure = gain_sd < _GAIN_SD * max(1.0, abs(gain))
         made: dict[str, Value | None] = {pair.gain: Value(gain - 1, gain_sd) if sure else None}
         if pair.delay:
-            # theta behind its integral rate is a rate that is early.
-            sign = -1.0 if pair.delay == "q.delay" else 1.0
-            made[pair.delay] = Value(sign * delay, delay_sd) if delay_sd < _DELAY_SD else None
+            stated = self._lateral.vane_lag if pair.delay == "beta_vane.delay" else 0.0
+            late = -delay if pair.delay in _EARLY else delay - stated
+            made[pair.delay] = Value(late, delay_sd) if delay_sd < _DELAY_SD else None
         return made
 
-    def _has_stepped(self, pair: _Pair) -> bool:
+    @staticmethod
+    def _has_stepped(window: Means, pair: _Pair) -> bool:
         """Whether the level between the two moved within what is kept: a step is no gain."""
-        _, y, x, moving = next(row for row in _LEVELS if row[0] == pair.level)
-        recent, _ = self._window.level(y, x, moving, RECENT)
-        whole, _ = self._window.level(y, x, moving, c.KEEP)
+        if pair.level not in _STEPS:
+            return False
+        _, y, x, moving = next(row for row in (*_LEVELS, *_LATERAL_LEVELS) if row[0] == pair.level)
+        recent, _ = window.level(y, x, moving, RECENT)
+        whole, _ = window.level(y, x, moving, c.KEEP)
         check = CHECKS[pair.level]
-        return pair.level in _STEPS and abs(recent - whole) > to_si(check.tolerance, check.unit)
+        return abs(recent - whole) > to_si(check.tolerance, check.unit)
 
     def _is_blocked(self, name: str) -> bool:
         """Whether something stands that `name` rests on."""
         if name.startswith("model"):
-            return not self._window.has_model or self._stands(n for n in self._checks if not n.startswith("model"))
+            rest = (n for n in self._checks if not n.startswith("model") and n not in _OF_LATERAL)
+            return not self._window.has_model or self._stands(rest)
+        if name.startswith("beta_vane"):
+            return self._stands(_RATES | _INERTIAL)
+        if name.startswith("q."):
+            return self._stands(n for n in _RATES if n.startswith("r."))  # theta' has r sin(phi)
         return name.startswith("alpha_vane") and self._stands(_INERTIAL)
 
     def _stands(self, names: Iterable[str]) -> bool:
         """Whether one of these disagreements has been told or seen once."""
         return any(self._checks[n].told is not None or self._checks[n].beyond > 0 for n in names)
 
+    def _rates(self) -> dict[str, Value | None]:
+        return {row[0]: self._level(self._lateral, row, 0.0) for row in _LATERAL_LEVELS}
+
+    def _level(self, window: Means, row: tuple[str, int, int, bool], gust: float) -> Value | None:
+        """Over the last seconds or all that is kept, whichever says more; `gust`: see `_gust`."""
+        name, y, x, moving = row
+        best: Value | None = None
+        for count in (RECENT, c.KEEP):
+            mean, sd = window.level(y, x, moving, count)
+            if name == "alpha_vane.bias":
+                metres = max(self._window.speed, 1.0) * count * STEP_S
+                sd = math.hypot(sd, gust * math.sqrt(TURBULENCE_LENGTH / metres))
+            value = Value(mean, sd) if math.isfinite(mean + sd) else None
+            if value is not None and (best is None or self._beyond(name, value) > self._beyond(name, best)):
+                best = value
+        return best
+
     def _levels(self, alpha: AlphaEstimate) -> dict[str, Value | None]:
-        made: dict[str, Value | None] = {}
         gust = self._gust(alpha)
-        for name, y, x, moving in _LEVELS:
-            best: Value | None = None
-            for count in (RECENT, c.KEEP):
-                mean, sd = self._window.level(y, x, moving, count)
-                if name == "alpha_vane.bias":
-                    metres = max(self._window.speed, 1.0) * count * STEP_S
-                    sd = math.hypot(sd, gust * math.sqrt(TURBULENCE_LENGTH / metres))
-                value = Value(mean, sd) if math.isfinite(mean + sd) else None
-                if value is not None and (best is None or self._beyond(name, value) > self._beyond(name, best)):
-                    best = value
-            made[name] = best
+        made = {row[0]: self._level(self._window, row, gust) for row in _LEVELS}
         self._name_theta(made)
         for name in made:
             if self._is_blocked(name):

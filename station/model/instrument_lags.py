@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.model.kinematic_equations import FLOW
-from station.model.kinematic_likelihood import LAGS_S, TINY, ZEROS, Key, Likelihood
+from station.model.kinematic_likelihood import LAGS_S, ROLL, TINY, ZEROS, Key, Likelihood
 
 Array = NDArray[np.float64]
 
@@ -109,8 +109,8 @@ def solve(
     """Of signals (n,), forces at the CG, without gaps within `spans` of rows; `arm`: place of the vanes from the CG, m;
     `upwash`: the vane's scale by the profile, which only the airspeed's and side force's rows take from it.
 
-    A flow angle or a rate in error is also wrong in the velocities that multiply the others: once it is known by how
-    much, these are made anew.
+    A flow angle, a rate or a roll angle in error is also wrong in the factors that multiply the others: once it is
+    known by how much, these are made anew.
 
     Raises NotIdentifiable for spans too short, and LinAlgError for a record in which nothing moves.
     """
@@ -124,15 +124,13 @@ def solve(
 
 
 def _mended(motion: Mapping[str, Array], dt: float, found: Solution, upwash: float) -> dict[str, Array]:
-    """Flow angles and rates (n,) whose lag or scale is wrong beyond doubt, as they were."""
+    """Flow angles, rates and roll angle (n,) whose lag or scale is wrong beyond doubt, as they were."""
     made = {}
-    for name in (n for n in (*FLOW, *RATES) if n in motion):
+    for name in (n for n in (*FLOW, *RATES, ROLL) if n in motion):
         lag, scale = found.values.get((name, "lag")), found.values.get((name, "scale"))
-        if lag is None or scale is None:
-            continue
         stated = upwash if name == "alpha_vane" else 1.0
-        late = lag.value if not lag.why and abs(lag.value) > SURE * lag.sd else 0.0
-        share = scale.value if not scale.why and abs(scale.value - stated) > SURE * scale.sd else stated
+        late = lag.value if lag and not lag.why and abs(lag.value) > SURE * lag.sd else 0.0
+        share = scale.value if scale and not scale.why and abs(scale.value - stated) > SURE * scale.sd else stated
         if late or share != stated:
             ticks = np.arange(len(motion[name]))
             made[name] = np.interp(ticks + late / dt, ticks, motion[name]) / share
@@ -165,8 +163,8 @@ class _Fit(Likelihood):
         for i in self.instruments:
             if (i, "lag") not in values or i in CLOCKED:
                 continue
-            rows = [t.row for t in self.model.terms if t.instrument == i]
-            rows = [i] if i in self.rows else list(dict.fromkeys(rows))
+            # The roll angle's own row would take it for late where the roll rate is early.
+            rows = [i] if i in self.rows and i != ROLL else self.elsewhere(i)
             found = {k: self.deviance({**values, (i, "lag"): k * self.stretches[0].dt}, rows) for k in {*ticks, 0}}
             best = min(found, key=lambda k: found[k])
             if found[best] < found[0] - BETTER:
@@ -241,6 +239,8 @@ class _Fit(Likelihood):
         covariance = self._errors_of(keys)
         found: dict[Key, Value] = {}
         unheard = {i for i in self.instruments if self.heard(i, values) < HEARD}
+        if (ROLL, "lag") in values:
+            values, covariance = self._with_reference(values, covariance)
         for n, (i, kind) in enumerate(keys):
             if kind in ("lag", "filter"):
                 parts = [m for m, key in enumerate(keys) if key in ((i, "lag"), (i, "filter"))]
@@ -261,6 +261,19 @@ class _Fit(Likelihood):
             level = self._level(motion, found)
             found["alpha_vane", "zero"] = min(level, found["alpha_vane", "zero"], key=lambda v: v.sd)
         return Solution(found, self._gust(values, not vane.why), self._length, self.high_hz)
+
+    @staticmethod
+    def _with_reference(values: dict[Key, float], covariance: Array) -> tuple[dict[Key, float], Array]:
+        """Estimates and their covariance; where the record does not tell whether the roll angle is late, given that it
+        is in time: the others' lags against it are known all the same."""
+        keys = list(values)
+        n = keys.index((ROLL, "lag"))
+        variance = covariance[n, n]
+        if variance <= TOLD["lag"] ** 2:
+            return values, covariance
+        gain = covariance[:, n] / variance
+        moved = {key: x - float(g) * values[ROLL, "lag"] for (key, x), g in zip(values.items(), gain, strict=True)}
+        return moved, covariance - np.outer(gain, covariance[n])
 
     def _level(self, motion: Mapping[str, Array], found: Mapping[Key, Value]) -> Value:
         """Zero of the vane by the mean of attitude less path, without mean vertical wind and sideslip."""

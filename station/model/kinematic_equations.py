@@ -40,7 +40,7 @@ MISALIGNED: Final = ("incidence", "sideslip")
 nothing and has a zero."""
 AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
     "theta": (),
-    "phi": (),
+    "phi": ("beta_vane", "ay"),
     "psi": ("r", "q"),
     "alpha_vane": ("q", "az"),
     "beta_vane": ("r", "ay"),
@@ -91,21 +91,22 @@ def equations(
 ) -> Equations:
     """Of the signals (n,) that the record has, forces at the CG; `arm` (m): the vanes' place from it; `upwash`: scale
     that the profile gives the vane of angle of attack, which the other rows' velocities are free of. `mended`: flow
-    angles and rates as the instruments would show them without errors, for the factors, where that is known."""
+    angles, rates and roll angle as the instruments would show them without errors, for the factors, where that is
+    known."""
     made = Equations()
     mended = mended or {}
-    _attitude(made, motion)
     true = {**motion, **mended}
+    _attitude(made, motion, true)
     if "alpha_vane" in motion and "alpha_vane" not in mended:
         true["alpha_vane"] = motion["alpha_vane"] / upwash
     _air(made, motion, true, arm)
-    _ground(made, motion)
+    _ground(made, motion, true)
     return made
 
 
-def _attitude(made: Equations, m: Mapping[str, Array]) -> None:
+def _attitude(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array]) -> None:
     one = np.ones(len(m["theta"]))
-    phi, theta = m.get("phi", 0.0 * one), m["theta"]
+    phi, theta = true.get("phi", 0.0 * one), m["theta"]
     rates: dict[str, dict[str, Array]] = {
         "theta": {"q": -np.cos(phi), "r": np.sin(phi)},
         "phi": {"p": -one, "q": -np.tan(theta) * np.sin(phi), "r": -np.tan(theta) * np.cos(phi)},
@@ -165,26 +166,27 @@ def _air(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array], arm
     row("airspeed", (("airspeed", 1.0, 1), ("ax", -along, 0)), ("theta", G0 * np.sin(theta) * along))
     # Lift and side force have parts along the path, too small to tell their own instruments' errors; the angles of the
     # mean flow that make them are as wrong as the vanes are out of line with the accelerometers.
-    lift = m["az"] + G0 * np.cos(theta) * np.cos(phi) if "az" in m else zero
-    push = m["ay"] + G0 * np.cos(theta) * np.sin(phi) if "ay" in m else zero
+    roll = true.get("phi", zero)
+    lift = m["az"] + G0 * np.cos(theta) * np.cos(roll) if "az" in m else zero
+    push = m["ay"] + G0 * np.cos(theta) * np.sin(roll) if "ay" in m else zero
     made.terms.append(Term("airspeed", "", -up * lift - across * push, one, 0, 0.0))
-    roll = speed * p
+    rolling = speed * p
     for angle, of, factor in (
         ("incidence", "airspeed", -lift),
-        ("incidence", "beta_vane", -roll),
+        ("incidence", "beta_vane", -rolling),
         ("sideslip", "airspeed", -push),
-        ("sideslip", "alpha_vane", roll),
+        ("sideslip", "alpha_vane", rolling),
     ):
         if of in made.heads and np.any(factor):
             made.terms.append(Term(of, angle, zero, factor, 0, 0.0))
 
 
-def _ground(made: Equations, m: Mapping[str, Array]) -> None:
+def _ground(made: Equations, m: Mapping[str, Array], true: Mapping[str, Array]) -> None:
     """Rows of the velocity over ground and the altitude."""
     one = np.ones(len(m["theta"]))
     zero = 0.0 * one
     has_heading = "psi" in m
-    turned = ned_from_body(m.get("phi", zero), m["theta"], m.get("psi", zero))
+    turned = ned_from_body(true.get("phi", zero), m["theta"], m.get("psi", zero))
     for axis, head in enumerate((*GROUND, "altitude")):
         if head not in m or (axis < GROUND.index("v_down") and not has_heading):
             continue

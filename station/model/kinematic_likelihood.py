@@ -33,8 +33,10 @@ Complex = NDArray[np.complex128]
 Key = tuple[str, str]
 """An instrument, and "lag" (s), "filter" (s, time constant before a head's lag), "scale" (logarithm) or "zero"."""
 
-REFERENCE: Final = ("theta", "phi")
+REFERENCE: Final = "theta"
 """In time by definition."""
+ROLL: Final = "phi"
+"""In time too, unless another row than its own shows otherwise."""
 LEVEL: Final = ("theta", "phi", "psi", "airspeed", "altitude")
 """Without a scale of their own: angles of an attitude reference; the speed, which gives the scale of the others."""
 ZEROS: Final[Mapping[str, float]] = {
@@ -97,7 +99,8 @@ class Likelihood:
         self.rows = {head: r for r, head in enumerate(self.model.heads)}
         self.speed = float(np.mean(motion["airspeed"])) if "airspeed" in motion else math.nan
         instruments = list(dict.fromkeys(t.instrument for t in self.model.terms if t.instrument))
-        self.keys = [(i, "lag") for i in instruments if i not in (*REFERENCE, *MISALIGNED)]
+        references = {i for i in (REFERENCE, ROLL) if not self.elsewhere(i)} | {REFERENCE}
+        self.keys = [(i, "lag") for i in instruments if i not in references | {*MISALIGNED}]
         self.keys += [(i, "scale") for i in instruments if i not in (*LEVEL, *MISALIGNED)]
         self.keys += [(i, "zero") for i in instruments if i in ZEROS]
         self.instruments = instruments
@@ -107,6 +110,10 @@ class Likelihood:
         self._kept: dict[tuple[int, int, float], tuple[list[Complex], Complex]] = {}
         self.own = np.ones((len(self.rows), lines))
         self.total = self.own
+
+    def elsewhere(self, instrument: str) -> list[str]:
+        """Rows that an instrument is in without heading them."""
+        return list(dict.fromkeys(t.row for t in self.model.terms if t.instrument == instrument != t.row))
 
     def transforms(self, n: int, s: int, lag: float) -> tuple[list[Complex], Complex]:
         """Of a term's fluctuation `lag` later, from its own order on, and of its factor, in one stretch."""

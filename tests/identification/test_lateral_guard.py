@@ -13,7 +13,7 @@ from station.identification.analysis import identify
 from station.identification.by_input import by_input
 from station.identification.identified import Identification
 from station.identification.instrument_bias import biases, contradicted, out_of_time
-from station.identification.instrument_table import instrument_table
+from station.identification.instrument_table import SEGMENTS, _spans, instrument_table
 from station.identification.preparation import prepare
 from station.identification.request import Request
 from station.log import Table
@@ -28,7 +28,7 @@ EXAMPLE: Planted = {**VANE, "p": {"gain": 1.1}, "r": {"latency": 0.05}, "aileron
 ALONE: tuple[Planted, ...] = (
     {"beta_vane": {"gain": 1.25}}, {"beta_vane": {"latency": 0.06}}, {"p": {"gain": 1.1}}, {"r": {"latency": 0.05}},
     {"aileron": {"gain": 0.8}}, {"rudder": {"gain": 0.8}}, {"p": {"latency": 0.05}}, {"r": {"gain": 1.1}},
-    {"ay": {"gain": 1.1}}, {"aileron": {"latency": 0.08}}, {"rudder": {"latency": 0.08}},
+    {"ay": {"gain": 1.1}}, {"aileron": {"latency": 0.08}}, {"rudder": {"latency": 0.08}}, {"phi": {"latency": 0.1}},
 )  # fmt: skip
 AIRCRAFT = load_aircraft("twin_otter")
 START, END = 30.0, 90.0
@@ -71,6 +71,31 @@ def test_the_errors_planted_are_found_and_no_others() -> None:
     assert errors["p"].scale == pytest.approx(1.1, rel=0.005)
     assert errors["r"].late == pytest.approx(0.05, abs=0.01)
     assert named(words(EXAMPLE, 0.0, "line", 1)) == EXAMPLE.keys()
+
+
+@pytest.mark.parametrize(("sigma", "field"), [(0.0, "line"), (5.0, "plane")])
+def test_a_late_roll_angle_is_not_taken_for_early_gyros(sigma: float, field: str) -> None:
+    """Roll rate alone cannot tell: side force and the vane do, which gravity moves by the roll angle."""
+    table, request = flown({"phi": {"latency": 0.1}}, sigma, field, 1)
+    record = prepare(table, AIRCRAFT, request).record
+    instruments = instrument_table(record)
+    assert not isinstance(instruments, str)
+    errors = contradicted(record, instruments)
+    assert errors.keys() == {"phi"}
+    assert errors["phi"].late == pytest.approx(0.1, abs=0.015)
+
+
+def test_a_long_record_is_compared_where_it_pitched_and_where_it_rolled() -> None:
+    """Twenty minutes: pitching in the third to the sixth, rolling from the eleventh to the fourteenth."""
+    t = np.arange(0.0, 1200.0, 0.1)
+    shaken = np.sin(2.0 * t)
+    q, p = (np.where((t >= 60 * a) & (t < 60 * b), 0.1 * shaken, 0.001 * shaken) for a, b in ((2, 6), (10, 14)))
+    for motions, minutes in (([[q]], {(120, 360)}), ([[q], [p, 0 * p]], {(120, 360), (600, 840)})):
+        spans = _spans(np.ones(len(t), bool), motions, 0.1)
+        assert len(spans) == SEGMENTS
+        for a, b in minutes:
+            inside = [s for s in spans if s.start * 0.1 < b and s.stop * 0.1 > a]
+            assert len(inside) >= 4, (spans, a, b)
 
 
 @pytest.mark.parametrize(("sigma", "field"), [(0.0, "line"), (5.0, "plane")])
