@@ -115,7 +115,9 @@ def contradicted(record: FlightRecord, table: InstrumentTable) -> dict[str, Erro
             lag = beyond if abs(beyond) > max(SURE * row.lag.sd, LATE_S) else 0.0
         if not row.scale.why:
             share = row.scale.value / row.stated.get("scale", 1.0)
-            scale = share if abs(share - 1) > max(SURE * row.scale.sd / row.scale.value, scale_known) else 1.0
+            # What is estimated is its logarithm: 3 sd of 15 % are 1.57, not 1.45, and 0.64.
+            sure = max(SURE * row.scale.sd / row.scale.value, math.log1p(scale_known))
+            scale = share if abs(math.log(share)) > sure else 1.0
         if row.signal in (*REGRESSED, *INTEGRATED) and (lag, scale) != (0.0, 1.0):
             found[row.signal] = Error(lag, scale)
     return found

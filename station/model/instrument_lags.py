@@ -130,7 +130,8 @@ def _mended(motion: Mapping[str, Array], dt: float, found: Solution, upwash: flo
         lag, scale = found.values.get((name, "lag")), found.values.get((name, "scale"))
         stated = upwash if name == "alpha_vane" else 1.0
         late = lag.value if lag and not lag.why and abs(lag.value) > SURE * lag.sd else 0.0
-        share = scale.value if scale and not scale.why and abs(scale.value - stated) > SURE * scale.sd else stated
+        told = scale and not scale.why and abs(math.log(scale.value / stated)) > SURE * scale.sd / scale.value
+        share = scale.value if scale and told else stated
         if late or share != stated:
             ticks = np.arange(len(motion[name]))
             made[name] = np.interp(ticks + late / dt, ticks, motion[name]) / share

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from station.conventions import LATERAL
+from station.estimation.flight_record import FlightRecord
 from station.identification.analysis import identify
 from station.identification.by_input import by_input
 from station.identification.identified import Identification
 from station.identification.instrument_bias import biases, contradicted, out_of_time
-from station.identification.instrument_table import SEGMENTS, _spans, instrument_table
+from station.identification.instrument_table import SEGMENTS, Instrument, InstrumentTable, _spans, instrument_table
 from station.identification.preparation import prepare
 from station.identification.request import Request
 from station.log import Table
+from station.model.instrument_lags import Value
 from station.profile import Card, load_aircraft
 from station.rows import Status
 from station.simulation.sensors import STANDARD, Sensor
@@ -83,6 +87,16 @@ def test_a_late_roll_angle_is_not_taken_for_early_gyros(sigma: float, field: str
     errors = contradicted(record, instruments)
     assert errors.keys() == {"phi"}
     assert errors["phi"].late == pytest.approx(0.1, abs=0.015)
+
+
+def test_a_scale_above_one_is_named_no_sooner_than_one_below() -> None:
+    """Its logarithm is what is estimated, here 2.9 standard deviations from none: a sound flight's at 10 ft/s."""
+    record = cast(FlightRecord, SimpleNamespace(aircraft=AIRCRAFT))
+    unknown = Value(np.nan, np.nan, "hardly moves")
+    for sd, named in ((0.039, False), (0.030, True)):
+        for scale in (1.12, 1 / 1.12):
+            row = Instrument("beta_vane", (), unknown, Value(scale, scale * sd), unknown, {})
+            assert (contradicted(record, InstrumentTable((row,), np.nan, 60.0, 2.5)) != {}) is named
 
 
 def test_a_long_record_is_compared_where_it_pitched_and_where_it_rolled() -> None:
