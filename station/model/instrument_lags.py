@@ -225,8 +225,7 @@ class _Fit(Likelihood):
     def _filtered(self, head: str, values: dict[Key, float], deviance: float) -> tuple[dict[Key, float], float]:
         """With a first-order filter instead of a head's delay, or before it, where that explains its row better."""
         lag = values[head, "lag"]
-        without = {key: x for key, x in values.items() if key != (head, "lag")}
-        instead = {**without, (head, "filter"): abs(lag)}
+        instead = {key: x for key, x in values.items() if key != (head, "lag")} | {(head, "filter"): abs(lag)}
         before = {**values, (head, "lag"): 0.5 * lag, (head, "filter"): 0.5 * abs(lag)}
         for start, price in ((instead, 0.0), (before, BETTER)):
             trial, better = self._fitted(start)
@@ -269,10 +268,9 @@ class _Fit(Likelihood):
         is in time: the others' lags against it are known all the same."""
         keys = list(values)
         n = keys.index((ROLL, "lag"))
-        variance = covariance[n, n]
-        if variance <= TOLD["lag"] ** 2:
+        if covariance[n, n] <= TOLD["lag"] ** 2:
             return values, covariance
-        gain = covariance[:, n] / variance
+        gain = covariance[:, n] / covariance[n, n]
         moved = {key: x - float(g) * values[ROLL, "lag"] for (key, x), g in zip(values.items(), gain, strict=True)}
         return moved, covariance - np.outer(gain, covariance[n])
 
