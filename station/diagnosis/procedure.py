@@ -18,7 +18,7 @@ from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, describe_missing
-from station.diagnosis.search import ASKED, LEAST_SHARE, SIGNIFICANT, WHOLE, Found, search, whole_changes
+from station.diagnosis.search import ASKED, LEAST_SHARE, SIGNIFICANT, WHOLE, Found, rivals_of_constant, search, whole_changes
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.3
@@ -282,5 +282,6 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
             term = BY_ID[OF_ZERO[free.name]]
         else:
             continue
-        out.append(Effect(term, free.sd * x, free.sd * error, x * x))
+        rivals = rivals_of_constant(problem, found, i)
+        out.append(Effect(term, free.sd * x, free.sd * error, x * x, rivals))
     return tuple(sorted(out, key=by_reduction))

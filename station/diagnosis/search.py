@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.effects import BY_ID, Term
-from station.diagnosis.free_parameters import DERIVATIVES
+from station.diagnosis.free_parameters import BEYOND, DERIVATIVES
 from station.diagnosis.likelihood import Estimate, Normal, Problem, Slopes, State
 
 Array = NDArray[np.float64]
@@ -62,6 +62,8 @@ class Found:
     tried: dict[frozenset[str], Estimate]
     slopes: Sequence[Slopes]
     """Of every effect that is not bent, at `null`'s first fit, by manoeuvre."""
+    terms: tuple[Term, ...] = ()
+    """What was looked for."""
 
     @property
     def reduction(self) -> float:
@@ -166,7 +168,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
         )
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
-    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes)
+    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes, tuple(terms))
 
 
 def _one_and_two(
@@ -256,6 +258,16 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
             return whole
         accepted = refits.without(weakest, whole)
     return refits.null
+
+
+def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...]:
+    """Effects that would bring a free parameter, by its place, back to the profile, and explain as much as it does by
+    being far from there: what a derivative that is named may be instead."""
+    e = found.accepted
+    made = problem.effect_slopes(e.state, _own_first(e.state, found.terms))
+    far = float(e.state.a[i]) ** 2
+    singles = _screened(problem, e, found.terms, made)[1][1]
+    return tuple(ids[-1] for gain, ids, _, a in singles if abs(a[i]) < BEYOND and gain > far - CONFOUNDED)
 
 
 def changes(problem: Problem, s: State, slopes: Sequence[Slopes]) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from station.conventions import G0, to_si
 from station.diagnosis.manoeuvre import FAST_S, MISSED, Manoeuvre, white_noise
 from station.diagnosis.measured_record import Record
-from station.diagnosis.residuals import LIFT, Spectra
+from station.diagnosis.residuals import LIFT, Spectra, spectra
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -34,6 +34,9 @@ LEVEL_SD: Final = 1.5
 LEAST_MISSED: Final = (0.01, 0.01, 0.2, 0.005, 0.002)
 """Of MISSED: no linear model is better than a hundredth, no parabolic polar than a fifth of what moves, no vane than
 half a hundredth (its friction), no surface's sensor than a five-hundredth."""
+AIR_DATA: Final = ("airspeed", "dynamic_pressure")
+LEAST_SLOW: Final = 0.05
+"""Of their white variance, slow at least: a fifth of SLOW_SHARE."""
 LEAST_OWN: Final = 0.1
 """Of airspeed's or dynamic pressure's noise, that they have alike, and each alone, at least."""
 LEAST_GUST: Final = 3e-5
@@ -83,7 +86,10 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
         sd = np.array([of_air.get(s) or white_noise(s, m.record) for s in m.trim.sensors])
         at = m.trim.sensors.index("thrust")
         sd[at] = (RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE) * max(m.setting.thrust, 1.0)
-        rows.append(np.concatenate([sd**2, SLOW_SHARE * sd**2]))
+        slow = SLOW_SHARE * sd**2
+        alone = [m.trim.sensors.index(s) for s in AIR_DATA]
+        slow[alone] = _slow_apart(m, sd[alone] ** 2)
+        rows.append(np.concatenate([sd**2, slow]))
     return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(LEAST_MISSED), np.square(ZERO_SD))
 
 
@@ -107,6 +113,18 @@ def air_noise(record: Record) -> dict[str, float]:
     }
 
 
+def _slow_apart(m: Manoeuvre, white: Array) -> Array:
+    """(2,) slow variances of what airspeed and dynamic pressure each show alone, by their difference: without it, slow
+    noise of an airspeed that no other series shows takes the place of whatever turns the flow."""
+    x, slope = m.record.signals, _pressure_slope(m.record)
+    apart = x["airspeed"] - x["airspeed"].mean() * np.sqrt(x["dynamic_pressure"] / x["dynamic_pressure"].mean())
+    power = np.abs(spectra(apart[None], m.setting, (0,), False).bins[0]) ** 2
+    share = white / np.array([1.0, slope**2])
+    slow = m.shapes[1]
+    found = float(slow @ (power - share.sum()) / (slow @ slow))
+    return np.asarray(white * max(found / float(share.sum()), LEAST_SLOW))
+
+
 def of_signals(variances: Mapping[str, float], record: Record) -> dict[str, float]:
     """Standard deviation of each recorded signal's noise, from the variances of a trim's sensors."""
     alike = {"airspeed": 1.0, "dynamic_pressure": _pressure_slope(record)}
@@ -126,8 +144,10 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
     """(manoeuvres, 2 sensors) inverse prior variances of the logarithms of the noise's variances."""
     made: Array = np.full(prior.noise.shape, 1 / LEVEL_SD**2)
     for k, m in enumerate(manoeuvres):
+        n = len(m.trim.sensors)
         if m.record.dt <= FAST_S:
-            made[k, : len(m.trim.sensors)] = 1 / SEEN_SD**2
+            made[k, :n] = 1 / SEEN_SD**2
+        made[k, [n + m.trim.sensors.index(s) for s in AIR_DATA]] = 1 / SEEN_SD**2
     return made
 
 
