@@ -4,7 +4,7 @@ Noise reaches the residuals through the equations, linearised about the candidat
 the model misses. Parameters minimise Q = sum e* Sigma^-1 e + priors with Sigma following the candidate (errors in
 variables: Pintelon and Schoukens 2012, chapter 8), so that scaling a series changes nothing. The slopes de/dtheta are
 made from noisy signals too: what their noise puts into the information is taken out again (Nakamura 1990, corrected
-score). log det Sigma belongs to the variances alone.
+score). Candidates are compared by the density of what the sensors show: see Problem.volume.
 """
 
 from __future__ import annotations
@@ -115,7 +115,6 @@ class Problem:
         self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
-        self._volume_at: tuple[Complex, ...] | None = None
         self._zeros_wander = True
 
     def aircraft_at(self, values: Mapping[str, float], a: Array) -> Aircraft:
@@ -159,23 +158,23 @@ class Problem:
             steady.append(e)
         return State(dict(values), a, levels, spectra, responses_, tuple(roots), tuple(white), tuple(steady), q)
 
-    def volume(self, levels: Levels, responses: Sequence[Complex] | None = None) -> float:
-        """log det Sigma and the prior of the variances. Sigma is that of one candidate for all: its determinant must
-        not judge the parameters; or that of a candidate's own `responses`."""
-        responses = responses or self._volume_at
-        assert responses is not None
+    def volume(self, s: State) -> float:
+        """log det Sigma, less log |det A|2 of the responses of the series to the sensors at their heads, and the prior
+        of the variances: with Q the density of what these sensors show, given the others."""
+        levels = s.levels
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
-        for k, (m, r) in enumerate(zip(self.manoeuvres, responses, strict=True)):
+        for k, (m, r) in enumerate(zip(self.manoeuvres, s.responses, strict=True)):
             b = m.columns(r, m.grouped.pick)
             root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
             total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())
-            total += 4 * INDEPENDENT * float(np.log(np.einsum("mii->mi", root).real).sum(-1) @ m.grouped.count)
+            logs = np.log(np.einsum("mii->mi", root).real).sum(-1) - np.linalg.slogdet(m.of_heads(r))[1]
+            total += 4 * INDEPENDENT * float(logs @ m.grouped.count)
         return total
 
     def cost(self, s: State) -> float:
         """-2 log likelihood with priors, and how rare the effects are: what candidates are compared by."""
-        return s.q + self.volume(s.levels) + sum(BY_ID[i].price for i in s.values)
+        return s.q + self.volume(s) + sum(BY_ID[i].price for i in s.values)
 
     def effect_slopes(self, s: State, terms: Sequence[Term]) -> list[Slopes]:
         """Per unit of each effect's value, by manoeuvre."""
@@ -304,7 +303,6 @@ class Problem:
 
     def null(self) -> Estimate:
         """Without effects."""
-        self._volume_at = tuple(m.responses(self.aircraft_at({}, np.zeros(0))) for m in self.manoeuvres)
         return self.from_profile({})
 
     def from_profile(self, values: Mapping[str, float]) -> Estimate:

@@ -49,6 +49,8 @@ TRIM_SD: Final = (0.02, 0.01, 0.01)
 """By what lift, moment and drag in trim differ between manoeuvres of one flight: fuel burnt, power, configuration."""
 HEADS: Final = {"lift": "az", "moment": "q", "drag": "ax"}
 """The sensor that a force's series is made of: what is missed is a share of what it shows."""
+HEAD_OF: Final = {"theta": "theta", "v_down": "v_down", "v_north": "v_along", "alpha_vane": "alpha_vane", **HEADS}
+"""The sensor at the head of every series."""
 MISSED: Final = (*HEADS, "alpha_vane", "elevator")
 """What the model may miss a share of: a force, or what a sensor of the air or of a surface shows."""
 SPREAD_BINS: Final = 4.0
@@ -221,6 +223,11 @@ class Manoeuvre:
         """(series,) what misses `shares` of MISSED leave out of each series judged, over what moves in it."""
         each = self._missing(response, np.abs(response), EVERY) * [shares.get(name, 0.0) for name in MISSED]
         return np.asarray(np.sqrt((np.abs(each) ** 2).sum(-1).mean(0)) / np.maximum(self.motion(response), 1e-12))
+
+    def of_heads(self, response: Complex) -> Complex:
+        """(groups, series, series) of a response at all bins: to the sensors at the heads of the series judged."""
+        columns = [self.trim.sensors.index(HEAD_OF[SERIES[j]]) for j in self.setting.judged]
+        return np.asarray(response[self.grouped.pick][:, :, columns])
 
     def motion(self, response: Complex) -> Array:
         """(series,) root mean square of what moves in each series judged: the signal at its head, the coefficient."""

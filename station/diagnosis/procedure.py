@@ -18,7 +18,16 @@ from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Estimate, Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, describe_missing
-from station.diagnosis.search import ASKED, LEAST_SHARE, SIGNIFICANT, WHOLE, Found, rivals_of_constant, search, whole_changes
+from station.diagnosis.search import (
+    ASKED,
+    LEAST_SHARE,
+    SIGNIFICANT,
+    WHOLE,
+    Found,
+    rivals_of_constant,
+    search,
+    whole_changes,
+)
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.3

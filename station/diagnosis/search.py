@@ -124,13 +124,12 @@ class _Refits:
         self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, e: Estimate) -> None:
-        """A candidate fitted from the profile on, in place of the one there if it is better by both costs: it may have
-        ended in a far minimum of small noise and large responses, which only its own determinant shows."""
+        """A candidate fitted from the profile on, in place of the one there if it is better."""
         try:
             found = self._judged(self.problem.from_profile(e.state.values))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
-        if found.cost < e.cost and _own_cost(self.problem, found) < _own_cost(self.problem, e):
+        if found.cost < e.cost:
             self.done[frozenset(e.state.ids)] = found
 
     def _judged(self, found: Estimate) -> Estimate:
@@ -261,13 +260,13 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
 
 
 def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...]:
-    """Effects that would bring a free parameter, by its place, back to the profile, and explain as much as it does by
-    being far from there: what a derivative that is named may be instead."""
+    """Effects that would bring a free parameter, by its place, back to the profile: what a derivative that is named for
+    being far from there may be instead."""
     e = found.accepted
     made = problem.effect_slopes(e.state, _own_first(e.state, found.terms))
     far = float(e.state.a[i]) ** 2
     singles = _screened(problem, e, found.terms, made)[1][1]
-    return tuple(ids[-1] for gain, ids, _, a in singles if abs(a[i]) < BEYOND and gain > far - CONFOUNDED)
+    return tuple(ids[-1] for _, ids, _, a in singles if abs(a[i]) < BEYOND and far - a[i] ** 2 > CONFOUNDED)
 
 
 def changes(problem: Problem, s: State, slopes: Sequence[Slopes]) -> Array:
@@ -370,13 +369,6 @@ def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
         return None
     s = problem.state({}, np.where(far, 0.0, null.state.a), null.state.levels)
     return replace(null, state=s, slopes=problem.whole(s)[0])
-
-
-def _own_cost(problem: Problem, e: Estimate) -> float:
-    """`cost` with the determinant of a candidate's own responses. With one for all, a fit gains whose noise levels
-    shrink while its responses to them grow, which explains no more."""
-    s = e.state
-    return e.cost + problem.volume(s.levels, s.responses) - problem.volume(s.levels)
 
 
 def _strained(e: Estimate) -> bool:

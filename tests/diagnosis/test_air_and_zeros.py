@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from blind import Case, aircraft, fly_case
+from scipy import signal, special, stats
 
-from station.diagnosis.manoeuvre import GUST_SCALE_M, lasting_gust
+from station.diagnosis.manoeuvre import GUST_SCALE_M, SLOW_S, lasting_gust, manoeuvre
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import Setting, bridge_of, own_speed
 from station.diagnosis.residuals import Spectra
 from station.diagnosis.span_lags import span_response
-from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, wandering
+from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, prior_levels, wandering
 from tests.second_simulation.air import STEP, noise
 
 SPEED, DENSITY = 52.0, 1.0
@@ -79,6 +81,26 @@ def test_what_airspeed_and_dynamic_pressure_show_alike_is_told_from_their_own(
     most = max(x / per[name] for name, x in drawn.items())
     for name, x in drawn.items():
         assert found[name] / per[name] == pytest.approx(x / per[name], rel=0.2, abs=0.25 * most), name
+
+
+@pytest.mark.parametrize(("own", "both"), [(0.3, 0.0), (0.05, 0.4)])
+def test_slow_noise_of_the_airspeed_alone_is_what_the_dynamic_pressure_does_not_show(own: float, both: float) -> None:
+    """Autoregressive noise of the slow part's correlation time, laid on a recorded flight: its variance within a third,
+    whatever the two show alike."""
+    record = fly_case(Case(seed=993, fit_on=("doublets",)), "doublets", 0)
+    decay = math.exp(-record.dt / SLOW_S)
+    shocks = math.sqrt(1 - decay**2) * np.random.default_rng(12).standard_normal((2, record.n))
+    alone, alike = signal.lfilter([1.0], [1.0, -decay], shocks) * np.array([[own], [both]])
+    x = record.signals
+    speed = x["airspeed"] + alike
+    pressure = x["dynamic_pressure"] * (speed / x["airspeed"]) ** 2
+    laid = replace(record, signals={**x, "airspeed": speed + alone, "dynamic_pressure": pressure})
+    made = manoeuvre(laid, aircraft())
+    at, n = made.trim.sensors.index("airspeed"), len(made.trim.sensors)
+    slope = 2 * float(pressure.mean() / speed.mean())
+    slow = prior_levels([made]).noise[0, n:]
+    told = slow[at] + slow[made.trim.sensors.index("dynamic_pressure")] / slope**2
+    assert told == pytest.approx(own**2, rel=1 / 3, abs=0.1**2)
 
 
 def test_a_zero_wanders_as_far_as_manoeuvres_disagree() -> None:

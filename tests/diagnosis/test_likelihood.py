@@ -156,6 +156,18 @@ def test_no_scale_of_a_sensor_shrinks_what_is_left() -> None:
     assert q[0] < q[1] < q[2]
 
 
+def test_a_series_in_another_unit_is_no_likelier() -> None:
+    """The density of what sensors show knows no unit of a series that is made of them: an inertia, which scales the
+    whole moment, neither gains nor loses by that."""
+    problem = Problem(
+        [manoeuvre(fly_case(Case(seed=992, fit_on=("doublets",)), "doublets", 0), aircraft())], aircraft()
+    )
+    here = problem.state({}, np.zeros(len(problem.frees) + 1))
+    units = np.array([1.0, 3.3, 0.3, 57.3, 2.0, 0.01, 1e3])[:, None]
+    there = replace(here, responses=tuple(units * r for r in here.responses))
+    assert problem.volume(there) == pytest.approx(problem.volume(here), abs=1e-6)
+
+
 @pytest.mark.parametrize("stated", [0.5, 2.0])
 def test_the_levels_are_those_of_the_noise_laid_on(navion: Aircraft, stated: float) -> None:
     """White noise on straight flight, at 25 Hz, where samples do not show it by themselves: what the rig states is off
