@@ -70,6 +70,8 @@ class Free:
     """The effect that it is a constant of: it changes nothing without that."""
     read: Callable[[Aircraft], float] | None = None
     """Its value in a profile, of an effect's constants."""
+    ends: tuple[float, float] = (-math.inf, math.inf)
+    """Beyond which it changes nothing more, in standard deviations: no slope is taken across, no step goes there."""
 
     @property
     def of_noise(self) -> bool:
@@ -98,14 +100,15 @@ def _induced(a: Aircraft, x: float) -> Aircraft:
     return a.model_copy(update={"drag": a.drag.model_copy(update={"induced": a.drag.induced * max(0.0, 1 + x)})})
 
 
-def _span_shape(a: Aircraft, x: float) -> Aircraft:
-    made = min(max(a.unsteady.gust_span_shape + x, LEAST_SHAPE), 1.0)
-    return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={"gust_span_shape": made})})
+def _within(name: str, field: str, sd: float, aircraft: Aircraft, low: float, high: float) -> Free:
+    """A constant of the unsteady lift that ends."""
 
+    def change(a: Aircraft, x: float) -> Aircraft:
+        made = min(max(getattr(a.unsteady, field) + x, low), high)
+        return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={field: made})})
 
-def _span_cut(a: Aircraft, x: float) -> Aircraft:
-    made = min(max(a.unsteady.gust_span_cut + x, 0.0), 0.5)
-    return a.model_copy(update={"unsteady": a.unsteady.model_copy(update={"gust_span_cut": made})})
+    at = getattr(aircraft.unsteady, field)
+    return Free(name, sd, change, ends=((low - at) / sd, (high - at) / sd) if sd else (0.0, 0.0))
 
 
 def _upwash_share(a: Aircraft, x: float) -> Aircraft:
@@ -149,8 +152,8 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("gust lift amplitude", u.lift_memory, indicial_amplitude("lift_gust")),
             Free("gust lift rate", u.lift_rate, indicial_rate("lift_gust")),
             Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
-            Free("gust span shape", u.span_shape, _span_shape),
-            Free("gust span cut", u.span_cut, _span_cut),
+            _within("gust span shape", "gust_span_shape", u.span_shape, aircraft, LEAST_SHAPE, 1.0),
+            _within("gust span cut", "gust_span_cut", u.span_cut, aircraft, 0.0, 0.5),
             Free("turned at once", u.turned_at_once, unsteady("turned_at_once")),
             Free("tail speed", u.tail_speed, unsteady("tail_speed")),
             Free("convection", u.convection, unsteady("convection")),

@@ -113,6 +113,9 @@ class Problem:
         self.frees = tuple(free_parameters(aircraft, speed, recorded) if frees is None else frees)
         drift = aircraft.uncertainty.drift
         self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
+        ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * len(self.manoeuvres)
+        self.ends = np.array(ends).T
+        """(2, parameters) where free parameters and drifts end."""
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
@@ -219,9 +222,10 @@ class Problem:
 
     def _moved(self, s: State, i: int, of_noise: bool) -> tuple[Aircraft, float, bool]:
         """For `_slopes`, one free parameter moved, in prior standard deviations."""
-        there = s.a.copy()
-        there[i] += self.frees[i].step
-        return self.aircraft_at(s.values, there), self.frees[i].step, of_noise
+        there, step = s.a.copy(), self.frees[i].step
+        step = step if s.a[i] + step <= self.frees[i].ends[1] else -step
+        there[i] += step
+        return self.aircraft_at(s.values, there), step, of_noise
 
     def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float, bool] | None]) -> list[Slopes]:
         """By finite differences: each aircraft, how far it is moved, and whether the noise depends on that; None moves
@@ -271,22 +275,33 @@ class Problem:
             gradient += e @ s.steady[k]
         return Normal(seen, noise, scatter, gradient)
 
-    def solve(self, s: State, normal: Normal, pick: NDArray[np.int64], effects: int, damping: float = 0.0) -> Solved:
-        """The step of the parameters picked, effects first."""
-        penalty = np.concatenate([np.zeros(effects), np.ones(len(pick) - effects)])
-        gradient = normal.gradient[pick] + penalty * np.concatenate([np.zeros(effects), s.a])
-        at = np.ix_(pick, pick)
-        own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen[at])) + UNSEEN * np.eye(len(pick))
+    def solve(self, s: State, normal: Normal, effects: int, damping: float = 0.0) -> Solved:
+        """The step of all parameters, effects first; those at an end do not go beyond it."""
+        penalty = np.concatenate([np.zeros(effects), np.ones(len(s.a))])
+        at = np.concatenate([np.zeros(effects), s.a])
+        gradient = normal.gradient + penalty * at
+        own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen)) + UNSEEN * np.eye(len(penalty))
         for share in SUBTRACTED:
-            matrix = normal.seen[at] - share * normal.noise[at] + own
+            matrix = normal.seen - share * normal.noise + own
             scale = 1 / np.sqrt(np.abs(np.diag(matrix)) + 1e-30)
             values = np.linalg.eigvalsh(matrix * scale[:, None] * scale)
             # No parameter may become less known than by its prior.
             if values[0] > 0 and np.linalg.eigvalsh(matrix - (1 - LEAST_KNOWN) * np.diag(penalty))[0] > 0:
                 break
         inverse = np.linalg.inv(matrix)
-        step = -np.linalg.solve(matrix + damping * np.diag(np.diag(normal.seen[at]) + penalty), gradient)
-        covariance = inverse @ (matrix + share * normal.scatter[at]) @ inverse
+        damped = matrix + damping * np.diag(np.diag(normal.seen) + penalty)
+        low, high = (
+            np.concatenate([np.full(effects, x), end]) for x, end in zip((-np.inf, np.inf), self.ends, strict=True)
+        )
+        step, goes = np.zeros(len(at)), np.ones(len(at), dtype=bool)
+        while True:
+            step[:] = 0.0
+            step[goes] = -np.linalg.solve(damped[np.ix_(goes, goes)], gradient[goes])
+            beyond = ((at <= low) & (step < 0)) | ((at >= high) & (step > 0))
+            if not beyond.any():
+                break
+            goes &= ~beyond
+        covariance = inverse @ (matrix + share * normal.scatter) @ inverse
         return Solved(step, covariance, float(-gradient @ step))
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
@@ -296,7 +311,7 @@ class Problem:
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
         try:
-            there = self.state(values, s.a + solved.step[e:], s.levels)
+            there = self.state(values, np.clip(s.a + solved.step[e:], *self.ends), s.levels)
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return None
         return there if there.q < s.q else None
@@ -347,14 +362,13 @@ class Problem:
                 made, terms = slopes(s)
                 stale = False
             normal = self.normal(s, made)
-            every = np.arange(len(normal.gradient))
-            solved = self.solve(s, normal, every, len(terms), damping)
+            solved = self.solve(s, normal, len(terms), damping)
             if self.cost(s) - HOPED * solved.gained > beaten:
                 break
             there = self.advance(s, solved, terms)
             while there is None and damping < MOST_DAMPED:
                 damping = max(10 * damping, 0.01)
-                solved = self.solve(s, normal, every, len(terms), damping)
+                solved = self.solve(s, normal, len(terms), damping)
                 there = self.advance(s, solved, terms)
             if there is None:
                 if not stale:
@@ -367,7 +381,7 @@ class Problem:
             s = self.relevelled(there)
             if solved.gained < done and damping < LIGHTLY_DAMPED:
                 break
-        return Estimate(s, self.solve(s, normal, every, len(terms)), made, normal, self.cost(s))
+        return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
 
 
 def _numbers(x: Complex) -> Array:

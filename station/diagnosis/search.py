@@ -96,9 +96,8 @@ class _Refits:
         # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
         rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
         beaten = min(rivals, default=math.inf) + CONFOUNDED
-        try:
-            here = p.relevelled(p.state(start, a, self.null.state.levels))
-        except np.linalg.LinAlgError:  # the linear model's start is so far off that its noise cannot be told
+        here = self._start(terms, start, a)
+        if here is None:
             if before is None:
                 before = self.done[key] = replace(self.null, cost=math.inf)
             return before
@@ -109,6 +108,25 @@ class _Refits:
         if ids:
             self.done[key] = found
         return found
+
+    def _start(self, terms: Sequence[Term], values: Mapping[str, float], a: Array) -> State | None:
+        """The linear model's state; or where that is worse than the best with fewer of the effects, that, from which
+        steps are damped as far as they must be; None where neither can be had."""
+        p, ids = self.problem, {t.id for t in terms}
+        fewer = min(
+            (e for e in (self.null, *self.done.values()) if ids > set(e.state.ids)), key=lambda e: e.cost, default=None
+        )
+        try:
+            here = p.relevelled(p.state(values, a, self.null.state.levels))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            here = None
+        if fewer is None or (here is not None and p.cost(here) < fewer.cost):
+            return here
+        added = [t for t in terms if t.id not in fewer.state.values]
+        if any(t.probes for t in added):  # at nothing, a bent effect has no slope
+            return here
+        there = {t.id: fewer.state.values.get(t.id, t.null) for t in terms}
+        return p.state(there, fewer.state.a, fewer.state.levels)
 
     def without(self, name: str, whole: Estimate) -> Estimate:
         """A candidate fitted without one of its effects, and without those that are nothing then."""
