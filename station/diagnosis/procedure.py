@@ -104,12 +104,12 @@ def diagnose(
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)
     progress("gain on what is held out")
-    effects, gain, confirmed = _measured(found, problem, kept, remaining)
+    effects, gain, confirmed = _measured(found, problem, kept)
     not_named: tuple[Effect, ...] = ()
     if not confirmed:
         # What does not lower the error of data held out is no finding, but where instruments contradict each other.
         every = effects
-        found, effects, gain = _confirmed(found, problem, kept, remaining, effects)
+        found, effects, gain = _confirmed(found, problem, kept, effects)
         named = {e.term.id for e in effects}
         not_named = tuple(e for e in every if e.term.id not in named)
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
@@ -127,8 +127,9 @@ def diagnose(
     if drowned:
         remarks.append(f"not named, for what the model misses is larger: {', '.join(drowned)}")
     if not_named:
-        names = ", ".join(e.term.id for e in not_named)
-        remarks.append(f"not named, for it does not lower the error of what is held out: {names}")
+        names = ", ".join(f"{e.term.id} {e.shown(e.value)}" for e in not_named)
+        why = "it does not lower the error of what is held out" if kept else "nothing is held out that would confirm it"
+        remarks.append(f"not named, for {why}: {names}")
     if sum(e.term.id.startswith("aero.C") for e in effects) >= MOST_FAR_OFF:
         remarks.append("several derivatives are far from the profile's: is it another aircraft's? use --aircraft")
     return Diagnosis(
@@ -178,21 +179,19 @@ def _measured(
     found: Found,
     problem: Problem,
     kept: Sequence[Manoeuvre],
-    remaining: RemainingResidual,
     named: Callable[[Effect], bool] = lambda _: True,
 ) -> tuple[tuple[Effect, ...], Gain | None, bool]:
-    """What could be named, the gain of that on held-out data, and whether it is confirmed: by them, or where nothing is
-    held out by nothing being left."""
+    """What could be named, the gain of that on held-out data, and whether they confirm it."""
     effects = tuple(e for e in _effects(found, problem) if named(e))
     if not effects:
         return (), None, True
     fitted = [problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted)]
     gain = _gain((problem.aircraft, fitted[0]), (_with(problem.aircraft, effects), fitted[1]), kept)
-    return effects, gain, gain.low > 0 if gain is not None else not remaining.present
+    return effects, gain, gain is not None and gain.low > 0
 
 
 def _confirmed(
-    found: Found, problem: Problem, kept: Sequence[Manoeuvre], remaining: RemainingResidual, effects: Sequence[Effect]
+    found: Found, problem: Problem, kept: Sequence[Manoeuvre], effects: Sequence[Effect]
 ) -> tuple[Found, tuple[Effect, ...], Gain | None]:
     """Of effects that together do not lower the error of what is held out: those without which it is more, if they do;
     else what instruments say of each other."""
@@ -208,12 +207,12 @@ def _confirmed(
                 idle.append(name)
         if len(idle) < len(doubtful):
             rest = _less(found, problem, idle)
-            named, gain, confirmed = _measured(rest, problem, kept, remaining)
+            named, gain, confirmed = _measured(rest, problem, kept)
             sound = rest.reduction > ASKED * len(rest.accepted.state.values)
             if confirmed and sound and all(_told(e) for e in named):
                 return rest, named, gain
     found = _less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
-    named, gain, _ = _measured(found, problem, kept, remaining, _contradicts)
+    named, gain, _ = _measured(found, problem, kept, _contradicts)
     return found, named, gain
 
 

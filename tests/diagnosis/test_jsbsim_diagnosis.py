@@ -18,7 +18,8 @@ PLANTED = (
 
 
 def diagnosed(case: Case, card=TWO_SPEEDS) -> Diagnosis:
-    return diagnose([flown(case, kind, knots, k) for k, (kind, knots) in enumerate(card)], [], profile())
+    made = [flown(case, kind, knots, k) for k, (kind, knots) in enumerate((*card, card[0]))]
+    return diagnose(made[:-1], made[-1:], profile())
 
 
 def named(d: Diagnosis) -> dict[str, tuple[str, ...]]:
