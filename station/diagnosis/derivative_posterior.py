@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from station.diagnosis.candidate import Estimate
 from station.diagnosis.free_parameters import DERIVATIVES
-from station.diagnosis.likelihood import Estimate, Problem
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone

@@ -10,9 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from station.diagnosis.candidate import Estimate, Normal, Slopes
 from station.diagnosis.effects import judged_effects
-from station.diagnosis.likelihood import LEAST_KNOWN, SUBTRACTED, Estimate, Normal, Problem, Slopes
-from station.diagnosis.search import ASKED, CONFOUNDED, least_judged
+from station.diagnosis.likelihood import LEAST_KNOWN, SUBTRACTED, Problem
+from station.diagnosis.screening import least_judged
+from station.diagnosis.search import ASKED, CONFOUNDED
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 from scipy.stats import chi2
 
+from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO, free_parameters
-from station.diagnosis.likelihood import Estimate, Problem, State
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import MISSED, Manoeuvre
 from station.diagnosis.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, THETA, VANE
 from station.diagnosis.search import ASKED, Found

@@ -10,23 +10,23 @@ from typing import Final
 import numpy as np
 
 from station.diagnosis import judge
+from station.diagnosis.candidate import Estimate
 from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
 from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO, Free
 from station.diagnosis.judge import RemainingResidual
-from station.diagnosis.likelihood import Estimate, Problem
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record, describe_missing
+from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import (
     ASKED,
-    LEAST_SHARE,
     SIGNIFICANT,
     WHOLE,
     Found,
     rivals_of_constant,
     search,
-    whole_changes,
 )
 from station.profile import Aircraft
 

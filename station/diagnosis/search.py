@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from station.diagnosis.candidate import Estimate, Slopes, State
 from station.diagnosis.effects import BY_ID, Term
 from station.diagnosis.free_parameters import BEYOND, DERIVATIVES
-from station.diagnosis.likelihood import Estimate, Normal, Problem, Slopes, State
+from station.diagnosis.likelihood import Problem
+from station.diagnosis.screening import (
+    LEAST_SHARE,
+    hopeful,
+    least_judged,
+    own_first,
+    screened,
+    whole_changes,
+)
 
 Array = NDArray[np.float64]
 
@@ -43,11 +51,6 @@ HOPEFUL: Final = 0.5
 FAR: Final = 1.5
 """Prior standard deviations of a constant from which it may stand for an effect."""
 SIGNIFICANT: Final = 1.96
-LEAST_SHARE: Final = 0.015
-"""Of what moves in a series: an effect that changes none by as much is within what any linear model misses in step with
-the motion, and which no length of record averages out."""
-LEAST_TIME: Final = 0.05
-"""Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,18 +200,18 @@ def _one_and_two(
 ) -> list[tuple[float, str, float]]:
     """Refit the hopeful among single effects and pairs; every effect alone by the linear model."""
     null = refits.null
-    singles, starts = _screened(problem, null, terms, slopes)
-    for _, ids, values, a in _hopeful(starts[1], SINGLES):
+    singles, starts = screened(problem, null, terms, slopes)
+    for _, ids, values, a in hopeful(starts[1], SINGLES):
         refits.add(ids, values, a)
     # What hides an effect is far from its prior, and far from where the equations are straight: seen from the profile.
     if (near := _nearer(problem, null)) is not None:
         made = problem.effect_slopes(near.state, terms)
-        for _, ids, values, a in _screened(problem, near, terms, made)[1][1][:MORE]:
+        for _, ids, values, a in screened(problem, near, terms, made)[1][1][:MORE]:
             refits.add(ids, values, a, again=True)
-    hopeful = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
-    if hopeful:
+    likely = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
+    if likely:
         progress("pairs of effects")
-    for _, ids, values, a in hopeful[:PAIRS]:
+    for _, ids, values, a in likely[:PAIRS]:
         refits.add(ids, values, a)
     return singles
 
@@ -219,8 +222,8 @@ def _several(problem: Problem, refits: _Refits, terms: Sequence[Term], progress:
     for size in range(1, MOST + 1):
         if size > 1 and len(accepted.state.values) == size - 1:
             progress(f"{size} effects")
-            made = problem.effect_slopes(accepted.state, _own_first(accepted.state, terms))
-            for _, ids, values, a in _hopeful(_screened(problem, accepted, terms, made)[1][1], MORE):
+            made = problem.effect_slopes(accepted.state, own_first(accepted.state, terms))
+            for _, ids, values, a in hopeful(screened(problem, accepted, terms, made)[1][1], MORE):
                 refits.add(ids, values, a)
         best = _contended(refits, size, accepted.cost)[:1]
         steps = size - len(accepted.state.values)
@@ -281,102 +284,10 @@ def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...
     """Effects that would bring a free parameter, by its place, back to the profile: what a derivative that is named for
     being far from there may be instead."""
     e = found.accepted
-    made = problem.effect_slopes(e.state, _own_first(e.state, found.terms))
+    made = problem.effect_slopes(e.state, own_first(e.state, found.terms))
     far = float(e.state.a[i]) ** 2
-    singles = _screened(problem, e, found.terms, made)[1][1]
+    singles = screened(problem, e, found.terms, made)[1][1]
     return tuple(ids[-1] for _, ids, _, a in singles if abs(a[i]) < BEYOND and far - a[i] ** 2 > CONFOUNDED)
-
-
-def changes(problem: Problem, s: State, slopes: Sequence[Slopes]) -> Array:
-    """(p, series) by how much of what moves in each series a unit of each parameter of `slopes` changes it, the most of
-    all manoeuvres."""
-    found = np.zeros((len(slopes[0].bins), len(problem.manoeuvres[0].setting.judged)))
-    for m, response, own in zip(problem.manoeuvres, s.responses, slopes, strict=True):
-        changed = np.sqrt((np.abs(own.bins) ** 2).mean(-1))
-        found = np.maximum(found, changed / np.maximum(m.motion(response), 1e-12))
-    return found
-
-
-def whole_changes(problem: Problem, s: State, terms: Sequence[Term]) -> Array:
-    """(effects, series) by how much of what moves in each series effects of a state change it, all of them."""
-    # A bent effect changes where it is by more than it did on the way there.
-    whole = [replace(t, step=t.null - s.values[t.id]) for t in terms]
-    return changes(problem, s, problem.effect_slopes(s, whole)) * np.abs([[t.step] for t in whole])
-
-
-def least_judged(problem: Problem, s: State, terms: Sequence[Term], slopes: Sequence[Slopes]) -> dict[str, float]:
-    """The sizes below which effects, of `slopes`, are not judged, SI."""
-    tick = LEAST_TIME * max(m.record.dt for m in problem.manoeuvres)
-    shares = changes(problem, s, slopes).max(-1)
-
-    def least(t: Term, share: float) -> float:
-        if t.probes:
-            return t.least
-        noise = max(m.noise(t.target) for m in problem.manoeuvres) if t.least_in_noise else 0.0
-        return max(t.least, tick if t.unit == "s" else 0.0, t.least_in_noise * noise, LEAST_SHARE / max(share, 1e-12))
-
-    return {t.id: least(t, float(x)) for t, x in zip(terms, shares, strict=True)}
-
-
-Start = tuple[float, tuple[str, ...], dict[str, float], Array]
-"""Reduction of the linear model, effects, their values, and the free parameters then."""
-
-
-def _own_first(s: State, terms: Sequence[Term]) -> list[Term]:
-    """A state's effects, then the others."""
-    return [*(BY_ID[i] for i in s.ids), *(t for t in terms if t.id not in s.values)]
-
-
-def _screened(
-    problem: Problem, about: Estimate, terms: Sequence[Term], made: Sequence[Slopes]
-) -> tuple[list[tuple[float, str, float]], dict[int, list[Start]]]:
-    """On top of an estimate, by the linear model there: every further effect alone, and every pair where the estimate
-    has none. `made`: slopes of its effects, then of the others."""
-    s = about.state
-    every = _own_first(s, terms)
-    m, n = len(s.values), len(every)
-    normal = problem.normal(s, [f.after(e) for f, e in zip(_free(about), made, strict=True)])
-    matrix, gradient = _regular(normal, s, n)
-    free = np.arange(n, len(gradient))
-    inner = matrix[np.ix_(free, free)]
-    solved = np.linalg.solve(inner, np.concatenate([matrix[free, :n], gradient[free, None]], axis=1))
-    schur = matrix[:n, :n] - matrix[:n, free] @ solved[:, :n]
-    right = gradient[:n] - matrix[:n, free] @ solved[:, n]
-    found: dict[int, list[Start]] = {1: [], 2: []}
-    values = np.array([s.values.get(t.id, t.null) for t in every])
-
-    def start(picked: tuple[int, ...]) -> Start:
-        pick = np.array([*range(m), *picked])
-        part, slope = schur[np.ix_(pick, pick)], right[pick]
-        # A bent effect is as large as its probe: of others the linear model says nothing.
-        bent = np.array([i >= m and bool(every[i].probes) for i in pick])
-        x = np.where(bent, [every[i].step for i in pick], 0.0)
-        rest = np.flatnonzero(~bent)
-        if len(rest):
-            x[rest] = -np.linalg.lstsq(part[np.ix_(rest, rest)], (slope + part @ x)[rest], rcond=1e-10)[0]
-        there = {every[i].id: float(v) for i, v in zip(pick, values[pick] + x, strict=True)}
-        moved = -solved[:, n] - solved[:, pick] @ x
-        return float(-(2 * slope + part @ x) @ x), tuple(there), there, s.a + moved
-
-    found[1] = _best(start((m + j,)) for j in range(n - m))
-    if not m:
-        couples = itertools.combinations(range(n), 2)
-        found[2] = _best(start((i, j)) for i, j in couples if every[i].id != every[j].id)
-    singles = [(gain, ids[-1], there[ids[-1]]) for gain, ids, there, _ in found[1]]
-    return singles, found
-
-
-def _hopeful(starts: Sequence[Start], count: int) -> list[Start]:
-    """The first `count`, and what is too bent for the linear model to tell how much it gains."""
-    return [s for k, s in enumerate(starts) if k < count or BY_ID[s[1][-1]].probes]
-
-
-def _best(starts: Iterable[Start]) -> list[Start]:
-    """The best first, each set of effects once."""
-    made: dict[frozenset[str], Start] = {}
-    for start in sorted(starts, key=lambda f: (-f[0], f[1])):
-        made.setdefault(frozenset(start[1]), start)
-    return list(made.values())
 
 
 def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
@@ -392,16 +303,3 @@ def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
 def _strained(e: Estimate) -> bool:
     """Whether its constants are farther from the profile's, all together, than its doubt lets expect."""
     return bool(e.state.a @ e.state.a > len(e.state.a))
-
-
-def _free(e: Estimate) -> list[Slopes]:
-    """The slopes of an estimate's free parameters alone."""
-    n = len(e.state.values)
-    return [Slopes(x.bins[n:], x.steady[n:], x.response[n:]) for x in e.slopes]
-
-
-def _regular(normal: Normal, s: State, effects: int) -> tuple[Array, Array]:
-    """Normal matrix and gradient with the priors; the noise in the slopes left in: a screening may be blunt."""
-    penalty = np.concatenate([np.zeros(effects), np.ones(len(normal.gradient) - effects)])
-    gradient = normal.gradient + penalty * np.concatenate([np.zeros(effects), s.a])
-    return normal.seen + np.diag(penalty) + 1e-9 * np.diag(np.diag(normal.seen)), gradient

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
 
+from station.diagnosis.candidate import Estimate
 from station.diagnosis.judge import remaining_residual
-from station.diagnosis.likelihood import Estimate, Problem
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
 
 
