@@ -152,7 +152,8 @@ def _mdf4(path: Path, out: Path, told: Told) -> list[Path]:
     gathered, info = Gathered(path, told), metadata(path)
     known = info.about.signals
     mdf: Any = MDF(version="4.10")
-    mdf.start_time = utc_instant(info.utc_ns + gathered.zero_ns - info.station_ns)
+    # A machine without a date began before 1970, which MDF4 cannot say.
+    mdf.start_time = utc_instant(max(info.utc_ns + gathered.zero_ns - info.station_ns, 0))
     try:
         for number, group in enumerate(gathered.in_order()):
             for k, (t_s, columns) in enumerate(group.blocks()):

@@ -277,7 +277,10 @@ def _pitching(inside: Table) -> float:
     """Pitch rate that a record begins with, rad/s, less that of a steady turn."""
     if len(inside.t_s) < TRIM_ROWS or not {"q", "airspeed"} <= set(inside.columns):
         return 0.0
-    first = {n: float(np.nanmean(c[:TRIM_ROWS])) for n, c in inside.columns.items() if n in ("q", "airspeed", "phi")}
+    begun = {n: c[:TRIM_ROWS][np.isfinite(c[:TRIM_ROWS])] for n, c in inside.columns.items()}
+    first = {n: float(begun[n].mean()) for n in ("q", "airspeed", "phi") if len(begun.get(n, ()))}
+    if not {"q", "airspeed"} <= set(first):
+        return 0.0
     phi = first.get("phi", 0.0)
     turn = G0 * math.tan(phi) * math.sin(phi) / max(first["airspeed"], 1.0) if abs(phi) < STEEPEST_BANK else 0.0
     rate = first["q"] - turn

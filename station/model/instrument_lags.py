@@ -235,12 +235,12 @@ class _Fit(Likelihood):
 
     def _solution(self, values: dict[Key, float], motion: Mapping[str, Array]) -> Solution:
         values, _ = self._fitted(values)
-        keys = list(values)
-        covariance = self._errors_of(keys)
+        covariance = self._errors_of(list(values))
         found: dict[Key, Value] = {}
         unheard = {i for i in self.instruments if self.heard(i, values) < HEARD}
         if (ROLL, "lag") in values:
-            values, covariance = self._with_reference(values, covariance)
+            values, covariance = self._referred(values, covariance, unheard)
+        keys = list(values)
         for n, (i, kind) in enumerate(keys):
             if kind in ("lag", "filter"):
                 parts = [m for m, key in enumerate(keys) if key in ((i, "lag"), (i, "filter"))]
@@ -263,16 +263,16 @@ class _Fit(Likelihood):
         return Solution(found, self._gust(values, not vane.why), self._length, self.high_hz)
 
     @staticmethod
-    def _with_reference(values: dict[Key, float], covariance: Array) -> tuple[dict[Key, float], Array]:
-        """Estimates and their covariance; where the record does not tell whether the roll angle is late, given that it
-        is in time: the others' lags against it are known all the same."""
-        keys = list(values)
-        n = keys.index((ROLL, "lag"))
-        if covariance[n, n] <= TOLD["lag"] ** 2:
+    def _referred(values: dict[Key, float], covariance: Array, unheard: set[str]) -> tuple[dict[Key, float], Array]:
+        """Estimates and their covariance; where the record does not tell whether the roll angle is late (without a roll
+        it cannot), given that it is in time: the others' lags against it are known all the same."""
+        n = list(values).index((ROLL, "lag"))
+        if covariance[n, n] <= TOLD["lag"] ** 2 and not {ROLL, "p"} & unheard:
             return values, covariance
         gain = covariance[:, n] / covariance[n, n]
         moved = {key: x - float(g) * values[ROLL, "lag"] for (key, x), g in zip(values.items(), gain, strict=True)}
-        return moved, covariance - np.outer(gain, covariance[n])
+        del moved[ROLL, "lag"]
+        return moved, np.delete(np.delete(covariance - np.outer(gain, covariance[n]), n, 0), n, 1)
 
     def _level(self, motion: Mapping[str, Array], found: Mapping[Key, Value]) -> Value:
         """Zero of the vane by the mean of attitude less path, without mean vertical wind and sideslip."""

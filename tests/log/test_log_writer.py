@@ -286,7 +286,7 @@ def test_a_renamed_folder_keeps_a_complete_first_file(tmp_path: Path) -> None:
     folder.rename(tmp_path / "elsewhere")
     flight.fly(2.0)
     flight.writer.close()
-    assert summarise(tmp_path / "elsewhere" / "flight.mcap").verdict == "complete"
+    assert summarise(tmp_path / "elsewhere" / "flight.mcap").problems == ["not here: the file after flight.mcap"]
     assert [
         *read_rows(tmp_path / "elsewhere" / "flight.mcap"),
         *read_rows(folder / "flight.0001.mcap"),
@@ -315,7 +315,7 @@ def test_a_folder_that_cannot_be_made_again_is_tried_once_a_second(
     flight.fly(2.0)
     assert not flight.writer.failed
     flight.writer.close()
-    assert summarise(flight.writer.path).verdict == "complete"
+    assert summarise(flight.writer.path).problems == ["not here: flight.mcap"]
 
 
 def test_a_row_that_cannot_be_written_is_reported_and_left_out(tmp_path: Path) -> None:
