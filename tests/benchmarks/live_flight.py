@@ -21,6 +21,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from station.log import read_rows
+from station.rows import Code, Event
+
 MIB = 2**20
 SETTLED_S = 600.0
 """Before, buffers fill and code is compiled."""
@@ -29,6 +32,8 @@ BUSY = "import os\nos.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))\n
 
 STILL_S = 0.02
 """A tick that comes so late is given up."""
+TOLD_S = 0.05
+"""A tick that was late, and the one after it, are told within this of what made them so."""
 WITNESS = f"""
 import os, sys, time
 os.sched_setaffinity(0, [int(sys.argv[1])])
@@ -44,14 +49,23 @@ while True:
 machine itself stood still, as virtual ones do."""
 
 
-def still(witnesses: list[list[tuple[float, float]]]) -> str:
-    """What witnesses saw, each its core: when they should have woken, and how late they did, s."""
+def still(witnesses: list[list[tuple[float, float]]], missed: list[tuple[float, int]] | None = None) -> str:
+    """What witnesses saw, each its core: when they should have woken, and how late they did, s; and how many of the
+    ticks `missed`, told at so many seconds, were while a core stood still: nothing on the machine comes before a
+    witness, so what keeps it from waking is outside."""
     first, *others = witnesses
     together = [late for due, late in first if all(any(abs(due - d) < 0.1 for d, _ in other) for other in others)]
-    if not together:
-        return "the machine itself never stood still"
     often = f"{len(together)} times" if len(together) > 1 else "once"
-    return f"the machine itself stood still {often}, {max(together) * 1e3:.0f} ms at most"
+    words = f"stood still {often}, {max(together) * 1e3:.0f} ms at most" if together else "never stood still"
+    spans = [span for seen in witnesses for span in seen]
+    then = sum(n for t, n in missed or () if any(due - TOLD_S < t < due + late + TOLD_S for due, late in spans))
+    return f"the machine itself {words}" + (f"; {then} ticks missed while a core of it did" if missed else "")
+
+
+def missed_ticks(first: Path) -> list[tuple[float, int]]:
+    """When ticks were given up, s on the station's clock, which is the witnesses', and how many."""
+    events = [row for row in read_rows(first, kinds=[Event]) if isinstance(row, Event)]
+    return [(e.t_ns * 1e-9, e.count) for e in events if e.source == "loop" and e.code is Code.OVERRUN]
 
 
 def main() -> None:
@@ -98,9 +112,10 @@ def main() -> None:
             witness.kill()
             lines = [line.split() for line in witness.communicate()[0].splitlines()]
             seen.append([(float(line[0]), float(line[1])) for line in lines if len(line) == 2])
+        missed = missed_ticks(min(Path(folder).glob("*.mcap")))
     print(*told, sep="\n")
     if seen:
-        print(still(seen))
+        print(still(seen, missed))
     before_others = "at real-time priority, " if os.sched_getscheduler(0) in (os.SCHED_RR, os.SCHED_FIFO) else ""
     print(f"{before_others}load {np.mean(loads):.1f} on {os.cpu_count()} cores; files: {parts}; exit code: {code}")
     quarter = len(sizes) // 4

@@ -101,3 +101,14 @@ def test_the_machine_stood_still_where_all_cores_did_at_once() -> None:
         "the machine itself stood still once, 30 ms at most"
     )
     assert still([[(10.0, 0.03)], []]) == "the machine itself never stood still"
+    # A core alone that a witness before all others did not get was not to be had for the station either.
+    assert still([[(10.0, 0.03)], []], [(10.04, 1), (20.0, 2)]) == (
+        "the machine itself never stood still; 1 ticks missed while a core of it did"
+    )
+
+
+def test_ticks_that_the_machine_lost_are_told_and_not_held_against_the_station() -> None:
+    told = FLOWN.format(5, "+0.42", 0) + "\nthe machine itself stood still 2 times, 41 ms at most"
+    assert soaked(f"{told}; 5 ticks missed while a core of it did", 60)[3]
+    assert not soaked(f"{told}; 4 ticks missed while a core of it did", 60)[3]
+    assert not soaked(told, 60)[3]
