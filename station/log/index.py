@@ -27,6 +27,8 @@ _DATA_END: Final = struct.Struct("<BQI")
 _PLACE: Final = np.dtype([("channel", "<u2"), ("at", "<u8")])
 _ENTRY: Final = np.dtype([("t_ns", "<u8"), ("at", "<u8")])
 _LIST: Final = struct.Struct("<HI")
+WRONG: Final = (struct.error, ValueError, OverflowError)
+"""What a place or a length that is made wrong ends in, in a file whose checksum fits."""
 _PIECE: Final = 1 << 25
 """Of a file that is in memory at once, where all of it is read."""
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from station.log.chunk import body_of
 from station.log.index import (
     FOOTER,
+    WRONG,
     Index,
     checksum,
     entries,
@@ -129,7 +130,7 @@ class PartReader:
             index = read_index(data, file) if data is not None else None
             if index is not None:
                 # A file whose checksum fits may have been made wrong: it is then read.
-                with suppress(struct.error, ValueError):
+                with suppress(*WRONG):
                     return listed_times(data, index, self._wanted(index, kinds))
         found = [t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds]
         return np.array(found, dtype=np.int64)
@@ -172,14 +173,14 @@ class PartReader:
             try:
                 places = [at for _, at in entries(data, chunk, wanted, first_ns, last_ns)]
                 is_listed = True
-            except (struct.error, ValueError):  # made wrong, in a file whose checksum fits
+            except WRONG:
                 places, is_listed = [], False
             body = body_of(data, chunk.at + RECORD.size, chunk.at + chunk.length) if places or not is_listed else ""
             if isinstance(body, str):
                 continue
             try:
                 found = [self._message_at(body, at) for at in places]
-            except struct.error:
+            except WRONG:
                 is_listed = False
             all_of_it = found if is_listed else self._chunk_messages(body)
             yield from (m for m in all_of_it if m and m[0].id in wanted and first_ns <= m[1] <= last_ns)

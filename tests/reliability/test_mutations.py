@@ -90,3 +90,20 @@ def test_records_made_wrong_in_a_file_whose_checksum_fits(tmp_path: Path, hurt: 
     assert list(read_rows(path, (Sample,), (0, 2**62))) == list(read_rows(good, (Sample,)))
     assert summarise(path).rows > 0
     assert set(map(repr, read_rows(path))) <= set(map(repr, read_rows(good)))
+
+
+def test_lists_of_messages_that_lead_beyond_all_numbers_are_no_fault(tmp_path: Path) -> None:
+    """Six of a million recordings ended in an OverflowError."""
+
+    def beyond(kind: int, content: bytes) -> bytes:
+        if kind != Opcode.MESSAGE_INDEX:
+            return content
+        # Behind channel and length each entry is a time and a place, of 8 bytes.
+        entries = [content[at : at + 8] + b"\xff" * 8 for at in range(6, len(content), 16)]
+        return content[:6] + b"".join(entries)
+
+    sound = files(tmp_path)["mcap"]
+    path, good = tmp_path / "a.mcap", tmp_path / "made.mcap"
+    path.write_bytes(together((kind, beyond(kind, content)) for kind, content in records_of(sound)))
+    assert list(read_rows(path, (Sample,), (0, 2**62))) == list(read_rows(good, (Sample,)))
+    assert row_times(path, Sample).tolist() == row_times(good, Sample).tolist()
