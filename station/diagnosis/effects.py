@@ -235,7 +235,7 @@ EFFECTS: Final[tuple[Term, ...]] = (
          least_in_noise=2.5,
          # What goes through the backlash with the motion widens it (0.8 found).
          unsure_in_noise=0.5),
-    Term("elevator.nonlinearity", "elevator", "1", "%", -0.6, 1.0, 0.1,
+    Term("elevator.nonlinearity", "elevator", "1", "%", -0.6, 4.0, 0.1,
          "The elevator's sensor is nonlinear: at 10 deg its cubic term adds {value} to the reading.",
          "small and large doublets, and two trims", cubic, ("lift", "moment")),
     Term("dynamic_pressure.scale", "dynamic_pressure airspeed", "1", "%", -0.4, 0.6, 0.02,

@@ -155,6 +155,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             _within("gust span shape", "gust_span_shape", u.span_shape, aircraft, LEAST_SHAPE, 1.0),
             _within("gust span cut", "gust_span_cut", u.span_cut, aircraft, 0.0, 0.5),
             Free("turned at once", u.turned_at_once, unsteady("turned_at_once")),
+            Free("gust speed", u.gust_speed, unsteady("gust_speed")),
             Free("tail speed", u.tail_speed, unsteady("tail_speed")),
             Free("convection", u.convection, unsteady("convection")),
             Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),

@@ -63,6 +63,9 @@ class RemainingResidual:
     """Free parameters, and where they are in prior standard deviations, the farthest first, where all together are
     further from the profile than its stated doubt allows: another aircraft's profile, or an effect that none of the
     catalogue is."""
+    beyond: tuple[tuple[str, float], ...] = ()
+    """Effects, and the end of their range there, that explain clearly more than what is accepted, but only beyond what
+    is physical."""
 
     @property
     def in_signals(self) -> bool:
@@ -71,10 +74,12 @@ class RemainingResidual:
 
     @property
     def present(self) -> bool:
-        return self.in_signals or bool(self.strained)
+        return self.in_signals or bool(self.strained or self.beyond)
 
 
-def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidual:
+def remaining_residual(
+    problem: Problem, accepted: Estimate, beyond: Sequence[tuple[str, float]] = ()
+) -> RemainingResidual:
     """The tests after the accepted effects: the posterior predictive check of the whitened residuals, per series and
     band, and whether the model misses a share of anything."""
     s = accepted.state
@@ -103,7 +108,9 @@ def remaining_residual(problem: Problem, accepted: Estimate) -> RemainingResidua
         signals = SIGNALS_OF[SERIES.index(name)] if name in SERIES else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, _strained(problem, s))
+    return RemainingResidual(
+        missed, worst[0], name, signals, band, by_series, limit, _strained(problem, s), tuple(beyond)
+    )
 
 
 def _strained(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:

@@ -99,7 +99,7 @@ def diagnose(
     terms = judged_effects(aircraft, present, True, any(len(r.held) for r in fitted))
     found = search(problem, terms, progress)
     progress("residual test")
-    remaining = judge.remaining_residual(problem, found.accepted)
+    remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)
@@ -113,7 +113,7 @@ def diagnose(
         named = {e.term.id for e in effects}
         not_named = tuple(e for e in every if e.term.id not in named)
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
-        remaining = judge.remaining_residual(problem, found.accepted)
+        remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     remarks = [
         f"turbulence in {m.record.name}: vertical gust of {g:.2f} m/s standard deviation"
@@ -123,6 +123,11 @@ def diagnose(
     if remaining.strained:
         far = ", ".join(f"{name} by {x:+.1f}" for name, x in remaining.strained)
         remarks.append(f"fitted far beyond the profile's stated doubt, in its standard deviations: {far}")
+    remarks += [
+        f"{i} explains more than what is found, but only at an end of what is physical ({BY_ID[i].words(end)}): "
+        "something that acts like it is the matter"
+        for i, end in remaining.beyond
+    ]
     remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if drowned:
         remarks.append(f"not named, for what the model misses is larger: {', '.join(drowned)}")

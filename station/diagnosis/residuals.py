@@ -93,7 +93,11 @@ class _Path(NamedTuple):
     along: Complex
     moved: Array
     surging: Complex
-    turned: Complex
+    """Of the gust along the path over the airspeed."""
+    turned_mean: Complex
+    """How that turns the flow of the mean angle of attack: at once, for the normal wash and the circulation stay."""
+    turned_moving: Complex
+    """The same of the motion's part."""
 
 
 class _Shown(NamedTuple):
@@ -101,12 +105,8 @@ class _Shown(NamedTuple):
 
     vane: Array
     """The difference VANE."""
-    quick: Complex
-    """The same without the vane's own dynamics, low passed."""
-    met: Complex
-    """What a gust at the CG makes of it."""
     gust: Complex
-    """At the CG, along the path."""
+    """At the CG, along the path, over the mean speed: what stays the same from the vane to the tail is a velocity."""
     gust_wing: Complex
     """The same at the wing's leading edge, averaged along the span."""
 
@@ -178,7 +178,7 @@ def _stages(
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
     on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once)
     path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, drift))
-    spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut)
+    spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut, unsteady.gust_speed)
     of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
     seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
     shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s))
@@ -229,9 +229,11 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array)
     alpha_i = motion.theta + np.arcsin(np.clip(motion.down / inertial, -1, 1))
     moved = at_places(alpha_i, there)
     along = transform(moved, s)
-    moved = moved - (1 - unsteady.turned_at_once) * moved.mean(-1, keepdims=True)
+    mean = moved.mean(-1, keepdims=True)
+    moving, mean = moved - mean, unsteady.turned_at_once * mean
     surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
-    return _Path(v0, inertial, there, again, alpha_i, along, moved, transform(surge, s), transform(-moved * surge, s))
+    turned = (transform(-x * surge, s) for x in (mean, moving))
+    return _Path(v0, inertial, there, again, alpha_i, along, moving + mean, transform(surge, s), *turned)
 
 
 def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting) -> _Shown:
@@ -245,7 +247,7 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     at_boom = path.moved - at_places(sinking / path.inertial, there)
     turned_boom = at_places(-at_boom * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s), again)
     upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * path.along
-    upwash = at_places(back(upwash_spectrum + gust_upwash * path.turned, s), again)
+    upwash = at_places(back(upwash_spectrum + path.turned_mean + gust_upwash * path.turned_moving, s), again)
     if boom.vane_y and "p" in x:
         sinking = sinking - x["p"] * boom.vane_y
     inside = (1 + boom.upwash_body) * (path.alpha_i - sinking / path.inertial + turned_boom) + boom.upwash_wing * upwash
@@ -264,34 +266,34 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     averaged[..., slow] = span_response(*span, (w / v0)[..., slow])
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
-    quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
-    return _Shown(vane, quick, met, _along(quick, met, path, s), ahead * _along(quick * averaged, met, path, s))
-
-
-def _along(quick: Complex, met: Complex, path: _Path, s: Setting) -> Complex:
-    """The gust at the CG along the path, of what the vane shows of it."""
-    return np.asarray(transform(at_places(back(quick, s), path.there), s) / met)
+    quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
+    faster = 1 + unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s)
+    gust = transform(at_places(quick, there) * faster, s) / met
+    return _Shown(vane, gust, ahead * averaged * gust)
 
 
 def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
     w, v0, unsteady = s.omega, path.v0, aircraft.unsteady
     wing_series = tail_series = np.empty(0)
+    slower = 1 - unsteady.gust_speed * back(path.surging, s)
     if unsteady.memory:
         steps = 1j * w * (unsteady.reference_chord or aircraft.geometry.chord) / v0
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
-        wing = frequency_response(response(unsteady.lift_motion), steps) * path.along
-        wing += frequency_response(response(unsteady.lift_gust), steps) * (shown.gust_wing + path.turned)
+        gust_lift = frequency_response(response(unsteady.lift_gust), steps)
+        wing = frequency_response(response(unsteady.lift_motion), steps) * path.along + path.turned_mean
+        wing += gust_lift * path.turned_moving + transform(back(gust_lift * shown.gust_wing, s) * slower, s)
         # Wing and tail average gusts along their span, and follow them that much later.
-        gust_tail = _along(shown.quick / (1 + 1j * w * unsteady.gust_span_tail / v0), shown.met, path, s)
+        gust_tail = shown.gust / (1 + 1j * w * unsteady.gust_span_tail / v0)
         turned_tail = transform(-path.moved * back(path.surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
         behind = np.exp(-1j * w * unsteady.tail_arm * unsteady.tail_penetration / v0)
         # The tail's pressure is that of the air there, which may be faster than at the CG.
-        faster = unsteady.tail_speed * back(path.surging * (np.exp(-1j * w * unsteady.tail_arm / v0) - 1), s)
-        tail = path.along + turned_tail + transform(back(behind * gust_tail, s) * (1 + faster), s)
+        faster = back(path.surging * (np.exp(-1j * w * unsteady.tail_arm / v0) - 1), s)
+        faster = slower * (1 + (unsteady.tail_speed - unsteady.gust_speed) * faster)
+        tail = path.along + turned_tail + transform(back(behind * gust_tail, s) * faster, s)
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), path.again)
         wing_series = at_places(back(wing, s), path.again)
-    gust_series = at_places(back(shown.gust + path.turned, s), path.again)
-    return _Flow(v0, path.alpha_i, gust_series, wing_series, tail_series, shown.vane)
+    gust = back(shown.gust, s) * slower + back(path.turned_mean + path.turned_moving, s)
+    return _Flow(v0, path.alpha_i, at_places(gust, path.again), wing_series, tail_series, shown.vane)
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:

@@ -67,6 +67,9 @@ class Found:
     """Of every effect that is not bent, at `null`'s first fit, by manoeuvre."""
     terms: tuple[Term, ...] = ()
     """What was looked for."""
+    beyond: tuple[tuple[str, float], ...] = ()
+    """Effects, and the end of their range there, that explain clearly more than what is accepted, but only beyond what
+    is physical."""
 
     @property
     def reduction(self) -> float:
@@ -80,6 +83,8 @@ class _Refits:
     def __init__(self, problem: Problem, null: Estimate, least: Mapping[str, float]) -> None:
         self.problem, self.null, self._least = problem, null, least
         self.done: dict[frozenset[str], Estimate] = {}
+        self._at_end: dict[str, tuple[float, int, float]] = {}
+        """Cost, effects in all, and value of those at an end of their range, each at its best."""
 
     def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
         """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
@@ -153,7 +158,20 @@ class _Refits:
         if found.cost < e.cost:
             self.done[frozenset(e.state.ids)] = found
 
+    def beyond(self, accepted: Estimate) -> tuple[tuple[str, float], ...]:
+        """Effects at an end of their range that explain clearly more than what is accepted: whatever that is, it is not
+        what the data hold."""
+        size = len(accepted.state.values)
+        return tuple(
+            (name, value)
+            for name, (cost, more, value) in sorted(self._at_end.items())
+            if accepted.cost - cost > CONFOUNDED + ASKED * max(more - size, 0)
+        )
+
     def _judged(self, found: Estimate) -> Estimate:
+        for i, value in found.state.values.items():
+            if BY_ID[i].at_end(value) and found.cost < self._at_end.get(i, (math.inf,))[0]:
+                self._at_end[i] = found.cost, len(found.state.values), value
         if any(self._is_nothing(BY_ID[i], found.state) for i in found.state.ids):
             return replace(found, cost=math.inf)
         return found
@@ -188,7 +206,9 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
         )
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
-    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes, tuple(terms))
+    return Found(
+        refits.null, accepted, alternatives, tuple(singles), refits.done, slopes, tuple(terms), refits.beyond(accepted)
+    )
 
 
 def _one_and_two(

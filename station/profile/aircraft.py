@@ -187,6 +187,9 @@ class Unsteady(Frozen):
     turned_at_once: float = 0.5
     """Share of the mean angle of attack that a gust along the path turns at once, at wing and tail when it meets them;
     the rest is followed as a gust across the path is, late and averaged. Of diagnosis."""
+    gust_speed: float = 1.0
+    """How the angle of a gust across the path follows the airspeed from vane to wing: 1 as that of a velocity which
+    stays the same, 0 not at all. Of diagnosis."""
     tail_speed: float = 1.0
     """How the tail's lift in gusts follows the speed of the air there in place of that at the CG: 2 with the square of
     it over the other, as a surface alone in that air would; 0 not at all. Of diagnosis."""

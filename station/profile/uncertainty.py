@@ -55,6 +55,8 @@ class Uncertainty(Frozen):
     """Of where that lag ends (`gust_span_cut`), absolute: wings do end."""
     turned_at_once: float = Field(default=0.5, ge=0)
     """Of the share of the mean angle of attack that gusts along the path turn at once, absolute."""
+    gust_speed: float = Field(default=0.7, ge=0)
+    """Of how a gust's angle follows the airspeed, absolute: simulations take it for a velocity, or for an angle."""
     tail_speed: float = Field(default=0.7, ge=0)
     """Of how the tail's lift follows the speed of the air there, absolute: the wing's wake is slower."""
     tail_span_lag: float = Field(default=0.5, ge=0)
