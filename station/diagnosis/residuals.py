@@ -218,8 +218,7 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
 def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
     # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
     # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
-    # the aircraft's own incidence is at that moment: such turns do not travel from the boom to the tail as a gust does.
-    # Either is a few per cent of the gust, and looks like another tail.
+    # the aircraft's own incidence is then: such turns do not travel from boom to tail, and are a few per cent of gusts.
     v0 = motion.mean_speed + drift
     inertial = motion.base + v0
     if motion.over_ground:
