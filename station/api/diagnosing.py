@@ -236,8 +236,12 @@ def _simulated(fitted: Sequence[Marked], kept: Sequence[Marked], subject: Aircra
         records, held = records[:-count], records[-count:]
     found = solve(records, held, subject, progress=progress)
     progress("sizes that would have been found")
-    accepted = found.found.accepted
-    sizes = detectable_sizes(found.problem, accepted, None if accepted.state.values else found.found.slopes)
+    sizes = []
+    for of_axis in (found, found.lateral):
+        if of_axis is not None:
+            accepted = of_axis.found.accepted
+            slopes = of_axis.found.slopes if of_axis.found.terms and not accepted.state.values else None
+            sizes += detectable_sizes(of_axis.problem, accepted, slopes)
     return _Whole(found, sizes, readings_of(found))
 
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from station.conventions import SIGNALS
 from station.diagnosis.diagnosis_result import Effect
-from station.diagnosis.effects import BY_ID, Term, signal_effect
+from station.diagnosis.effects import BY_ID, signal_effect
 from station.diagnosis.measured_record import Record, manoeuvres
+from station.diagnosis.term import Term
 from station.estimation.flight_record import accepted
 from station.identification.cleaning import cleaned
 from station.identification.preparation import corrected

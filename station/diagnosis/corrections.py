@@ -19,6 +19,8 @@ CORRECTION_STOP_HZ: Final = (6.0, 9.0)
 
 PRESENT: Final = {
     "v_along": "v_north",
+    "v_ahead": "v_north",
+    "v_across": "v_east",
 }
 """Series' signals that stand for an instrument of another name."""
 

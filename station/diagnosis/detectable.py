@@ -40,7 +40,7 @@ def detectable_sizes(problem: Problem, about: Estimate, made: Sequence[Slopes] |
     present = set.intersection(*(set(m.record.signals) for m in problem.manoeuvres))
     held = any(len(m.record.held) for m in problem.manoeuvres)
     # An effect that no small change shows has no size by the information there is without it.
-    terms = [t for t in judged_effects(problem.aircraft, present, True, held) if not t.probes]
+    terms = [t for t in judged_effects(problem.aircraft, present, True, held, problem.axis.lateral) if not t.probes]
     own, e = len(s.values), len(terms)
     free = [Slopes(x.bins[own:], x.steady[own:], x.response[own:]) for x in about.slopes]
     effects = problem.effect_slopes(s, terms) if made is None else made

@@ -19,47 +19,60 @@ SCHEMA: Final = "station.diagnose/1"
 
 def as_json(d: Diagnosis, sizes: Sequence[Detectable]) -> dict[str, Any]:
     """Of a full diagnosis, with the sizes that its records would show (`detectable_sizes`)."""
-    problem, remaining = d.problem, d.remaining
-    there, fitted = remaining.present, d.found.accepted
-    names = [m.record.name for m in problem.manoeuvres]
-    free = free_parameters_of(d)
+    lateral = d.lateral
     return _finite(
         {
-            **_common(d, names, [m.record.name for m in d.held_out]),
-            "not_named": [_effect_json(e) for e in d.not_named],
-            "unexplained": {
-                "present": there,
-                "signals": list(remaining.signals) if there else [],
-                "band_hz": list(remaining.band_hz) if there else [],
-                "series": remaining.series if there else "",
-                "like": "",
-                "log_p": remaining.log_p,
-                "log_p_limit": remaining.log_p_limit,
-                "score": 0.0,
-                "score_limit": 0.0,
-            },
-            "with_model_error": {"missed": dict(d.missed)} if d.missed else None,
-            "residuals": {
-                e.name: {"rms_before": e.before, "rms_after": e.after, "white": e.white}
-                for e in judge.series_errors(problem, fitted.state.levels, remaining, d.before, d.after)
-            },
-            "derivatives": {
-                p.name: {"change_percent": 100 * p.change, "in_prior_sd": p.in_prior_sd}
-                for p in free
-                if p.of_derivative
-            },
-            "parameters": [
-                {"name": p.name, "prior_sd": p.prior_sd, "in_prior_sd": p.in_prior_sd, "sd": p.sd} for p in free
-            ],
-            "noise": dict(zip(names, noise_of(d), strict=True)),
-            "gust_sigma_mps": dict(zip(names, gusts(problem, fitted), strict=True)),
-            "excluded": [{"id": x.id, "value": x.value, "drop": x.reduction} for x in not_accepted(d)],
+            **_common(d, _fitted(d), [m.record.name for m in d.held_out]),
+            **_of_fit(d),
             "detectable": [
                 {"id": x.id, "size": x.found, "size_named": x.named, "unit": BY_ID[x.id].unit, "rival": x.alternative}
                 for x in sizes
             ],
+            "lateral": None
+            if lateral is None
+            else {"fitted_on": _fitted(lateral), "verdict": lateral.verdict, "gain": _gain_json(lateral.gain)}
+            | _of_fit(lateral),
         }
     )
+
+
+def _fitted(d: Diagnosis) -> list[str]:
+    return [m.record.name for m in d.problem.manoeuvres]
+
+
+def _of_fit(d: Diagnosis) -> dict[str, Any]:
+    """What the fit of one axis says."""
+    problem, remaining, names = d.problem, d.remaining, _fitted(d)
+    there, fitted = remaining.present, d.found.accepted
+    free = free_parameters_of(d)
+    return {
+        "not_named": [_effect_json(e) for e in d.not_named],
+        "unexplained": {
+            "present": there,
+            "signals": list(remaining.signals) if there else [],
+            "band_hz": list(remaining.band_hz) if there else [],
+            "series": remaining.series if there else "",
+            "like": "",
+            "log_p": remaining.log_p,
+            "log_p_limit": remaining.log_p_limit,
+            "score": 0.0,
+            "score_limit": 0.0,
+        },
+        "with_model_error": {"missed": dict(d.missed)} if d.missed else None,
+        "residuals": {
+            e.name: {"rms_before": e.before, "rms_after": e.after, "white": e.white}
+            for e in judge.series_errors(problem, fitted.state.levels, remaining, d.before, d.after)
+        },
+        "derivatives": {
+            p.name: {"change_percent": 100 * p.change, "in_prior_sd": p.in_prior_sd} for p in free if p.of_derivative
+        },
+        "parameters": [
+            {"name": p.name, "prior_sd": p.prior_sd, "in_prior_sd": p.in_prior_sd, "sd": p.sd} for p in free
+        ],
+        "noise": dict(zip(names, noise_of(d), strict=True)),
+        "gust_sigma_mps": dict(zip(names, gusts(problem, fitted), strict=True)),
+        "excluded": [{"id": x.id, "value": x.value, "drop": x.reduction} for x in not_accepted(d)],
+    }
 
 
 def kinematic_json(d: KinematicDiagnosis) -> dict[str, Any]:

@@ -63,6 +63,7 @@ def write_report(
         _tested(found, sizes),
         _free_parameters(found),
         _records(found),
+        *_lateral(found, sizes),
     ]
     return write_page(f"Diagnosis: {found.aircraft.name}", body, folder / FILE_NAME)
 
@@ -122,6 +123,15 @@ def effects_table(effects: Sequence[Effect], title: str = "Effects", more: str =
     head = ("effect", "in words", "value", "95 %", "deviance reduction", "shows in")
     note = f"Deviance reduction: by how much -2 log likelihood falls; {ASKED:g} is asked of each effect. {more}"
     return f"<h2>{title}</h2>{_table(head, rows, 1)}{_note(note)}"
+
+
+def _lateral(found: Diagnosis, sizes: Sequence[Detectable]) -> list[str]:
+    """Of the lateral motion, where it was judged; its effects stand among the others."""
+    own = found.lateral
+    if own is None:
+        return []
+    parts = _unexplained(own), _gain(own), _residuals(own), _tested(own, sizes), _free_parameters(own), _records(own)
+    return ["<h1>Lateral motion</h1>", *parts]
 
 
 def _unexplained(found: Diagnosis) -> str:
@@ -236,7 +246,8 @@ def _records(found: Diagnosis) -> str:
             found.problem.manoeuvres, gusts(found.problem, found.found.accepted), noise, strict=True
         )
     ]  # fmt: skip
-    head = ("noise found (sd)", "vertical gust<br>m/s", *(f"{text(s)}<br>{text(_unit(s))}" for s in names))
+    gust_name = "side gust" if found.problem.axis.lateral else "vertical gust"
+    head = ("noise found (sd)", f"{gust_name}<br>m/s", *(f"{text(s)}<br>{text(_unit(s))}" for s in names))
     return f"<h2>Records</h2><ul>{''.join(lines)}</ul>{_table(head, rows)}{_note(f'Held out: {held}.')}"
 
 

@@ -9,8 +9,8 @@ from typing import Final, Literal, NamedTuple, Protocol
 import numpy as np
 
 from station.conventions import from_si
-from station.diagnosis.effects import Term
 from station.diagnosis.free_parameters import Free, moved
+from station.diagnosis.term import Term
 from station.profile import Aircraft
 
 Verdict = Literal["no_effect", "effect_found", "confounded", "unexplained"]
@@ -135,7 +135,11 @@ def partly_judged(found: Result) -> bool:
     return len(found.not_judged) > 1
 
 
-_OF_THE_MODEL: Final = {"lift": "lift", "moment": "moment", "drag": "drag", "elevator": "what the elevator does"}
+_OF_THE_MODEL: Final = {
+    "lift": "lift", "moment": "moment", "drag": "drag", "elevator": "what the elevator does",
+    "side_force": "side force", "roll": "rolling moment", "yaw": "yawing moment",
+    "aileron": "what the aileron does", "rudder": "what the rudder does",
+}  # fmt: skip
 """A surface is compared with nothing but the model: what is missed in step with it may be either's."""
 
 

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Final
 
-from station.conventions import G0, from_si
+from station.conventions import G0
+from station.diagnosis.lateral_effects import LATERAL_EFFECTS
+from station.diagnosis.term import Kinematic, Term
 from station.profile import Aircraft
 from station.profile.profile_changes import (
     ATTACHED,
-    Extend,
     backlash,
     bias,
     boom,
@@ -46,98 +47,6 @@ VELOCITY: Final = ("v_north", "v_east", "v_down")
 ACCELEROMETER: Final = ("ax", "az")
 IMU: Final = ("q", "theta", "ax", "az")
 PITOT: Final = ("dynamic_pressure", "airspeed")
-
-
-@dataclass(frozen=True, slots=True)
-class Kinematic:
-    """How an effect shows in the instruments alone: see kinematic_diagnosis."""
-
-    parameter: str
-    """Of the vane's calibration or of the reconstruction."""
-    least: float
-    """Below this it is of no consequence, SI."""
-    confounded_with: Callable[[Aircraft], tuple[str, ...]] = lambda _: ()
-    sound_vane: bool = False
-    """Whether it can only be judged where the vane shows no effect."""
-
-
-@dataclass(frozen=True, slots=True)
-class Term:
-    """One effect."""
-
-    id: str
-    target: str
-    """The signals, or the part of the model, that it changes."""
-    unit: str
-    """SI unit of the value."""
-    shown: str
-    """The unit that the sentence speaks in."""
-    low: float
-    high: float
-    """Physical range of the value, SI."""
-    step: float
-    """A small change, SI: of the size that three manoeuvres detect."""
-    sentence: str
-    """For the report; {value} is the value with sign and unit, {size} without the sign."""
-    separate_by: str
-    """The experiment that separates it from what it is confounded with."""
-    extend: Extend
-    """How it acts on a profile."""
-    shows_in: tuple[str, ...] = ()
-    """The series of residuals.SERIES that it changes."""
-    null: float = 0.0
-    """The value that changes nothing."""
-    probes: tuple[float, ...] = ()
-    """Values from which it is tried: its effect is so bent that no small change from nothing shows it."""
-    searched: bool = True
-    """Whether it is a candidate of the search; others are seen before, or are found with the model in error."""
-    aerodynamic: bool = False
-    gust_only: bool = False
-    """Shows in turbulence only."""
-    price: float = 0.0
-    """What -2 log likelihood must fall by more than for others: it is that much rarer."""
-
-    # --- when it can be judged
-    needs: tuple[str, ...] = ()
-    """Optional signals without which it cannot be judged."""
-    where_held: bool = True
-    """Whether it can be judged where the velocity repeats its values."""
-    applies: Callable[[Aircraft], bool] = lambda _: True
-    """Whether the aircraft's profile describes what it changes."""
-    least: float = 0.0
-    """Smallest size judged, SI."""
-    least_in_noise: float = 0.0
-    """The same, in standard deviations of the noise of its target."""
-    unsure_in_noise: float = 0.0
-    """What its value is uncertain by however long the record, in standard deviations of the noise of its target."""
-
-    # --- what it is confounded with
-    same_value: Callable[[Aircraft], tuple[str, float] | None] = lambda _: None
-    """Another effect that acts as this one does, and the value that it then has by the profile."""
-
-    # --- with the model in error, or without any model
-    kinematic: Kinematic | None = None
-
-    def words(self, value: float) -> str:
-        """The sentence with the value in it."""
-        unit = "" if self.shown == "1" else f" {self.shown}"
-        x = from_si(value, self.shown)
-        return self.sentence.format(value=f"{x:+.3g}{unit}", size=f"{abs(x):.3g}{unit}")
-
-    def at_end(self, value: float) -> bool:
-        """Whether it is at an end of what is physical, and would go on: something else then is the matter. That nothing
-        of a thing is left (-100 %) is no such end."""
-        return value >= self.high or (value <= self.low and self.low != -1.0)
-
-    @property
-    def tried(self) -> tuple[Term, ...]:
-        """The effect as a linear model tries it: by a small change, or by one to each of its probes."""
-        return tuple(replace(self, step=x - self.null) for x in self.probes) or (self,)
-
-    @property
-    def of_vane(self) -> bool:
-        """Whether it is an error of what the alpha vane shows."""
-        return self.target == "alpha_vane" and not self.aerodynamic
 
 
 def _has_indicial_lift(a: Aircraft) -> bool:
@@ -231,7 +140,7 @@ EFFECTS: Final[tuple[Term, ...]] = (
          ("lift", "moment")),
     Term("elevator.backlash", "elevator", "rad", "deg", 0, 0.05, 1e-3,
          "There is {size} of backlash between the elevator's sensor and the surface.",
-         "small and large doublets: backlash does not grow with the input", backlash, ("lift", "moment"),
+         "small and large doublets: backlash does not grow with the input", backlash("elevator"), ("lift", "moment"),
          least_in_noise=2.5,
          # What goes through the backlash with the motion widens it (0.8 found).
          unsure_in_noise=0.5),
@@ -310,7 +219,7 @@ SIGNAL_EFFECTS: Final[Mapping[str, Term]] = {
 }  # fmt: skip
 """What may befall any signal, prefixed with its name (`elevator.sign`): seen before any fit."""
 
-BY_ID: Final[dict[str, Term]] = {t.id: t for t in EFFECTS}
+BY_ID: Final[dict[str, Term]] = {t.id: t for t in (*EFFECTS, *LATERAL_EFFECTS)}
 
 
 def signal_effect(signal: str, kind: str, sentence: str = "") -> Term:
@@ -322,13 +231,13 @@ def signal_effect(signal: str, kind: str, sentence: str = "") -> Term:
 def derivative_effect(name: str, aircraft: Aircraft) -> Term:
     """Of a derivative (`Cm_q`): how far it is from the profile's, relative; or its value where the profile has none."""
     known, stated = f"aero.{name}", aircraft.value(name)
-    series = {"CL": ("lift",), "Cm": ("moment",)}.get(name[:2], ())
-    experiment = "a multisine in calm air"
+    series = {"CL": ("lift",), "Cm": ("moment",), "CY": ("side_force",), "Cl": ("roll",), "Cn": ("yaw",)}
+    shown, experiment = series.get(name[:2], ()), "a multisine in calm air"
     if stated:
         return Term(known, name[:2], "1", "%", -1, 3, 0.05, f"{name} differs from the profile's by {{value}}.",
-                    experiment, derivative(name, relative=True), series, aerodynamic=True)  # fmt: skip
+                    experiment, derivative(name, relative=True), shown, aerodynamic=True)  # fmt: skip
     lacking = Term(known, name[:2], "1", "1", -math.inf, math.inf, 1.0, f"The model lacks {name} = {{value}}.",
-                   experiment, derivative(name), series, aerodynamic=True)  # fmt: skip
+                   experiment, derivative(name), shown, aerodynamic=True)  # fmt: skip
     return BY_ID.get(known, lacking)
 
 
@@ -343,13 +252,17 @@ def extended(aircraft: Aircraft, values: Mapping[str, float]) -> Aircraft:
     return aircraft
 
 
-def judged_effects(aircraft: Aircraft, present: Iterable[str], gusty: bool, held: bool) -> tuple[Term, ...]:
-    """The candidates of a search with these signals: `held` where the velocity repeats its values."""
+def judged_effects(
+    aircraft: Aircraft, present: Iterable[str], gusty: bool, held: bool, lateral: bool = False
+) -> tuple[Term, ...]:
+    """The candidates of a search with these signals: `held` where the velocity repeats its values; along the flight, or
+    `lateral`."""
     there = set(present)
     return tuple(
         t
         for t in BY_ID.values()
         if t.searched
+        and t.lateral == lateral
         and there.issuperset(t.needs)
         and (gusty or not t.gust_only)
         and (t.where_held or not held)

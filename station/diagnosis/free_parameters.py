@@ -54,7 +54,9 @@ STARTS: Final[tuple[Mapping[str, float], ...]] = (
 )
 """Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, whose lags are even or
 have no end; from a span far from the true one fits end in worse minima."""
-_MEANS: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0")
+DAY: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
+"""What is of the day, not of the aircraft: fitted to held-out manoeuvres, too."""
+_MEANS: Final = (*DAY[:-1], "phi bias", "ay bias", "p bias", "r bias", "CY_0", "Cl_0", "Cn_0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,8 @@ def _share(field: str) -> Extend:
     return change
 
 
-def _damping(a: Aircraft, x: float) -> Aircraft:
+def vane_damping(a: Aircraft, x: float) -> Aircraft:
+    """The vane's damping ratio times 1 + x."""
     if a.boom is None:
         return a
     made = max(0.05, a.boom.vane_damping * (1 + x))
@@ -168,7 +171,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("gust upwash rate", u.upwash_rate, indicial_rate("upwash_gust")),
             Free("vane lead", u.vane_x * speed, boom("vane_x")),
             Free("vane frequency", u.vane_frequency, vane_dynamics),
-            Free("vane damping", u.vane_damping, _damping),
+            Free("vane damping", u.vane_damping, vane_damping),
             Free("vane zero", u.vane_zero, bias("alpha_vane")),
         ]
     else:

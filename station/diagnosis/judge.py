@@ -15,12 +15,11 @@ from scipy.stats import chi2
 
 from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.diagnosis_result import Gain
-from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO, free_parameters
+from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
-from station.diagnosis.manoeuvre import MISSED, Manoeuvre
-from station.diagnosis.residuals import DOWN, DRAG, LIFT, MOMENT, NORTH, SERIES, THETA, VANE
+from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.search import ASKED, Found
-from station.diagnosis.variances import INDEPENDENT, LEAST_MISSED, Levels
+from station.diagnosis.variances import INDEPENDENT, Levels
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -36,13 +35,6 @@ MUCH: Final = 1.3
 BANDS: Final = 6
 BLOCK: Final = 8
 RESAMPLES: Final = 400
-SIGNALS_OF: Final = {
-    THETA: ("theta", "q"), DOWN: ("v_down", "az"), NORTH: ("v_north", "ax"), VANE: ("alpha_vane",), LIFT: ("az",),
-    MOMENT: ("q", "elevator"), DRAG: ("ax",),
-}  # fmt: skip
-"""The measured signals that a series is about."""
-_TRIM: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
-"""Free parameters that are of the day, not of the aircraft: fitted to held-out manoeuvres, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,16 +90,17 @@ def remaining_residual(
             total, count = totals.get(j, (0.0, 0))
             totals[j] = (total + float(x.sum()), count + len(x))
     missed = _missed(problem, s)
-    signals: tuple[str, ...] = SIGNALS_OF[worst[1]]
+    axis = problem.axis
+    signals = axis.signals_of[worst[1]]
     band = worst[2]
-    name = SERIES[worst[1]]
+    name = axis.series[worst[1]]
     limit = math.log(FALSE_ALARM / looks)
     if missed and worst[0] >= limit:
         name = missed[0][0]
         f = problem.manoeuvres[0].setting.frequencies
-        signals = SIGNALS_OF[SERIES.index(name)] if name in SERIES else (name,)
+        signals = axis.signals_of[axis.series.index(name)] if name in axis.series else (name,)
         band = (float(f[0]), float(f[-1]))
-    by_series = tuple((SERIES[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
+    by_series = tuple((axis.series[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
     return RemainingResidual(
         missed, worst[0], name, signals, band, by_series, limit, _strained(problem, s), tuple(beyond)
     )
@@ -117,7 +110,7 @@ def _strained(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:
     """Free parameters far from the profile, where their squares sum to more than chance allows; what is itself named
     for being far is not counted."""
     there = [(f.name, float(x)) for f, x in zip(problem.frees, s.a, strict=False) if not f.of or f.of in s.values]
-    named = (*DERIVATIVES, *OF_ZERO)
+    named = (*problem.axis.derivatives, *problem.axis.of_zero)
     there = [(n, x) for n, x in there if abs(x) < BEYOND or n not in named]
     if chi2.logsf(sum(x * x for _, x in there), len(there)) > math.log(FALSE_ALARM):
         return ()
@@ -128,12 +121,12 @@ def _missed(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:
     """Shares above MUCH without which the data are that much less likely."""
     out = []
     here = problem.cost(s)
-    for k, name in enumerate(MISSED):
+    for k, name in enumerate(problem.axis.missed):
         share = math.sqrt(float(s.levels.missed[k]))
-        if share < MUCH * LEAST_MISSED[k]:
+        if share < MUCH * problem.axis.least_missed[k]:
             continue
         without = s.levels.missed.copy()
-        without[k] = LEAST_MISSED[k] ** 2
+        without[k] = problem.axis.least_missed[k] ** 2
         there = problem.relevelled(replace(s, levels=replace(s.levels, missed=without)), frozen=k)
         if problem.cost(there) - here > ASKED:
             out.append((name, share))
@@ -191,7 +184,8 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
 def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre]) -> tuple[Problem, State]:
     """An aircraft with what is of the day fitted to the manoeuvres."""
     speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
-    frees = [f for f in free_parameters(craft, speed) if f.name in _TRIM]
+    axis = manoeuvres[0].axis
+    frees = [f for f in axis.free_parameters(craft, speed, False) if f.name in axis.day]
     problem = Problem(manoeuvres, craft, frees)
     return problem, problem.null().state
 
@@ -215,7 +209,7 @@ def channel_error(m: Manoeuvre, aircraft: Aircraft, levels: Array) -> dict[str, 
     b = m.columns(m.responses(aircraft))
     variance = (np.abs(b) ** 2 * levels).sum(-1)
     return {
-        SERIES[j]: math.sqrt(float((np.abs(z.bins[row]) ** 2 / variance[:, row]).mean()))
+        m.axis.series[j]: math.sqrt(float((np.abs(z.bins[row]) ** 2 / variance[:, row]).mean()))
         for row, j in enumerate(m.setting.judged)
     }
 

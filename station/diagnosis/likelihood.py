@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State
-from station.diagnosis.effects import BY_ID, Term, extended
-from station.diagnosis.free_parameters import STARTS, Free, free_parameters, moved
+from station.diagnosis.effects import BY_ID, extended
+from station.diagnosis.free_parameters import Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust
 from station.diagnosis.residuals import Spectra
+from station.diagnosis.term import Term
 from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
 from station.profile import Aircraft
 
@@ -56,7 +57,8 @@ class Problem:
         self.aircraft = aircraft
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
-        self.frees = tuple(free_parameters(aircraft, speed, recorded) if frees is None else frees)
+        self.axis = manoeuvres[0].axis
+        self.frees = tuple(self.axis.free_parameters(aircraft, speed, recorded) if frees is None else frees)
         drift = aircraft.uncertainty.drift
         self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
         ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * len(self.manoeuvres)
@@ -178,6 +180,7 @@ class Problem:
         nothing."""
         out = []
         drifts = s.a[len(self.frees) :] * self.drift_sd
+        flown = self.aircraft_at(s.values, s.a)
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
@@ -190,7 +193,7 @@ class Problem:
                 there = m.differences(craft, float(drifts[k])).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
-                    response[i] = (m.responses(craft, m.grouped.pick) - r) / h
+                    response[i] = (m.responses(craft, m.grouped.pick, flown) - r) / h
             out.append(Slopes(bins, steady, response))
         return out
 
@@ -267,9 +270,9 @@ class Problem:
         return self.from_profile({})
 
     def from_profile(self, values: Mapping[str, float]) -> Estimate:
-        """Fitted from the profile on, at the best of STARTS, with effects that begin at `values`."""
+        """Fitted from the profile on, at the best of its axis' starts, with effects that begin at `values`."""
         none = [0.0] * len(self.manoeuvres)
-        starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in STARTS]
+        starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in self.axis.starts]
         # A zero that all manoeuvres share is looked for before zeros are let wander.
         self._zeros_wander = False
         start = min((self.relevelled(self.state(values, a)) for a in starts), key=self.cost)

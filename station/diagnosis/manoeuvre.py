@@ -11,24 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from station.conventions import G0, to_si
+from station.conventions import to_si
+from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting, bridge_of
-from station.diagnosis.residuals import (
-    DOWN,
-    DRAG,
-    LIFT,
-    MOMENT,
-    NORTH,
-    SERIES,
-    THETA,
-    VANE,
-    Spectra,
-    series_spectra,
-    spectra,
-)
-from station.diagnosis.sensor_noise import Trim, responses, trim_of
+from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, Spectra, spectra
+from station.diagnosis.sensor_noise import Trim, answering, responses, trim_of
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft
 
@@ -45,14 +34,6 @@ ROUNDED: Final = 1e-9
 """Of a signal's range: smaller steps are a file's rounding."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
 """Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
-TRIM_SD: Final = (0.02, 0.01, 0.01)
-"""By what lift, moment and drag in trim differ between manoeuvres of one flight: fuel burnt, power, configuration."""
-HEADS: Final = {"lift": "az", "moment": "q", "drag": "ax"}
-"""The sensor that a force's series is made of: what is missed is a share of what it shows."""
-HEAD_OF: Final = {"theta": "theta", "v_down": "v_down", "v_north": "v_along", "alpha_vane": "alpha_vane", **HEADS}
-"""The sensor at the head of every series."""
-MISSED: Final = (*HEADS, "alpha_vane", "elevator")
-"""What the model may miss a share of: a force, or what a sensor of the air or of a surface shows."""
 SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
@@ -113,8 +94,9 @@ class Manoeuvre:
     shapes: tuple[Array, Array, Array]
     """(bins,) white, slow and gust spectra of variance 1."""
     missed: Array
-    """(3, bins) spectra of the coefficients of lift, moment and drag, of which the model may miss a share."""
+    """(Axis.missed, bins) spectra of the coefficients and signals of which the model may miss a share."""
     grouped: Groups
+    axis: Axis = LONGITUDINAL
     memo: Memo = field(default_factory=Memo, repr=False)
 
     def loaded(self, aircraft: Aircraft) -> Aircraft:
@@ -127,20 +109,26 @@ class Manoeuvre:
 
     def differences(self, aircraft: Aircraft, drift: float = 0.0) -> Spectra:
         """Measured less predicted, in the series judged."""
-        return series_spectra(self.record.signals, self.loaded(aircraft), self.setting, drift, self.memo)
+        return self.axis.spectra_of(self.record.signals, self.loaded(aircraft), self.setting, drift, self.memo)
 
     def noise(self, name: str) -> float:
         """Standard deviation of a sensor's noise as the record shows it, SI."""
         return white_noise(name, self.record)
 
-    def responses(self, aircraft: Aircraft, pick: Pick = EVERY) -> Complex:
-        """(bins, series, sensors + 1), see sensor_noise.responses, at the bins picked."""
-        return responses(self.trim, self.loaded(aircraft), self.setting.frequencies[pick])
+    def responses(self, aircraft: Aircraft, pick: Pick = EVERY, flown: Aircraft | None = None) -> Complex:
+        """(bins, series, sensors + 1), see sensor_noise.responses, at the bins picked. `flown`: what answers the gusts
+        that nothing measures; the aircraft itself, if left out."""
+        trim = self.trim
+        if self.axis.answers:
+            own = self.loaded(flown or aircraft)
+            values = tuple(sorted((name, d.value) for name, d in own.derivatives.items()))
+            key = (values, own.inertia, own.fin, own.boom, own.imu_offset, tuple(sorted(own.instruments.items())))
+            trim = self.memo.get("trim", key, lambda: answering(trim, self.record, own))
+        return responses(trim, self.loaded(aircraft), self.setting.frequencies[pick])
 
     def columns(self, response: Complex, pick: Pick = EVERY) -> Complex:
         """(bins, series, components): a standard deviation of 1 of each component of the noise, in every series: per
-        sensor white, per sensor slow, the gust, what the model misses of lift, moment and drag; of a response at all
-        bins, at those picked."""
+        sensor white, per sensor slow, the gust, what the model misses; of a response at all bins, at those picked."""
         white, slow, gust = (x[pick] for x in self.shapes)
         response = response[pick]
         sensors = response[..., :-1]
@@ -155,15 +143,15 @@ class Manoeuvre:
         )
 
     def _missing(self, response: Complex, size: Array, pick: Pick) -> Complex:
-        """(..., bins, series, MISSED): of a force in its own series, of a sensor wherever its noise goes."""
-        judged, sensors = self.setting.judged, self.trim.sensors
-        out = np.zeros((*response.shape[:-1], len(MISSED)), dtype=complex)
-        for k, name in enumerate(MISSED):
+        """(..., bins, series, Axis.missed): of a force in its own series, of a sensor wherever its noise goes."""
+        judged, sensors, forces = self.setting.judged, self.trim.sensors, self.axis.forces
+        out = np.zeros((*response.shape[:-1], len(self.axis.missed)), dtype=complex)
+        for k, name in enumerate(self.axis.missed):
             root = np.sqrt(self.missed[k, pick])
-            if name in HEADS:
-                if (j := SERIES.index(name)) in judged:
+            if name in forces:
+                if (j := self.axis.series.index(name)) in judged:
                     row = judged.index(j)
-                    out[..., row, k] = root * size[..., row, sensors.index(HEADS[name])]
+                    out[..., row, k] = root * size[..., row, sensors.index(forces[name])]
             else:
                 out[..., k] = response[..., sensors.index(name)] * root[:, None]
         return out
@@ -194,20 +182,12 @@ class Manoeuvre:
         (see Levels), and for forces what trims differ by from one manoeuvre to the next."""
         n, s = len(self.trim.sensors), self.setting
         seconds = s.n * s.dt
-        density = dict.fromkeys(("theta", "q", "ax", "az", "v_down", "v_along", "alpha_vane"), 0.0)
+        density = dict.fromkeys(self.axis.sensors, 0.0)
         for i, name in enumerate(self.trim.sensors):
             density[name] = float(variances[i] * s.dt + variances[n + i] * 2 * SLOW_S)
         speed = float(self.trim.signals["airspeed"][0])
-        # Variance of a mean is density/T; of a line's rise 12 density/T; of the rise of an integral 6/5 density T.
-        of = {
-            THETA: 12 * density["theta"] / seconds + 1.2 * seconds * density["q"],
-            DOWN: 12 * density["v_down"] / seconds + 1.2 * seconds * density["az"],
-            NORTH: 12 * density["v_along"] / seconds
-            + 1.2 * seconds * (density["ax"] + G0**2 * density["theta"]),
-            VANE: (density["alpha_vane"] + density["theta"] + density["v_down"] / speed**2) / seconds
-            + float(variances[2 * n]) * 2 * GUST_SCALE_M / speed / seconds,
-            LIFT: TRIM_SD[0] ** 2, MOMENT: TRIM_SD[1] ** 2, DRAG: TRIM_SD[2] ** 2,
-        }  # fmt: skip
+        gust = float(variances[2 * n]) * 2 * GUST_SCALE_M / speed
+        of = (*self.axis.steady(density, seconds, speed, gust), *np.square(self.axis.trim_sd))
         judged = np.array(s.judged)
         wandered = np.where(judged < LIFT, zeros[np.minimum(judged, LIFT - 1)], 0.0)
         return np.array([of[j] for j in s.judged]) + self.of_zeros * wandered
@@ -220,45 +200,33 @@ class Manoeuvre:
         return np.array([of.get(j, 0.0) for j in self.setting.judged])
 
     def missing(self, response: Complex, shares: Mapping[str, float]) -> Array:
-        """(series,) what misses `shares` of MISSED leave out of each series judged, over what moves in it."""
-        each = self._missing(response, np.abs(response), EVERY) * [shares.get(name, 0.0) for name in MISSED]
+        """(series,) what misses `shares` of Axis.missed leave out of each series judged, over what moves in it."""
+        each = self._missing(response, np.abs(response), EVERY) * [shares.get(name, 0.0) for name in self.axis.missed]
         return np.asarray(np.sqrt((np.abs(each) ** 2).sum(-1).mean(0)) / np.maximum(self.motion(response), 1e-12))
 
     def of_heads(self, response: Complex) -> Complex:
         """(groups, series, series) of a response at all bins: to the sensors at the heads of the series judged."""
-        columns = [self.trim.sensors.index(HEAD_OF[SERIES[j]]) for j in self.setting.judged]
+        columns = [self.trim.sensors.index(self.axis.heads[j]) for j in self.setting.judged]
         return np.asarray(response[self.grouped.pick][:, :, columns])
 
     def motion(self, response: Complex) -> Array:
         """(series,) root mean square of what moves in each series judged: the signal at its head, the coefficient."""
         out = []
         for row, j in enumerate(self.setting.judged):
-            name = SERIES[j]
-            if name in HEADS:
-                head = np.abs(response[:, row, self.trim.sensors.index(HEADS[name])]) ** 2
-                power = self.missed[MISSED.index(name)] * head
+            name, head = self.axis.series[j], self.axis.heads[j]
+            if j >= LIFT:
+                by_head = np.abs(response[:, row, self.trim.sensors.index(head)]) ** 2
+                power = self.missed[self.axis.missed.index(name)] * by_head
             else:
-                x = self.record.signals[{"v_north": "v_along"}.get(name, name)]
+                x = self.record.signals[head]
                 power = np.abs(spectra(np.broadcast_to(x, (1, len(x))), self.setting, (0,), False).bins[0]) ** 2
             out.append(math.sqrt(float(power.mean())))
         return np.array(out)
 
 
-def _unjudged(name: str, record: Record, aircraft: Aircraft) -> bool:
-    if name == "v_down":
-        return "v_down" not in record.signals
-    if name == "v_north":
-        return "v_along" not in record.signals
-    if name == "drag":
-        return (aircraft.drag is None and not aircraft.value("CD_0")) or "thrust" not in record.signals
-    if name == "moment":
-        return aircraft.inertia.iyy is None
-    return False
-
-
-def manoeuvre(record: Record, aircraft: Aircraft) -> Manoeuvre:
+def manoeuvre(record: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -> Manoeuvre:
     """Ready to be compared with candidates about `aircraft`."""
-    judged = tuple(j for j, name in enumerate(SERIES) if not _unjudged(name, record, aircraft))
+    judged = tuple(j for j, name in enumerate(axis.series) if not axis.unjudged(name, record, aircraft))
     x = record.signals
     force = float(np.mean(x["dynamic_pressure"])) * aircraft.geometry.wing_area
     polar = aircraft.drag
@@ -268,7 +236,7 @@ def manoeuvre(record: Record, aircraft: Aircraft) -> Manoeuvre:
     thrust = float(np.mean(x["thrust"])) if "thrust" in x else max(force * drag, 0.0)
     own = Setting(
         record.dt, record.n, bridge_of(record.dt, record.n), judged, record.imu, thrust,
-        stated_noise("elevator", record), "v_down" not in x, record.held,
+        stated_noise(axis.surfaces[0], record), "v_down" not in x, record.held,
     )  # fmt: skip
     f = own.frequencies
     w = 2 * np.pi * f
@@ -283,11 +251,12 @@ def manoeuvre(record: Record, aircraft: Aircraft) -> Manoeuvre:
     made = Manoeuvre(
         record,
         own,
-        trim_of(record, own),
+        trim_of(record, own, axis),
         loading,
         (np.ones(len(f)), slow, gust / gust.mean()),
-        np.ones((len(MISSED), len(f))),
+        np.ones((len(axis.missed), len(f))),
         groups_of(f),
+        axis,
     )
     made.missed[:] = _motion(made, aircraft)
     made.memo._kept.clear()
@@ -295,19 +264,19 @@ def manoeuvre(record: Record, aircraft: Aircraft) -> Manoeuvre:
 
 
 def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:
-    """(MISSED, bins) smoothed spectra of the coefficients over what their sensor makes of them, and of sensors."""
+    """(Axis.missed, bins) smoothed spectra of the coefficients over what their sensor makes of them, and of sensors."""
     still = aircraft.unsteady.model_copy(update={"tail_lift_slope": 0.0})
-    own = m.differences(aircraft.model_copy(update={"derivatives": {}, "drag": None, "unsteady": still}))
-    response, judged = m.responses(aircraft), m.setting.judged
-    out = np.zeros((len(MISSED), response.shape[0]))
-    for k, name in enumerate(MISSED):
-        if name in HEADS:
-            if SERIES.index(name) not in judged:
+    own = m.differences(aircraft.model_copy(update={**m.axis.still, "unsteady": still}))
+    response, judged, forces, series = m.responses(aircraft), m.setting.judged, m.axis.forces, m.axis.series
+    out = np.zeros((len(m.axis.missed), response.shape[0]))
+    for k, name in enumerate(m.axis.missed):
+        if name in forces:
+            if series.index(name) not in judged:
                 continue
-            row = judged.index(SERIES.index(name))
-            power = np.abs(own.bins[row] / response[:, row, m.trim.sensors.index(HEADS[name])]) ** 2
+            row = judged.index(series.index(name))
+            power = np.abs(own.bins[row] / response[:, row, m.trim.sensors.index(forces[name])]) ** 2
         else:
-            x = np.broadcast_to(m.record.signals[name], (len(SERIES), m.record.n))
+            x = np.broadcast_to(m.record.signals[name], (len(series), m.record.n))
             power = np.abs(spectra(x, m.setting, (VANE,), False).bins[0]) ** 2
         out[k] = ndimage.gaussian_filter1d(power, SPREAD_BINS, mode="nearest")
     return out
@@ -317,12 +286,13 @@ def lasting_gust(record: Record) -> float:
     """m/s, standard deviation of the mean of gusts along the path as strong as those of the record, where ground speed
     shows them (Dryden's spectrum along the path: a correlation of exp(-x/GUST_SCALE_M)); else 0."""
     x = record.signals
-    if "v_along" not in x:
+    along = x.get("v_along", x.get("v_ahead"))
+    if along is None:
         return 0.0
     long = float(x["airspeed"].mean()) * record.seconds / GUST_SCALE_M
     lasting = 2 / long * (1 + math.expm1(-long) / long)
-    noise = white_noise("airspeed", record) ** 2 + white_noise("v_along", record) ** 2
-    moving = max(float(np.var(x["airspeed"] - x["v_along"])) - noise, 0.0)
+    noise = white_noise("airspeed", record) ** 2 + stated_noise("v_along", record) ** 2
+    moving = max(float(np.var(x["airspeed"] - along)) - noise, 0.0)
     return math.sqrt(moving * lasting / (1 - lasting))
 
 
@@ -345,7 +315,7 @@ def quantum(x: Array) -> float:
 
 def stated_noise(name: str, record: Record) -> float:
     """Noise of one sensor that the rig states, or a good installation has."""
-    signal = {"v_along": "v_north"}.get(name, name)
+    signal = {"v_along": "v_north", "v_across": "v_east"}.get(name, name)
     if name == "thrust":
         return 0.0
     return float(record.stated.get(signal) or DEFAULT_NOISE[signal])

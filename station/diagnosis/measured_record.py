@@ -22,6 +22,8 @@ NEEDED: Final = ("alpha_vane", "q", "theta", "ax", "az", "airspeed", "elevator")
 OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "p", "r", "thrust", "altitude")
 """Used where they are there throughout; without velocity the motion is integrated from the accelerometers, and its mean
 and slope are those of the altitude."""
+SIDEWAYS: Final = ("ay", "beta_vane", "aileron", "rudder")
+"""What lateral motion is judged by besides."""
 SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
@@ -70,6 +72,9 @@ class Record:
     """What was left out of the recording, and corrected in it."""
     seen: tuple[Effect, ...] = ()
     """Signs and units of the recording that were mistaken, and have been taken back."""
+    sideways: Mapping[str, Array] = field(default_factory=dict)
+    """Of SIDEWAYS those that are there, psi, and the ground speeds to the right of the mean heading ("v_across") and
+    along it ("v_ahead")."""
 
     @property
     def n(self) -> int:
@@ -173,34 +178,35 @@ def _piece(
             missing.append(s)
         else:
             signals[s] = values
-    _refuse_unusable(name, signals)
+    sideways = {
+        s: x for s in SIDEWAYS if s in columns and (x := _on_grid(columns[s][rows], times, grid, False)) is not None
+    }
+    _refuse_unusable(name, signals, sideways)
     mass, iyy = _mean(columns, "mass", rows), _mean(columns, "iyy", rows)
     lost = float(1 - usable[np.flatnonzero(usable)[0] : np.flatnonzero(usable)[-1] + 1].mean())
     density, height = _air(columns, rows, signals, aircraft)
     if "dynamic_pressure" not in signals:
         signals["dynamic_pressure"] = 0.5 * density * signals["airspeed"] ** 2
-    held: dict[str, NDArray[np.int64]] = {
-        s: fresh for s in ("v_down", "v_north", "v_east") if s in signals and len(fresh := held_samples(signals[s]))
-    }
+    held = _held(signals)
+    sideways |= _across(signals)
     _along(signals)
     if "v_down" in signals:
         signals.pop("altitude", None)
-    if "v_north" in held:
-        held["v_along"] = held["v_north"]
     if "v_along" not in signals:
         missing.append("v_along")
     return Record(
         name, dt, float(grid[0]), signals, density, height, tuple(missing), held,
-        mass=mass, iyy=iyy, lost=lost,
+        mass=mass, iyy=iyy, lost=lost, sideways=sideways,
     )  # fmt: skip
 
 
-def _refuse_unusable(name: str, signals: Mapping[str, Array]) -> None:
+def _refuse_unusable(name: str, signals: Mapping[str, Array], sideways: Mapping[str, Array]) -> None:
     """Raises UsageError for a manoeuvre that is not flown throughout, has no input, or is banked."""
     if signals["airspeed"].min() < MIN_SPEED:
         raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
-    if signals["elevator"].std() < _EXCITED and signals["alpha_vane"].std() < _EXCITED:
-        raise UsageError(f"{name}: neither the elevator nor the air moved: nothing can be judged without an input")
+    moved = [signals["elevator"], signals["alpha_vane"], *(sideways[s] for s in LATERAL_SURFACES if s in sideways)]
+    if all(x.std() < _EXCITED for x in moved):
+        raise UsageError(f"{name}: neither a surface nor the air moved: nothing can be judged without an input")
     if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
         most = math.degrees(float(np.abs(signals["phi"]).max()))
         raise UsageError(f"{name}: banked to {most:.0f} deg: what is compared with flies wings level")
@@ -216,6 +222,14 @@ def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | N
         return None
     made: Array = np.interp(grid, t, np.unwrap(x) if wraps else x)
     return made
+
+
+def _held(signals: Mapping[str, Array]) -> dict[str, NDArray[np.int64]]:
+    """The samples at which velocities that repeat their values are fresh."""
+    found = {s: held_samples(signals[s]) for s in ("v_down", "v_north", "v_east") if s in signals}
+    same = {"v_along": "v_north", "v_ahead": "v_north", "v_across": "v_east"}
+    found |= {name: found[of] for name, of in same.items() if of in found}
+    return {name: fresh for name, fresh in found.items() if len(fresh)}
 
 
 def held_samples(x: Array) -> NDArray[np.int64]:
@@ -275,6 +289,48 @@ def _along(signals: dict[str, Array]) -> None:
         return
     mean = float(np.mean(heading))
     signals["v_along"] = north * math.cos(mean) + east * math.sin(mean)
+
+
+def _across(signals: Mapping[str, Array]) -> dict[str, Array]:
+    """Heading, and the ground speeds across and along its mean, where these are recorded."""
+    heading = signals.get("psi")
+    if heading is None:
+        return {}
+    if "v_north" not in signals or "v_east" not in signals:
+        return {"psi": heading}
+    mean = float(np.mean(heading))
+    north, east, cos, sin = signals["v_north"], signals["v_east"], math.cos(mean), math.sin(mean)
+    return {"psi": heading, "v_across": east * cos - north * sin, "v_ahead": north * cos + east * sin}
+
+
+LATERAL_SURFACES: Final = ("aileron", "rudder")
+_OF_BOTH: Final = ("theta", "phi", "p", "q", "r", "ax", "az", "airspeed", "dynamic_pressure", "v_down")
+"""Signals that lateral motion is judged by, too."""
+
+
+def lateral_record(record: Record) -> Record | str:
+    """The record with the signals of its lateral motion; or why that cannot be judged."""
+    there = {**{n: record.signals[n] for n in _OF_BOTH if n in record.signals}, **record.sideways}
+    lacking = [n for n in (*SIDEWAYS, "p", "r", "phi") if n not in there]
+    if lacking:
+        return f"no {', '.join(lacking)}"
+    if not any(was_moved(record, s) for s in LATERAL_SURFACES):
+        return "neither aileron nor rudder moved"
+    return replace(record, signals=there)
+
+
+def was_moved(record: Record, surface: str) -> bool:
+    """Whether an input was flown by it."""
+    x = record.signals.get(surface, record.sideways.get(surface))
+    return x is not None and float(x.std()) >= _EXCITED
+
+
+def why_not_lateral(aircraft: Aircraft) -> str:
+    """What keeps an aircraft's lateral motion from being judged; "" if nothing does."""
+    own = aircraft.inertia
+    there = {"inertia.ixx": own.ixx, "inertia.izz": own.izz, **{n: aircraft.value(n) for n in ("Cl_p", "Cn_beta")}}
+    missing = [name for name, value in there.items() if not value]
+    return f"the profile gives no {', '.join(missing)}" if missing else ""
 
 
 def describe_missing(record: Record) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from station.diagnosis.manoeuvre import MISSED, Manoeuvre
+from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.memo import Memo
 from station.diagnosis.model_validity import Misfit
 from station.diagnosis.procedure import Diagnosis
@@ -40,7 +40,7 @@ def _misfit(m: Manoeuvre, aircraft: Aircraft, variances: Array) -> Misfit:
     # Trim is free: what remains of the mean is no misfit.
     here = signal.sosfiltfilt(low, made - made.mean(axis=-1, keepdims=True), axis=-1)
     # Sensors and gusts alone: what the model misses is what is looked for. Bins are those of a white series.
-    count = len(variances) - len(MISSED)
+    count = len(variances) - len(m.axis.missed)
     columns = m.columns(m.responses(aircraft))[..., :count]
     power = (np.abs(columns) ** 2 * variances[:count]).sum(-1).sum(0) / ((s.n - 2 * s.cut) / 2)
     rows = [s.judged.index(k) for k in _ROWS]

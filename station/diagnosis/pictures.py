@@ -37,6 +37,13 @@ MEANING: Final = {
     "lift": ("lift coefficient minus model", "1", ""),
     "moment": ("pitching-moment coefficient minus model", "1", ""),
     "drag": ("drag coefficient minus model", "1", ""),
+    "bank": ("bank minus integral of rates", "deg", "deg"),
+    "heading": ("heading minus integral of rates", "deg", "deg"),
+    "v_across": ("speed across the heading minus integral of accelerations", "m/s", "m/s"),
+    "beta_vane": ("vane minus inertial sideslip: the side gust", "deg", "deg"),
+    "side_force": ("side-force coefficient minus model", "1", ""),
+    "roll": ("rolling-moment coefficient minus model", "1", ""),
+    "yaw": ("yawing-moment coefficient minus model", "1", ""),
 }
 _MEASURED: Final = {
     "theta": "attitude, and integral of pitch rate",

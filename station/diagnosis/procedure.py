@@ -10,15 +10,23 @@ from typing import Final
 import numpy as np
 
 from station.diagnosis import judge
+from station.diagnosis.axis import ACROSS, LONGITUDINAL, Axis
 from station.diagnosis.candidate import Estimate
 from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
-from station.diagnosis.free_parameters import BEYOND, DERIVATIVES, OF_ZERO, Free
+from station.diagnosis.free_parameters import BEYOND, Free
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
-from station.diagnosis.measured_record import Record, describe_missing
+from station.diagnosis.measured_record import (
+    LATERAL_SURFACES,
+    Record,
+    describe_missing,
+    lateral_record,
+    was_moved,
+    why_not_lateral,
+)
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import (
     ASKED,
@@ -32,7 +40,7 @@ from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.3
 """m/s of standard deviation from which turbulence is told."""
-INERTIAL: Final = frozenset(("q", "theta", "v_north", "v_east", "v_down"))
+INERTIAL: Final = frozenset(("p", "q", "r", "phi", "theta", "psi", "v_north", "v_east", "v_down"))
 """Signals that are compared with each other without aerodynamics, and without the air."""
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
@@ -64,10 +72,12 @@ class Diagnosis:
     """Effects that needed no fit."""
     not_named: tuple[Effect, ...] = ()
     """What the fitted manoeuvres ask for and the held-out ones do not confirm."""
+    lateral: Diagnosis | None = None
+    """Of the lateral motion by itself, where that could be judged; what the whole says has it in it."""
 
     @property
     def named(self) -> tuple[Effect, ...]:
-        return (*self.seen, *self.effects)
+        return (*self.seen, *self.effects, *(self.lateral.effects if self.lateral else ()))
 
     @property
     def not_judged(self) -> Mapping[str, str]:
@@ -76,12 +86,14 @@ class Diagnosis:
     @property
     def missed(self) -> Mapping[str, float]:
         """What the model misses though its parameters are free, as a share of each force or signal."""
-        return dict(self.remaining.missed)
+        return {**dict(self.remaining.missed), **(self.lateral.missed if self.lateral else {})}
 
     @property
     def unexplained(self) -> tuple[tuple[str, ...], tuple[float, float]] | None:
         """Signals and band (Hz) of what no effect explains."""
-        return (self.remaining.signals, self.remaining.band_hz) if self.remaining.in_signals else None
+        if self.remaining.in_signals:
+            return self.remaining.signals, self.remaining.band_hz
+        return self.lateral.unexplained if self.lateral else None
 
 
 def diagnose(
@@ -90,21 +102,58 @@ def diagnose(
     aircraft: Aircraft,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
-    """Compare, name, extend, measure. Raises UsageError."""
+    """Compare, name, extend, measure: along the flight, then across it. Raises UsageError."""
     seen = first_seen([*fitted, *held_out])
-    made = [manoeuvre(r, aircraft) for r in fitted]
-    kept = [manoeuvre(r, aircraft) for r in held_out]
+    sideways = [[lateral_record(r) for r in records] for records in (fitted, held_out)]
+    flown = [[r for r in records if isinstance(r, Record)] for records in sideways]
+    why = why_not_lateral(aircraft) or next((r for r in sideways[0] if isinstance(r, str) and not flown[0]), "")
+    # With the elevator still, what lateral motion makes of the vane and the moments would be taken for its effects.
+    across_alone = any(was_moved(r, s) for r in fitted for s in LATERAL_SURFACES)
+    judged = any(was_moved(r, "elevator") for r in fitted) or not across_alone
+    along = _diagnosed((fitted, held_out), aircraft, LONGITUDINAL, progress, seen, judged)
+    if why:
+        return replace(along, remarks=(*along.remarks, f"lateral motion is not judged: {why}"))
+    across = _diagnosed((flown[0], flown[1]), along.extended, ACROSS, lambda words: progress(f"lateral: {words}"), ())
+    remarks = [*along.remarks, *across.remarks]
+    if along.gain and across.gain:
+        before, after = across.gain.before, across.gain.after
+        remarks.append(f"lateral held-out error {before:.3f} -> {after:.3f}: {across.gain.words}")
+    return replace(
+        along,
+        verdict=verdict_of((*along.named, *across.effects), "unexplained" in (along.verdict, across.verdict)),
+        gain=along.gain or across.gain,
+        remarks=tuple(remarks),
+        extended=across.extended,
+        not_named=(*along.not_named, *across.not_named),
+        lateral=across,
+    )
+
+
+def _diagnosed(
+    records: tuple[Sequence[Record], Sequence[Record]],
+    aircraft: Aircraft,
+    axis: Axis,
+    progress: Callable[[str], None],
+    seen: Sequence[Effect],
+    judged: bool = True,
+) -> Diagnosis:
+    """Of one axis. `records`: to fit, and held out; `seen`: what needed no fit; `judged`: whether anything may be
+    named."""
+    fitted = records[0]
+    made, kept = ([manoeuvre(r, aircraft, axis) for r in part] for part in records)
     problem = Problem(made, aircraft)
     present = set.intersection(*(set(r.signals) for r in fitted))
-    terms = judged_effects(aircraft, present, True, any(len(r.held) for r in fitted))
-    found = search(problem, terms, progress)
+    terms = judged_effects(aircraft, present, True, any(len(r.held) for r in fitted), axis.lateral)
+    found = search(problem, terms if judged else (), progress)
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
+    if not judged:
+        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=())
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)
     progress("gain on what is held out")
-    effects, gain, confirmed = _measured(found, problem, kept)
+    effects, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
     not_named: tuple[Effect, ...] = ()
     if not confirmed:
         # What does not lower the error of data held out is no finding, but where instruments contradict each other.
@@ -115,20 +164,24 @@ def diagnose(
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
+    gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
-        f"turbulence in {m.record.name}: vertical gust of {g:.2f} m/s standard deviation"
+        f"turbulence in {m.record.name}: {gust} gust of {g:.2f} m/s standard deviation"
         for m, g in zip(made, gusty, strict=True)
         if g > NOTABLE_GUST
     ]
     if remaining.strained:
         far = ", ".join(f"{name} by {x:+.1f}" for name, x in remaining.strained)
-        remarks.append(f"fitted far beyond the profile's stated doubt, in its standard deviations: {far}")
+        remarks.append(f"{of}fitted far beyond the profile's stated doubt, in its standard deviations: {far}")
     remarks += [
         f"{i} explains more than what is found, but only at an end of what is physical ({BY_ID[i].words(end)}): "
         "something that acts like it is the matter"
         for i, end in remaining.beyond
     ]
-    remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
+    if not axis.lateral:
+        remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
+    if not judged:
+        remarks.append("longitudinal motion is not judged: the elevator did not move")
     if drowned:
         remarks.append(f"not named, for what the model misses is larger: {', '.join(drowned)}")
     if not_named:
@@ -239,9 +292,9 @@ def _with(aircraft: Aircraft, effects: Sequence[Effect]) -> Aircraft:
 
 
 def gusts(problem: Problem, e: Estimate) -> list[float]:
-    """Standard deviation of the vertical gust, m/s, by manoeuvre."""
+    """Standard deviation of the vertical gust, or of the side gust, m/s, by manoeuvre."""
     boom = problem.aircraft.boom
-    share = boom.steady_calibration if boom else 1.0
+    share = boom.steady_calibration if boom and not problem.axis.lateral else 1.0
     speeds = [float(m.record.signals["airspeed"].mean()) for m in problem.manoeuvres]
     return [math.sqrt(float(g)) * share * v for g, v in zip(e.state.levels.gust, speeds, strict=True)]
 
@@ -289,10 +342,10 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
         x, error = float(accepted.state.a[i]), float(sd[first + i])
         if abs(x) < BEYOND or error > 0.5 * abs(x):
             continue
-        if free.name in DERIVATIVES:
+        if free.name in problem.axis.derivatives:
             term = derivative_effect(free.name, problem.aircraft)
-        elif free.name in OF_ZERO:
-            term = BY_ID[OF_ZERO[free.name]]
+        elif free.name in problem.axis.of_zero:
+            term = BY_ID[problem.axis.of_zero[free.name]]
         else:
             continue
         rivals = rivals_of_constant(problem, found, i)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from station.conventions import from_si
+from station.conventions import LATERAL, from_si
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import DERIVATIVES
 from station.diagnosis.procedure import Diagnosis
@@ -20,6 +20,8 @@ _UNITS: Final[Mapping[str, str]] = {
     "upwash wing": "1", "vane lead": "ft", "vane zero": "deg", "vane delay": "ms", "theta bias": "deg",
     "pressure delay": "ms", "gust span shape": "1", "turned at once": "1", "tail speed": "1",
     "az bias": "g", "ax bias": "g", "q bias": "deg/s", "CL_0": "1", "Cm_0": "1", "CD_0": "1",
+    "CY_0": "1", "Cl_0": "1", "Cn_0": "1", "phi bias": "deg", "p bias": "deg/s", "r bias": "deg/s", "ay bias": "g",
+    "principal axes": "deg", "sidewash": "1", "gust turning": "1", "sidewash delay": "ms", "fin lift slope": "1",
 }  # fmt: skip
 """Units that free parameters are told in; those without one are relative to the profile's value."""
 
@@ -38,7 +40,7 @@ class Moved:
 
     @property
     def of_derivative(self) -> bool:
-        return self.name in DERIVATIVES
+        return self.name in (*DERIVATIVES, *LATERAL)
 
     @property
     def change(self) -> float:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.candidate import Estimate, Normal, Slopes, State
-from station.diagnosis.effects import BY_ID, Term
+from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import Problem
+from station.diagnosis.term import Term
 
 Array = NDArray[np.float64]
 

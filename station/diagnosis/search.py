@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.candidate import Estimate, Slopes, State
-from station.diagnosis.effects import BY_ID, Term
-from station.diagnosis.free_parameters import BEYOND, DERIVATIVES
+from station.diagnosis.effects import BY_ID
+from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.screening import (
     LEAST_SHARE,
@@ -22,6 +22,7 @@ from station.diagnosis.screening import (
     screened,
     whole_changes,
 )
+from station.diagnosis.term import Term
 
 Array = NDArray[np.float64]
 
@@ -313,7 +314,7 @@ def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...
 def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
     """The estimate with those constants that are far from the profile's put back; None where none is far."""
     far = np.abs(null.state.a) > FAR
-    far[[i for i, f in enumerate(problem.frees) if f.name in DERIVATIVES]] = False
+    far[[i for i, f in enumerate(problem.frees) if f.name in problem.axis.derivatives]] = False
     if not far.any():
         return None
     s = problem.state({}, np.where(far, 0.0, null.state.a), null.state.levels)

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from station.diagnosis.axis import LONGITUDINAL, Axis
+from station.diagnosis.corrections import instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting
-from station.diagnosis.residuals import LIFT, SERIES, VANE, series
-from station.profile import Aircraft
+from station.diagnosis.residuals import LIFT, VANE
+from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -30,12 +32,6 @@ STEP_S: Final = 0.04
 """Its time step: 25 Hz are enough for lines up to 3 Hz."""
 SMALL: Final = 1e-4
 """Its size, relative to 1 rad, 1 rad/s, or g and the speed: small enough to be linear, far above rounding."""
-SENSORS: Final = (
-    "theta", "q", "ax", "az", "v_down", "v_along", "airspeed", "dynamic_pressure", "alpha_vane", "elevator", "thrust",
-    "pitot",
-)  # fmt: skip
-"""What reaches the residuals by itself; "pitot": what airspeed and dynamic pressure show alike, m/s."""
-ALWAYS: Final = ("thrust", "pitot")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +49,11 @@ class Trim:
     """Hz, of the lines."""
     given: Complex
     """(sensors, lines) transform of what each sensor was moved by."""
+    axis: Axis
     memo: Memo = field(default_factory=Memo, repr=False)
 
 
-def trim_of(record: Record, setting: Setting) -> Trim:
+def trim_of(record: Record, setting: Setting, axis: Axis = LONGITUDINAL) -> Trim:
     """About the mean of a record."""
     dt = max(STEP_S, record.dt)
     n = int(fft.next_fast_len(round(PERIOD_S / dt), real=True))
@@ -69,7 +66,7 @@ def trim_of(record: Record, setting: Setting) -> Trim:
     spectrum[lines] = phases
     wave = fft.irfft(spectrum, n)
     wave *= SMALL / wave.std()
-    sensors = tuple(s for s in SENSORS if s in record.signals or s in ALWAYS)
+    sensors = tuple(s for s in axis.sensors if s in record.signals or s in axis.always)
     mean = {name: np.full(n, float(x.mean())) for name, x in record.signals.items()}
     mean.setdefault("thrust", np.full(n, setting.thrust))
     mean["q"] = np.zeros(n)
@@ -77,19 +74,38 @@ def trim_of(record: Record, setting: Setting) -> Trim:
         if name in mean:
             mean[name] = np.zeros(n)
     speed = float(mean["airspeed"][0])
-    sizes = {"ax": 10.0, "az": 10.0, "v_down": speed, "v_along": speed, "airspeed": speed, "pitot": speed}
+    sizes = dict.fromkeys(("v_down", "v_along", "v_across", "airspeed", "pitot"), speed)
+    sizes |= dict.fromkeys(("ax", "ay", "az"), 10.0)
     sizes["thrust"] = max(setting.thrust, 1.0)
     sizes["dynamic_pressure"] = float(mean["dynamic_pressure"][0])
     moved = {name: np.repeat(x[None], len(sensors) + 1, 0) for name, x in mean.items()}
     given = np.empty((len(sensors), len(lines)), dtype=complex)
     for k, name in enumerate(sensors):
         added = wave * sizes.get(name, 1.0)
+        given[k] = fft.rfft(added)[lines]
+        if axis.answers and name in axis.always:
+            continue
         moved["airspeed" if name == "pitot" else name][k] += added
         if name == "pitot":
             moved["dynamic_pressure"][k] *= (moved["airspeed"][k] / mean["airspeed"]) ** 2
-        given[k] = fft.rfft(added)[lines]
     own = replace(setting, dt=dt, n=n, bridge=0, held={})
-    return Trim(mean, moved, own, sensors, lines, f[lines], given)
+    return Trim(mean, moved, own, sensors, lines, f[lines], given, axis)
+
+
+def answering(trim: Trim, record: Record, aircraft: Aircraft) -> Trim:
+    """The same with what gusts that nothing measures make of each signal, as `aircraft` answers and shows them."""
+    assert trim.axis.answers is not None
+    moved, n = dict(trim.moved), trim.setting.n
+    spectrum, turned = np.zeros(n // 2 + 1, dtype=complex), 2j * np.pi * trim.frequencies
+    for gust, answer in trim.axis.answers(record, aircraft, trim.frequencies).items():
+        k = trim.sensors.index(gust)
+        for name in answer.keys() & trim.signals.keys():
+            own = instrument_of(aircraft, name) or Instrument()
+            shown = own.gain * np.exp(-turned * own.latency) / (1 + turned * own.lag)
+            spectrum[trim.lines] = trim.given[k] * answer[name] * shown
+            moved[name] = moved[name].copy()
+            moved[name][k] += fft.irfft(spectrum, n)
+    return replace(trim, moved=moved, memo=Memo())
 
 
 def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
@@ -97,7 +113,7 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
     last is the gust's, rad of flow angle at the vane: it shows in the vane's series alone, for lift and moment are fed
     with what the vane shows."""
     rows = list(trim.setting.judged)
-    there = series(trim.moved, aircraft, trim.setting, memo=trim.memo)[:, rows, :]
+    there = trim.axis.series_of(trim.moved, aircraft, trim.setting, 0.0, trim.memo)[:, rows, :]
     shown = fft.rfft(there[:-1] - there[-1], axis=-1)[..., trim.lines] / trim.given[:, None, :]
     # Integrals fall with frequency: between the lines the products with it are the straighter.
     f = trim.frequencies
@@ -112,11 +128,10 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
         # As the vane shows it, less what is taken out of the vane by the lift that the gust itself makes: were it 1, a
         # vane scaled down, or a boom that bends with the load, would seem to leave less of a gust to explain.
         vane, lift = rows.index(VANE), rows.index(LIFT)
-        at, load = trim.sensors.index("alpha_vane"), trim.sensors.index("az")
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a candidate far beyond any aircraft
-            by_load = out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
-            out[:, vane, -1] = out[:, vane, at] - by_load
+        at = trim.sensors.index(trim.axis.heads[VANE])
+        out[:, vane, -1] = out[:, vane, at]
+        if trim.axis.load:
+            load = trim.sensors.index(trim.axis.load)
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a candidate far beyond any aircraft
+                out[:, vane, -1] -= out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
     return out
-
-
-assert SERIES[VANE] == "alpha_vane"

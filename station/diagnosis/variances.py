@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
-from station.diagnosis.manoeuvre import FAST_S, MISSED, Manoeuvre, white_noise
+from station.diagnosis.manoeuvre import FAST_S, Manoeuvre, white_noise
 from station.diagnosis.measured_record import Record
 from station.diagnosis.residuals import LIFT, Spectra, spectra
 
@@ -31,9 +31,6 @@ SEEN_SD: Final = 0.25
 """Prior standard deviation of the logarithm of the variance of white noise that the samples show."""
 LEVEL_SD: Final = 1.5
 """The same where only a rig states it, and of the slow part: half or twice the noise is nothing unusual."""
-LEAST_MISSED: Final = (0.01, 0.01, 0.2, 0.005, 0.002)
-"""Of MISSED: no linear model is better than a hundredth, no parabolic polar than a fifth of what moves, no vane than
-half a hundredth (its friction), no surface's sensor than a five-hundredth."""
 AIR_DATA: Final = ("airspeed", "dynamic_pressure")
 LEAST_SLOW: Final = 0.05
 """Of their white variance, slow at least: a fifth of SLOW_SHARE."""
@@ -41,6 +38,8 @@ LEAST_OWN: Final = 0.1
 """Of airspeed's or dynamic pressure's noise, that they have alike, and each alone, at least."""
 LEAST_GUST: Final = 3e-5
 """rad: below any vane's noise."""
+LOOSE_LEVEL: Final = 0.05
+"""Stiffness of the logarithms of what nothing states: gusts along the span, from none to those of a storm."""
 LOOSE: Final = 1e-3
 """Stiffness of the logarithms of the gust and of what is missed: none, but for finite numbers."""
 SCORINGS: Final = 8
@@ -69,7 +68,7 @@ class Levels:
     gust: Array
     """(manoeuvres,) rad2, as the vane shows it."""
     missed: Array
-    """(5,) square of the share of MISSED."""
+    """(Axis.missed,) square of the share."""
     zeros: Array
     """(4,) of what zeros wander by from manoeuvre to manoeuvre: rad/s, m/s2, m/s2, rad."""
 
@@ -82,15 +81,22 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
     """What rigs state, or good installations have; no gust and nothing missed."""
     rows = []
     for m in manoeuvres:
-        of_air = air_noise(m.record)
-        sd = np.array([of_air.get(s) or white_noise(s, m.record) for s in m.trim.sensors])
-        at = m.trim.sensors.index("thrust")
-        sd[at] = (RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE) * max(m.setting.thrust, 1.0)
+        sensors, axis = m.trim.sensors, m.axis
+        known = dict(axis.always) | (air_noise(m.record) if "pitot" in sensors else {})
+        known["thrust"] = RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE
+        known["thrust"] *= max(m.setting.thrust, 1.0)
+        sd = np.array([known.get(s) or white_noise(s, m.record) for s in sensors])
         slow = SLOW_SHARE * sd**2
-        alone = [m.trim.sensors.index(s) for s in AIR_DATA]
-        slow[alone] = _slow_apart(m, sd[alone] ** 2)
+        if alone := _of_air(sensors):
+            slow[alone] = _slow_apart(m, sd[alone] ** 2)
         rows.append(np.concatenate([sd**2, slow]))
-    return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(LEAST_MISSED), np.square(ZERO_SD))
+    least = manoeuvres[0].axis.least_missed
+    return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(least), np.square(ZERO_SD))
+
+
+def _of_air(sensors: Sequence[str]) -> list[int]:
+    """Where among them airspeed and dynamic pressure are."""
+    return [sensors.index(s) for s in AIR_DATA if s in sensors]
 
 
 def air_noise(record: Record) -> dict[str, float]:
@@ -129,7 +135,7 @@ def of_signals(variances: Mapping[str, float], record: Record) -> dict[str, floa
     """Standard deviation of each recorded signal's noise, from the variances of a trim's sensors."""
     alike = {"airspeed": 1.0, "dynamic_pressure": _pressure_slope(record)}
     return {
-        name: math.sqrt(v + alike.get(name, 0.0) ** 2 * variances["pitot"])
+        name: math.sqrt(v + alike.get(name, 0.0) ** 2 * variances.get("pitot", 0.0))
         for name, v in variances.items()
         if name in record.signals
     }
@@ -147,7 +153,9 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
         n = len(m.trim.sensors)
         if m.record.dt <= FAST_S:
             made[k, :n] = 1 / SEEN_SD**2
-        made[k, [n + m.trim.sensors.index(s) for s in AIR_DATA]] = 1 / SEEN_SD**2
+        made[k, [n + i for i in _of_air(m.trim.sensors)]] = 1 / SEEN_SD**2
+        unstated = [i for i, s in enumerate(m.trim.sensors) if m.axis.always.get(s)]
+        made[k, unstated] = made[k, [n + i for i in unstated]] = LOOSE_LEVEL
     return made
 
 
@@ -166,20 +174,20 @@ def fitted(
     """The most likely variances at fixed parameters, by Fisher scoring of their logarithms.
 
     By manoeuvre: `bins` residuals (groups, k, most), `columns` of Manoeuvre (groups, k, components), `counts` of bins
-    (groups,); `stiffness`: see `stiffness_of`; `frozen`: which of MISSED stays as it is.
+    (groups,); `stiffness`: see `stiffness_of`; `frozen`: which of those missed stays as it is.
     """
-    count, many = prior.noise.shape
+    (count, many), missed = prior.noise.shape, len(prior.missed)
     x, centre = (np.log(np.concatenate([lv.noise.ravel(), lv.gust, lv.missed])) for lv in (start, prior))
-    stiff = np.concatenate([stiffness.ravel(), np.full(count + len(MISSED), LOOSE)])
+    stiff = np.concatenate([stiffness.ravel(), np.full(count + missed, LOOSE)])
     low = np.concatenate(
         [
             centre[: count * many] - LOWEST,
             np.full(count, math.log(LEAST_GUST**2)),
-            2 * np.log(LEAST_MISSED),
+            np.log(prior.missed),
         ]
     )
     picks = [
-        np.concatenate([k * many + np.arange(many), [count * many + k], count * (many + 1) + np.arange(len(MISSED))])
+        np.concatenate([k * many + np.arange(many), [count * many + k], count * (many + 1) + np.arange(missed)])
         for k in range(count)
     ]
 
@@ -206,7 +214,7 @@ def fitted(
     for _ in range(SCORINGS):
         step = np.clip(-np.linalg.solve(fisher, gradient), -LONGEST, LONGEST)
         if frozen is not None:
-            step[frozen - len(MISSED)] = 0.0
+            step[frozen - missed] = 0.0
         for _ in range(HALVINGS):
             trial = np.maximum(x + step, low)
             there, *_ = scored(trial, False)
@@ -220,9 +228,7 @@ def fitted(
             break
         here, gradient, fisher = scored(x, True)
     v = np.exp(x)
-    return Levels(
-        v[: count * many].reshape(count, many), v[count * many : -len(MISSED)], v[-len(MISSED) :], start.zeros
-    )
+    return Levels(v[: count * many].reshape(count, many), v[count * many : -missed], v[-missed:], start.zeros)
 
 
 def wandering(manoeuvres: Sequence[Manoeuvre], spectra: Sequence[Spectra], levels: Levels) -> Array:

@@ -2,11 +2,11 @@
 
 In what a fin does, its sideslip differs from the one that the derivatives go by, which the whole aircraft has at once,
 
-    late = g(t - l/V) - g(t) - sigma (beta(t - l/V - T) - beta(t) - r l/V)
+    late = g(t - k l/V) - g(t) - sigma (beta(t - l/V - T) - beta(t) - r l/V)
 
-with g the side gust at the CG over V, l the fin's arm, sigma its sidewash and T the sidewash's delay: what enters CY
-with minus the fin's slope, and Cl and Cn by its place. SI, rad. Source: Etkin 1972, Dynamics of Atmospheric Flight,
-section 13.3 (gusts as they penetrate).
+with g the side gust at the CG over V, l the fin's arm, k its penetration (1 where a gust meets it there), sigma its
+sidewash and T the sidewash's delay: what enters CY with minus the fin's slope, and Cl and Cn by its place. SI, rad.
+Source: Etkin 1972, Dynamics of Atmospheric Flight, section 13.3 (gusts as they penetrate).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 RING: Final = 128
 """Values kept, ticks."""
-_LEAD, _ARM, _SIDEWASH, _DELAY = range(4)
+_LEAD, _ARM, _SIDEWASH, _DELAY, _MET = range(5)
 
 
 @njit(cache=True)
@@ -50,7 +50,7 @@ def _advance(
     lead, arm = constant[_LEAD] / (speed * dt), constant[_ARM] / (speed * dt)
     rings[0, count % rings.shape[1]] = gust
     now = _ago(rings[0], count, lead)
-    at_fin = _ago(rings[0], count, lead + arm)
+    at_fin = _ago(rings[0], count, lead + arm * constant[_MET])
     beta = inertial + now
     # Before the gust at the CG is known, the sideslip is the inertial one: it is read again only after it has passed.
     rings[1, count % rings.shape[1]] = beta if math.isfinite(beta) else inertial
@@ -63,7 +63,7 @@ class SideGust:
 
     def __init__(self, aircraft: Aircraft, dt: float) -> None:
         boom, fin = aircraft.boom, aircraft.fin
-        wash = (fin.arm, fin.sidewash, fin.sidewash_delay) if fin else (0.0, 0.0, 0.0)
+        wash = (fin.arm, fin.sidewash, fin.sidewash_delay, fin.penetration) if fin else (0.0, 0.0, 0.0, 1.0)
         self._constant = np.array([boom.vane_x if boom else 0.0, *wash])
         self._rings = np.zeros((2, RING))
         self._count = 0

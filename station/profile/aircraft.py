@@ -193,6 +193,10 @@ class Unsteady(Frozen):
     tail_speed: float = 1.0
     """How the tail's lift in gusts follows the speed of the air there in place of that at the CG: 2 with the square of
     it over the other, as a surface alone in that air would; 0 not at all. Of diagnosis."""
+    gust_turning: float = 0.375
+    """How much air turns about the vertical where a side gust changes along the path, rad/s over its rate of change
+    in sideslip: 3/8 in isotropic turbulence, by continuity, 0 of gusts that are the same along the span. Of
+    diagnosis."""
     convection: float = Field(default=1.0, ge=0, le=1)
     """Share of a change of speed that the transit times of gusts and wakes follow: 1 where they stand frozen in the
     air, 0 where they pass as at the mean speed."""

@@ -19,6 +19,8 @@ class Fin(Frozen):
     """Aerodynamic centre behind the CG."""
     height: Metres = 0.0
     """The same above the CG."""
+    penetration: float = Field(default=1.0, ge=0, le=4)
+    """How far behind the CG a gust meets the fin, in its arm: 0 as if the fin were at the CG."""
     sidewash: float = Field(default=0.0, gt=-1, lt=1)
     """By how much less the fin's sideslip changes than the aircraft's, as a share: d sigma / d beta."""
     sidewash_delay: Seconds = Field(default=0.0, ge=0)

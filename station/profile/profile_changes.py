@@ -51,8 +51,8 @@ def pitot_gain(a: Aircraft, x: float) -> Aircraft:
     return gain("airspeed")(gain("dynamic_pressure")(a, x), math.sqrt(1 + x) - 1)
 
 
-def backlash(a: Aircraft, x: float) -> Aircraft:
-    return _instruments(a, ("elevator",), lambda i: {"backlash": max(0.0, i.backlash + x)})
+def backlash(*names: str) -> Extend:
+    return lambda a, x: _instruments(a, names, lambda i: {"backlash": max(0.0, i.backlash + x)})
 
 
 def boom(field: str) -> Extend:
@@ -93,9 +93,23 @@ def imu_forward(a: Aircraft, x: float) -> Aircraft:
     return a.model_copy(update={"imu_offset": (a.imu_offset[0] + x, *a.imu_offset[1:])})
 
 
+def imu_down(a: Aircraft, x: float) -> Aircraft:
+    return a.model_copy(update={"imu_offset": (*a.imu_offset[:2], a.imu_offset[2] + x)})
+
+
+def principal_axes(a: Aircraft, x: float) -> Aircraft:
+    """The principal axes of roll and yaw are turned by x rad, nose down: the product of inertia follows the difference
+    of the two moments. Of a profile without these, none."""
+    own = a.inertia
+    made = own.ixz + 0.5 * ((own.izz or 0.0) - (own.ixx or 0.0)) * math.sin(2 * x)
+    return a.model_copy(update={"inertia": own.model_copy(update={"ixz": made})})
+
+
 def inertia(field: str) -> Extend:
     def change(a: Aircraft, x: float) -> Aircraft:
         old = getattr(a.inertia, field)
+        if old is None:
+            return a
         return a.model_copy(update={"inertia": a.inertia.model_copy(update={field: old * (1 + x)})})
 
     return change
@@ -145,6 +159,32 @@ def icing(a: Aircraft, eta: float) -> Aircraft:
         a = derivative(name, relative=True)(a, eta * share)
     zero = a.drag.zero_lift if a.drag else a.value("CD_0")
     return zero_lift_drag(a, 0.5 * eta * zero)
+
+
+LATERAL_ICING: Final = {
+    "CY_beta": -0.20, "CY_dr": -0.08, "Cl_beta": -0.10, "Cl_p": -0.10, "Cl_da": -0.10, "Cl_dr": -0.08,
+    "Cn_beta": -0.20, "Cn_r": -0.061, "Cn_dr": -0.083,
+}  # fmt: skip
+"""The same of the lateral derivatives: dihedral, roll damping and ailerons lose as much as the wing's lift, fin and
+rudder as the tail's. Bragg et al. 2000 (AIAA 2000-0360)."""
+
+
+def lateral_icing(a: Aircraft, eta: float) -> Aircraft:
+    for name, share in LATERAL_ICING.items():
+        a = derivative(name, relative=True)(a, eta * share)
+    return a
+
+
+def fin(field: str, relative: bool = False) -> Extend:
+    """Add to a constant of the fin, or to its logarithm; of a profile without a fin, none."""
+
+    def change(a: Aircraft, x: float) -> Aircraft:
+        if a.fin is None:
+            return a
+        old = getattr(a.fin, field)
+        return a.model_copy(update={"fin": a.fin.model_copy(update={field: old * (1 + x) if relative else old + x})})
+
+    return change
 
 
 def unsteady(field: str) -> Extend:

@@ -84,6 +84,8 @@ class Uncertainty(Frozen):
     """Of the vane's natural frequency."""
     vane_damping: float = Field(default=0.15, ge=0)
     """Of the vane's damping ratio."""
+    gust_turning: float = Field(default=0.15, ge=0)
+    """Of how much air turns where side gusts change, absolute: the ground, and waves, make no isotropic air."""
     convection: float = Field(default=0.5, ge=0)
     """Of how far transit times of gusts and wakes follow a change of speed."""
     handbook: float = Field(default=1.0, ge=0)

@@ -142,7 +142,7 @@ def reach(aircraft: Aircraft, apart: bool = False) -> tuple[float, float]:
     boom, unsteady = aircraft.boom or NO_BOOM, aircraft.unsteady
     behind = unsteady.tail_arm * max(1.0, unsteady.tail_penetration)
     if apart and aircraft.fin:
-        behind = max(behind, aircraft.fin.arm)
+        behind = max(behind, aircraft.fin.arm * max(1.0, aircraft.fin.penetration))
     ahead = aircraft.second_vane.gust_x if aircraft.second_vane else 0.0
     return behind + 1.0, max(boom.gust_x, ahead, aircraft.geometry.chord) + 1.0
 

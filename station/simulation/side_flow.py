@@ -52,9 +52,11 @@ class FinConstants(NamedTuple):
     height: float
     sidewash: float
     sidewash_delay: float
+    met: float
+    """Where gusts meet it, behind the CG, m."""
 
 
-TOGETHER: Final = FinConstants(False, 0.0, 0.0, 0.0, 0.0, 0.0)
+TOGETHER: Final = FinConstants(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """In the derivatives: all of the aircraft meets the air at the CG."""
 
 
@@ -158,7 +160,8 @@ def fin_apart(aircraft: Aircraft) -> FinConstants:
             f'aircraft {aircraft.name}: fin: missing; flight.field = "plane" needs [fin] lift_slope and arm\n'
             'lift_slope = 0.0 for an aircraft without one, or field = "line"'
         )
-    return FinConstants(True, fin.lift_slope, fin.arm, fin.height, fin.sidewash, fin.sidewash_delay)
+    met = fin.arm * fin.penetration
+    return FinConstants(True, fin.lift_slope, fin.arm, fin.height, fin.sidewash, fin.sidewash_delay, met)
 
 
 def _share(fin: FinConstants, span: float) -> NDArray[np.float64]:
@@ -179,9 +182,8 @@ def side_air(
     roll, yaw, fin, past = 0.0, 0.0, 0.0, 0.0
     if side.fin.apart:
         roll, yaw = gust_at(field, s + c.gust_edge, field.meets.roll), gust_at(field, s + c.gust_edge, field.meets.yaw)
-        place = s - side.fin.arm
-        fin = gust_at(field, place, SIDEWAYS)
-        place -= side.fin.sidewash_delay * x[eq.U]
+        fin = gust_at(field, s - side.fin.met, SIDEWAYS)
+        place = s - side.fin.arm - side.fin.sidewash_delay * x[eq.U]
         past, entry = passed(memory.wake, SIDESLIP, memory.marks[NEWEST], entry, place)
     return SideAir(speed, roll, yaw, fin, past), entry
 

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import string
+from dataclasses import replace
 
+import lateral_blind
 import numpy as np
 import pytest
 from blind import SIGMAS, Case, aircraft, fly_case
 
 from station.conventions import from_si, to_si, unit_named
+from station.diagnosis import lateral_residuals
+from station.diagnosis.axis import ACROSS
 from station.diagnosis.diagnosis_report import effects_table
 from station.diagnosis.diagnosis_result import Gain, summary
-from station.diagnosis.effects import BY_ID, EFFECTS, SIGNAL_EFFECTS, Term, extended, signal_effect
+from station.diagnosis.effects import BY_ID, EFFECTS, SIGNAL_EFFECTS, extended, signal_effect
+from station.diagnosis.lateral_effects import LATERAL_EFFECTS
 from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.measured_record import lateral_record
 from station.diagnosis.procedure import diagnose
 from station.diagnosis.residuals import SERIES, series
+from station.diagnosis.term import Term
 from station.profile import Instrument, load_aircraft
 from station.profile.profile_changes import gain
 from station.rows import UsageError
@@ -33,14 +40,25 @@ ASKED = {
 }  # fmt: skip
 """Ids by number of the list of effects that flight data can contain and a simulation can miss; the sign and the unit of
 any signal, here the elevator's."""
+LATERAL_ASKED = {
+    *(f"beta_vane.{kind}" for kind in ("delay", "scale", "position")),
+    *(f"{s}.{kind}" for s in ("p", "r", "phi") for kind in ("delay", "scale", "bias")), "psi.delay", "psi.scale",
+    "ay.scale", "ay.bias", "ay.position", "inertia.roll", "inertia.yaw", "inertia.axes", "gust.fin_penetration",
+    *(f"{s}.{kind}" for s in ("aileron", "rudder") for kind in ("lag", "scale", "backlash")), "aero.sidewash_lag",
+    "aero.lateral_icing",
+}  # fmt: skip
+"""Zeros of heading, vane and surfaces, and places beside the plane of symmetry, are left out: lateral_effects.py."""
 FURTHER = {"elevator.delay", "theta.scale", "q.bias", "aero.CL_q", "aero.CL_de", "gust.vertical"}
 
 
 def test_every_effect_asked_for_is_a_row():
     rows = {signal_effect(s, k).id for k in SIGNAL_EFFECTS for s in ("velocity", "elevator")} | set(BY_ID)
     assert set(ASKED.values()) <= rows
-    assert {i for i in BY_ID if i not in ASKED.values()} == FURTHER
-    assert len(BY_ID) == len(EFFECTS)
+    assert {t.id for t in EFFECTS if t.id not in ASKED.values()} == FURTHER
+    assert len(BY_ID) == len(EFFECTS) + len(LATERAL_EFFECTS)
+    assert {t.id for t in LATERAL_EFFECTS} >= LATERAL_ASKED
+    assert all(t.lateral for t in LATERAL_EFFECTS)
+    assert not any(t.lateral for t in EFFECTS)
 
 
 def bare(aircraft):
@@ -50,7 +68,7 @@ def bare(aircraft):
     return aircraft.model_copy(update={"instruments": told, "derivatives": derivatives})
 
 
-@pytest.mark.parametrize("term", EFFECTS, ids=lambda t: t.id)
+@pytest.mark.parametrize("term", [*EFFECTS, *LATERAL_EFFECTS], ids=lambda t: t.id)
 def test_a_row_says_what_it_is(term):
     aircraft = load_aircraft("twin_otter")
     assert unit_named(term.shown) is not None
@@ -58,7 +76,7 @@ def test_a_row_says_what_it_is(term):
     assert term.low < term.null + term.step <= term.high
     assert bare(extended(aircraft, {term.id: term.null})) == bare(aircraft)
     assert (extended(aircraft, {term.id: term.step}) != aircraft) == bool(term.shows_in)
-    assert set(term.shows_in) <= set(SERIES)
+    assert set(term.shows_in) <= set(lateral_residuals.SERIES if term.lateral else SERIES)
     assert {name for _, name, _, _ in string.Formatter().parse(term.sentence) if name} in ({"value"}, {"size"})
     assert f"{from_si(term.step, term.shown):.3g}" in term.words(term.step)
     assert ("+" in term.words(term.step)) == ("{value}" in term.sentence)
@@ -82,6 +100,26 @@ def test_an_effect_changes_the_series_that_its_row_says(term, flight):
     # Whatever acts on a series at all does so by far more than rounding.
     assert {n for n, c in zip(SERIES, change, strict=True) if c > 1e-7} == set(term.shows_in)
     assert all(c < 1e-10 for n, c in zip(SERIES, change, strict=True) if n not in term.shows_in)
+
+
+@pytest.fixture(scope="module")
+def lateral_flight():
+    """A lateral manoeuvre in gusts, and its series with the profile as it is."""
+    flown = lateral_blind.fly_case(lateral_blind.Case(seed=3, sigma=5.0), "doublets", 0)
+    record = lateral_record(replace(flown, imu=(0.5, 0.0, 0.1)))
+    assert not isinstance(record, str)
+    made = manoeuvre(record, aircraft(), ACROSS)
+    return made, lateral_residuals.lateral_series(made.record.signals, aircraft(), made.setting)
+
+
+@pytest.mark.parametrize("term", LATERAL_EFFECTS, ids=lambda t: t.id)
+def test_a_lateral_effect_changes_the_series_that_its_row_says(term, lateral_flight):
+    made, before = lateral_flight
+    inside = slice(made.setting.cut, -made.setting.cut)
+    there = extended(aircraft(), {term.id: term.step})
+    after = lateral_residuals.lateral_series(made.record.signals, there, made.setting)
+    change = np.abs(after - before)[:, inside].max(-1) / before[:, inside].std(-1)
+    assert {n for n, c in zip(lateral_residuals.SERIES, change, strict=True) if c > 1e-7} == set(term.shows_in)
 
 
 def test_an_unknown_effect_names_the_nearest():

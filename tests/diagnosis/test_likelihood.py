@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from test_sensor_noise import level_flight
 
 from station.diagnosis import variances
+from station.diagnosis.axis import LONGITUDINAL
 from station.diagnosis.effects import extended
 from station.diagnosis.free_parameters import Free
 from station.diagnosis.judge import LEVEL_DOF, _log_p
@@ -64,12 +65,12 @@ def estimates(
     t, signals = quiet
     values, told = [], []
     still = navion.model_copy(update={"uncertainty": Uncertainty(drift="0 m/s")})
+    right = replace(LONGITUDINAL, least_missed=(1e-5,) * len(LONGITUDINAL.missed))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(variances, "LEAST_MISSED", (1e-5,) * len(variances.MISSED))
         patch.setattr(variances, "THRUST_SHARE", 1e-6)
         for seed in range(DRAWS):
             (record,) = manoeuvres("noisy", t, laid(signals, NOISY, seed), navion)
-            found = Problem([manoeuvre(replace(record, stated=NOISY), still)], still, frees).null()
+            found = Problem([manoeuvre(replace(record, stated=NOISY), still, right)], still, frees).null()
             values.append(2.0 * found.state.a[: len(SIX)])
             told.append(2.0 * np.sqrt(np.diag(found.solved.covariance))[: len(SIX)])
     return np.array(values), np.array(told)

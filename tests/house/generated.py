@@ -28,7 +28,9 @@ from station import rows
 from station.__main__ import VERBS
 from station.conventions import SIGNALS, STREAMS, UNIT_ALIASES, UNITS, from_si
 from station.convert import IMPORTERS
-from station.diagnosis.effects import BY_ID, EFFECTS, Term
+from station.diagnosis.effects import BY_ID, EFFECTS
+from station.diagnosis.lateral_effects import LATERAL_EFFECTS
+from station.diagnosis.term import Term
 from station.estimation.method_table import METHODS
 
 ROOT: Final = Path(__file__).parents[2]
@@ -157,7 +159,15 @@ def range_of(term: Term) -> str:
 
 
 def effects() -> str:
-    assert set(BY_ID) == {t.id for t in EFFECTS}
+    assert set(BY_ID) == {t.id for t in (*EFFECTS, *LATERAL_EFFECTS)}
+    return rows_of(EFFECTS)
+
+
+def lateral_effects() -> str:
+    return rows_of(LATERAL_EFFECTS)
+
+
+def rows_of(terms: Sequence[Term]) -> str:
     body = (
         (
             f"`{t.id}`",
@@ -168,7 +178,7 @@ def effects() -> str:
             ", ".join(t.shows_in),
             t.separate_by,
         )
-        for t in EFFECTS
+        for t in terms
     )
     return markdown(
         ("effect", "what the report says", "unit", "range", "changes", "residuals that show it", "separated by"), body
@@ -234,6 +244,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "wings": wings,
     "methods": methods,
     "effects": effects,
+    "lateral_effects": lateral_effects,
     "verbs": verbs,
     "protocols": protocols,
     "dronecan": dronecan_messages,

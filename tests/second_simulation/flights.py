@@ -229,13 +229,14 @@ def diagnose_cases(
 ) -> list[Case]:
     """Three flights of one aircraft. `names` of what is hidden, else every fifth case has nothing, every tenth two or
     three things. Derivatives are as the profile says, within its standard deviations. `lateral`: ailerons and rudder
-    move too."""
+    move too, and what is hidden is of lateral motion."""
     rng = np.random.default_rng((seed, i, 3))
     aircraft = drawn(rng, 0.10, mass_known=True)
     if names is None:
         several = 2 + int(rng.integers(2)) if i % 10 == 9 else 1
         count = 0 if i % 5 == 0 else several
-        pool = [n for n in hides.HIDDEN if count < 2 or n not in hides.OUTSIDE]
+        rows = {n for n, row in hides.HIDDEN.items() if row.lateral == lateral}
+        pool = [n for n in hides.HIDDEN if n in rows and (count < 2 or n not in hides.OUTSIDE)]
         names = tuple(str(n) for n in rng.choice(pool, count, replace=False))
     planted = {n: hides.size(rng, n) for n in names}
     common = {

@@ -63,6 +63,15 @@ def test_a_large_lag_among_gusts_is_found_alone(station: Station, tmp_path: Path
 
 
 @pytest.mark.slow
+def test_no_lateral_name_is_confidently_wrong(station: Station, tmp_path: Path) -> None:
+    """Twenty of whatever lateral is drawn, each fifth with nothing hidden."""
+    drawn = [diagnose_cases(SEED, 200 + i, lateral=True) for i in range(20)]
+    scores = [s for i, cases in enumerate(drawn) if (s := scored(station, cases, tmp_path / str(i))) is not None]
+    print(f"seed {SEED}\n{totals(scores)}\n\n{table(scores)}")
+    assert [s.name for s in scores if s.confident] == []
+
+
+@pytest.mark.slow
 def test_no_name_is_confidently_wrong(station: Station, tmp_path: Path) -> None:
     """Twelve cases without anything hidden, four with ailerons and rudder too, and forty of whatever is drawn."""
     drawn = [diagnose_cases(SEED, i, names=()) for i in range(12)]
