@@ -174,17 +174,19 @@ def _flow(x: Mapping[str, Array], motion: _Motion, aircraft: Aircraft, s: Settin
     at_vane = motion.beta + (x["r"] * boom.vane_x - x["p"] * boom.vane_z) / x["airspeed"]
     vane = x["beta_vane"] - back(transform(at_vane, s) * vane_response, s)
     quick = transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ)
-    gust = transform(at_places(back(quick, s), motion.there), s) * np.exp(-1j * w * boom.gust_x / v0)
-    beta = motion.beta + at_places(back(gust, s), motion.again)
+    # A gust travels as a velocity: its angle falls where the airspeed rises.
+    slower = v0 / x["airspeed"]
+    gust = transform(at_places(back(quick, s) / slower, motion.there), s) * np.exp(-1j * w * boom.gust_x / v0)
+    beta = motion.beta + at_places(back(gust, s), motion.again) * slower
     unsteady, fin = aircraft.unsteady, aircraft.fin
     averaged = np.sqrt(1 + (SPAN_LAG * w * aircraft.geometry.span / v0) ** 2)
     turning = at_places(back(gust * 1j * w * unsteady.gust_turning / averaged, s), motion.again)
     if fin is None:
         return _Flow(vane, beta, np.zeros_like(beta), turning)
     arm = fin.arm / v0
-    later = gust * (np.exp(-1j * w * arm * fin.penetration) - 1)
+    later = at_places(back(gust * (np.exp(-1j * w * arm * fin.penetration) - 1), s), motion.again) * slower
     wash = transform(at_places(beta, motion.there), s) * (np.exp(-1j * w * (arm + fin.sidewash_delay)) - 1)
-    late = at_places(back(later - fin.sidewash * wash, s), motion.again) + fin.sidewash * x["r"] * arm
+    late = later - fin.sidewash * (at_places(back(wash, s), motion.again) - x["r"] * arm)
     # Along the span: the fin meets no such turning.
     return _Flow(vane, beta, late + turning * arm * (1 + fin.sidewash), turning)
 
