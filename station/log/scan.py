@@ -129,7 +129,6 @@ class PartReader:
         with self._mapped() as (data, file):
             index = read_index(data, file) if data is not None else None
             if index is not None:
-                # A file whose checksum fits may have been made wrong: it is then read.
                 with suppress(*WRONG):
                     return listed_times(data, index, self._wanted(index, kinds))
         found = [t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds]
