@@ -55,7 +55,7 @@ def test_what_cannot_be_simulated_says_why(navion: Aircraft) -> None:
     none = (0.0, 0.0, 0.0)
     still = values.copy()
     still[:, SIGNAL_INDEX["elevator"]] = still[:, SIGNAL_INDEX["alpha_vane"]] = 0.05
-    assert "neither the elevator nor the air moved" in beside(t, still, quality, navion, none).why
+    assert "neither a surface nor the air moved" in beside(t, still, quality, navion, none).why
     lacking = values.copy()
     lacking[:, SIGNAL_INDEX["theta"]] = math.nan
     assert "it has no theta" in beside(t, lacking, quality, navion, none).why

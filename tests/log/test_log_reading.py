@@ -33,6 +33,9 @@ from station.rows import Code, Event, Frame, Health, LogError, RawBlock, Rows, S
 
 STREAM = Stream("boom.vanes", ("alpha_vane", "beta_vane"), 50.0, 0.2, "boom")
 ABOUT = About(load_aircraft("twin_otter"), (STREAM,))
+CHUNK_HEAD = 1 + 8 + 8 + 8 + 8 + 4 + 4
+"""Bytes of a chunk before the name of its compression: kind, length, first and last time, size, checksum, and how long
+that name is."""
 
 
 def flight_rows(ticks: int, noise: random.Random) -> list[Rows]:
@@ -124,7 +127,7 @@ def test_a_whole_recording_is_complete(whole: tuple[Path, list[Rows]]) -> None:
 def test_truncation_anywhere_is_read_and_called_truncated(whole: tuple[Path, list[Rows]], tmp_path: Path) -> None:
     path, rows = whole
     data = path.read_bytes()
-    start = data.index(b"zstd") - 37
+    start = data.index(b"zstd") - CHUNK_HEAD
     noise = random.Random(2)
     cuts = [*range(8), *noise.sample(range(8, start), 20), *noise.sample(range(start, len(data)), 60)]
     cut, refused = tmp_path / "cut.mcap", []
@@ -147,7 +150,7 @@ def test_truncation_anywhere_is_read_and_called_truncated(whole: tuple[Path, lis
 def test_a_flipped_byte_is_called_damaged(whole: tuple[Path, list[Rows]], tmp_path: Path, seed: int) -> None:
     path, rows = whole
     data = bytearray(path.read_bytes())
-    at = random.Random(seed).randrange(data.index(b"zstd") - 37, len(data))
+    at = random.Random(seed).randrange(data.index(b"zstd") - CHUNK_HEAD, len(data))
     data[at] ^= 1 << random.Random(seed + 1000).randrange(8)
     hurt = tmp_path / "hurt.mcap"
     hurt.write_bytes(data)
@@ -166,7 +169,7 @@ def test_a_flipped_byte_in_the_profiles_costs_nothing(
     """They stand a second time behind the first chunk."""
     path, rows = whole
     data = bytearray(path.read_bytes())
-    at = random.Random(seed).randrange(0, data.index(b"zstd") - 37)
+    at = random.Random(seed).randrange(0, data.index(b"zstd") - CHUNK_HEAD)
     data[at] ^= 1 << random.Random(seed + 1000).randrange(8)
     hurt = tmp_path / "hurt.mcap"
     hurt.write_bytes(data)
@@ -195,7 +198,7 @@ def test_a_flipped_byte_anywhere_alters_no_row_and_costs_at_most_its_chunk(
 def test_a_head_that_is_gone_costs_nothing(whole: tuple[Path, list[Rows]], tmp_path: Path, size: int) -> None:
     path, rows = whole
     data = path.read_bytes()
-    assert size < data.index(b"zstd") - 37
+    assert size < data.index(b"zstd") - CHUNK_HEAD
     hurt = tmp_path / "hurt.mcap"
     hurt.write_bytes(bytes(size) + data[size:])
     assert summarise(hurt).verdict == "damaged"

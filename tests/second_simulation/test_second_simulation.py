@@ -133,7 +133,7 @@ def test_every_hidden_effect_is_in_the_catalogue_or_said_to_be_outside() -> None
 
 @pytest.mark.parametrize("name", hides.HIDDEN)
 def test_every_hidden_effect_changes_what_is_recorded(name: str) -> None:
-    cases = diagnose_cases(7, 0, names=(name,), sigma=1.5)
+    cases = diagnose_cases(7, 0, names=(name,), sigma=1.5, lateral=hides.HIDDEN[name].lateral)
     seen = cases[0]
     shown, sound = (flown(replace(c, seconds=15.0)).shown for c in (seen, replace(seen, hidden={})))
     assert any(np.abs(shown[n] - sound[n]).max() > 0 for n in shown)
