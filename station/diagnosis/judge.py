@@ -56,8 +56,7 @@ class RemainingResidual:
     further from the profile than its stated doubt allows: another aircraft's profile, or an effect that none of the
     catalogue is."""
     beyond: tuple[tuple[str, float], ...] = ()
-    """Effects, and the end of their range there, that explain clearly more than what is accepted, but only beyond what
-    is physical."""
+    """See Found."""
 
     @property
     def in_signals(self) -> bool:
@@ -73,7 +72,7 @@ def remaining_residual(
     problem: Problem, accepted: Estimate, beyond: Sequence[tuple[str, float]] = ()
 ) -> RemainingResidual:
     """The tests after the accepted effects: the posterior predictive check of the whitened residuals, per series and
-    band, and whether the model misses a share of anything."""
+    band, and whether the model misses a share of anything. `beyond`: see Found."""
     s = accepted.state
     worst = (0.0, 0, (0.0, 0.0))
     totals: dict[int, tuple[float, int]] = {}

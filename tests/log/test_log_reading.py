@@ -27,15 +27,14 @@ from station.log import (
     write_log,
 )
 from station.log.disk import Disk
-from station.log.part import PartWriter
+from station.log.part import CHUNK, RECORD, PartWriter
 from station.profile import load_aircraft
 from station.rows import Code, Event, Frame, Health, LogError, RawBlock, Rows, Sample, StreamHealth, Tick
 
 STREAM = Stream("boom.vanes", ("alpha_vane", "beta_vane"), 50.0, 0.2, "boom")
 ABOUT = About(load_aircraft("twin_otter"), (STREAM,))
-CHUNK_HEAD = 1 + 8 + 8 + 8 + 8 + 4 + 4
-"""Bytes of a chunk before the name of its compression: kind, length, first and last time, size, checksum, and how long
-that name is."""
+CHUNK_HEAD = RECORD.size + CHUNK.size + 4
+"""Bytes of a chunk before the name of its compression."""
 
 
 def flight_rows(ticks: int, noise: random.Random) -> list[Rows]:
