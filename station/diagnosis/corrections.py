@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.backlash import linearised, lost_motion
+from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting, back, passed, transform
 from station.estimation.instrument_errors import DITHER
 from station.profile import Aircraft, Instrument
@@ -27,6 +30,17 @@ PRESENT: Final = {
 
 def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
     return aircraft.instruments.get(PRESENT.get(name, name))
+
+
+def all_corrected(
+    signals: Mapping[str, Array], aircraft: Aircraft, s: Setting, memo: Memo
+) -> tuple[dict[str, Instrument | None], dict[str, Array]]:
+    """What the aircraft says of each signal's instrument, and the signals (..., n), SI, with that undone."""
+    found = {name: instrument_of(aircraft, name) for name in signals}
+    return found, {
+        name: memo.get("signal", (name, found[name]), partial(corrected, values, found[name], s))
+        for name, values in signals.items()
+    }
 
 
 def corrected(x: Array, found: Instrument | None, s: Setting) -> Array:

@@ -15,13 +15,12 @@ CG, body axes. Source: Klein and Morelli 2006, chapter 3 and equation 10.6.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.corrections import corrected, instrument_of
+from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
     Places,
@@ -36,7 +35,7 @@ from station.diagnosis.processing import (
     transform,
     without_line,
 )
-from station.diagnosis.residuals import GUST_PASS_HZ, LIFT, Signals, Spectra, spectra
+from station.diagnosis.residuals import GUST_PASS_HZ, Signals, Spectra, both_spectra
 from station.model import coefficients
 from station.numerics.second_order import second_order_response
 from station.profile import NO_BOOM, Aircraft
@@ -96,12 +95,7 @@ def lateral_series(
 def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: float, memo: Memo) -> Spectra:
     """The spectra of `lateral_series`, those without aerodynamics from the memo where they are there."""
     x, motion, flow, key = _stages(signals, aircraft, s, drift, memo)
-    count = sum(j < LIFT for j in s.judged)
-    first = memo.get("spectra", key, lambda: spectra(_kinematic(motion, flow), s, s.judged[:count]))
-    forces = spectra(_forces(x, motion, flow, aircraft), s, tuple(j - LIFT for j in s.judged[count:]), False)
-    return Spectra(
-        np.concatenate([first.bins, forces.bins], axis=-2), np.concatenate([first.steady, forces.steady], axis=-1)
-    )
+    return both_spectra(lambda: _kinematic(motion, flow), _forces(x, motion, flow, aircraft), s, memo, key)
 
 
 def _kinematic(motion: _Motion, flow: _Flow) -> Array:
@@ -112,11 +106,7 @@ def _stages(
     signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array, memo: Memo
 ) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what the kinematic series were made from."""
-    found = {name: instrument_of(aircraft, name) for name in signals}
-    x = {
-        name: memo.get("signal", (name, found[name]), partial(corrected, values, found[name], s))
-        for name, values in signals.items()
-    }
+    found, x = all_corrected(signals, aircraft, s, memo)
     of_drift = drift if isinstance(drift, float) else id(drift)
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, aircraft.unsteady.convection, of_drift)
     motion = memo.get("motion", first, lambda: _motion(x, aircraft, s, drift))

@@ -15,9 +15,9 @@ All functions take leading axes: signals of (..., n) give series of (..., 7, n).
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from scipy import fft, signal
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.diagnosis.attached_flow import attached_along
-from station.diagnosis.corrections import corrected, instrument_of
+from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
     Places,
@@ -145,12 +145,16 @@ def series(
 def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: float, memo: Memo) -> Spectra:
     """The spectra of `series`, those without aerodynamics from the memo where they are there."""
     x, motion, flow, key = _stages(signals, aircraft, s, drift, memo)
+    return both_spectra(lambda: _kinematic(motion, flow), _forces(x, motion, flow, aircraft, s), s, memo, key)
+
+
+def both_spectra(kinematic: Callable[[], Array], forces: Array, s: Setting, memo: Memo, key: Hashable) -> Spectra:
+    """Of the series judged: the kinematic ones, by `key` from the memo where there, and the coefficients (..., 3, n)."""
     count = sum(j < LIFT for j in s.judged)
-    first = memo.get("spectra", key, lambda: spectra(_kinematic(motion, flow), s, s.judged[:count]))
-    forces = spectra(_forces(x, motion, flow, aircraft, s), s, tuple(j - LIFT for j in s.judged[count:]), False)
-    return Spectra(
-        np.concatenate([first.bins, forces.bins], axis=-2), np.concatenate([first.steady, forces.steady], axis=-1)
-    )
+    first = memo.get("spectra", key, lambda: spectra(kinematic(), s, s.judged[:count]))
+    last = spectra(forces, s, tuple(j - LIFT for j in s.judged[count:]), False)
+    bins = np.concatenate([first.bins, last.bins], axis=-2)
+    return Spectra(bins, np.concatenate([first.steady, last.steady], axis=-1))
 
 
 def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> Array:
@@ -167,11 +171,7 @@ def _stages(
     signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array, memo: Memo
 ) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what they were made from."""
-    found = {name: instrument_of(aircraft, name) for name in signals}
-    x = {
-        name: memo.get("signal", (name, found[name]), partial(corrected, values, found[name], s))
-        for name, values in signals.items()
-    }
+    found, x = all_corrected(signals, aircraft, s, memo)
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
     motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
     of_drift = drift if isinstance(drift, float) else id(drift)
