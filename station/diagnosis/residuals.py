@@ -149,7 +149,7 @@ def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: floa
 
 
 def both_spectra(kinematic: Callable[[], Array], forces: Array, s: Setting, memo: Memo, key: Hashable) -> Spectra:
-    """Of the series judged: the kinematic ones, by `key` from the memo where there, and the coefficients (..., 3, n)."""
+    """Of the series judged: the kinematic ones, from the memo where `key` is there, and coefficients (..., 3, n)."""
     count = sum(j < LIFT for j in s.judged)
     first = memo.get("spectra", key, lambda: spectra(kinematic(), s, s.judged[:count]))
     last = spectra(forces, s, tuple(j - LIFT for j in s.judged[count:]), False)

@@ -145,6 +145,19 @@ def test_a_new_row_is_all_that_a_new_effect_takes(monkeypatch):
     assert "v_down.scale" in effects_table(found.named)
 
 
+def test_what_explains_more_only_beyond_its_range_is_told_and_leaves_the_rest_unexplained(monkeypatch):
+    """A sensor twice as cubic as the catalogue would have it: the next best, backlash or a lag, is not it."""
+    name = "elevator.nonlinearity"
+    made = [fly_case(Case(seed=79, effects={name: 0.8}), kind, k) for k, kind in enumerate(("doublets", "3-2-1-1"))]
+    monkeypatch.setitem(BY_ID, name, replace(BY_ID[name], high=0.4))
+    found = diagnose(made, [], aircraft())
+    assert found.found.beyond == ((name, 0.4),)
+    assert found.verdict == "unexplained"
+    assert all(e.suspect for e in found.effects)
+    (told,) = (words for words in found.remarks if name in words and "at an end of what is physical" in words)
+    assert "+40 %" in told
+
+
 @pytest.mark.slow
 def test_what_held_out_data_do_not_confirm_is_neither_named_nor_left_in_the_aircraft(monkeypatch):
     """Gyro and attitude contradict each other whatever is held out; an elevator's lag rests on the aircraft's model."""
