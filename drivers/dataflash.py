@@ -68,11 +68,20 @@ _MESSAGES: Final[Mapping[str, Callable[[Any], dict[str, float]]]] = {
     "ARSP": _airspeed,
     "BARO": _baro,
 }
-_FORMAT_WITHOUT_END: Final = re.compile(rb"\xa3\x95\x80.[\0-\2][\w\0]{4}", re.DOTALL)
-"""Head of a FMT message, the type that it describes, a length below the head's own three bytes, and a name: at such a
-message pymavlink stands still for ever. In 100 MB of random bytes there is one with a chance of 0.0003."""
 _VELOCITIES: Final = ("XKF1", "NKF1", "GPS")
 """In order of preference: the filter's is faster than the receiver's."""
+
+
+class _Log(DFReader.DFReader_binary):  # type: ignore[misc]
+    """That goes on: at a message which the log describes as without length pymavlink would stand still for ever."""
+
+    def _parse_next(self) -> Any:
+        at = self.offset
+        made = super()._parse_next()
+        if made is not None and self.offset <= at:
+            self.close()  # which nobody holds yet
+            raise LogError(f"damaged at byte {at}: a message there has no length by the log's own description")
+        return made
 
 
 def read_dataflash(path: Path) -> list[Columns]:
@@ -86,16 +95,12 @@ def read_dataflash(path: Path) -> list[Columns]:
     with path.open("rb") as file:
         if file.read(2) != b"\xa3\x95":
             raise LogError(f"{path}: not a DataFlash log: it does not begin with a message's head")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            if (broken := _FORMAT_WITHOUT_END.search(data)) is not None:
-                raise LogError(
-                    f"{path}: damaged at byte {broken.start()}: it describes a message of {broken[0][4]} bytes, fewer "
-                    "than a head has\ndownload the log anew"
-                )
     try:
-        log = DFReader.DFReader_binary(str(path), zero_time_base=True)
+        log = _Log(str(path), zero_time_base=True)
         while (m := log.recv_match(type=list(_MESSAGES))) is not None:
             _add(found, m)
+    except LogError as error:
+        raise LogError(f"{path}: {error}\ndownload the log anew") from None
     except Exception as error:  # pymavlink raises whatever a broken file makes of it
         raise LogError(f"{path}: not a DataFlash log that can be read: {type(error).__name__}: {error}") from error
     finally:

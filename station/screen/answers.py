@@ -140,8 +140,12 @@ def wrong_answer(board: Board, now_ns: int) -> Answer:
     if board.health is None:
         return Answer("none", "NOT YET", "nothing heard yet")
     missed = board.health.overruns > MISSED_SHARE * TICK_HZ * board.elapsed_s(now_ns)
-    serious = missed or board.health.dropped
-    return Answer("doubt" if serious else "good", "LOSSES" if serious else "NOTHING", losses_words(board))
+    if missed or board.health.dropped:
+        return Answer("doubt", "LOSSES", losses_words(board))
+    if board.estimators != "ready":
+        state: State = "none" if board.estimators == "preparing" else "bad"
+        return Answer(state, "NO ESTIMATES", NO_ALPHA[board.estimators])
+    return Answer("good", "NOTHING", losses_words(board))
 
 
 def baseline_answer(board: Board) -> Answer | None:

@@ -59,7 +59,7 @@ def still(witnesses: list[list[tuple[float, float]]], missed: list[tuple[float, 
     words = f"stood still {often}, {max(together) * 1e3:.0f} ms at most" if together else "never stood still"
     spans = [span for seen in witnesses for span in seen]
     then = sum(n for t, n in missed or () if any(due - TOLD_S < t < due + late + TOLD_S for due, late in spans))
-    return f"the machine itself {words}" + (f"; {then} ticks missed while a core of it did" if missed else "")
+    return f"the machine itself {words}" + (f"; ticks missed while a core of it did: {then}" if missed else "")
 
 
 def missed_ticks(first: Path) -> list[tuple[float, int]]:

@@ -210,8 +210,9 @@ def soaked(told: str, minutes: float, *, stressed: bool = False) -> Told:
     assert late is not None, told
     assert beside is not None, told
     grown = f"{slope[1]} MiB/h from 10 min on" if slope else "too short for the memory's slope"
-    stood = re.search(r"^the machine itself (.*?(?:; (\d+) ticks missed while a core of it did)?)$", told, re.MULTILINE)
-    words = f"{missed[1]} ticks missed, {late[1]} ms (p99); {grown}; files: {beside[2]}, exit code {beside[3]}"
+    still = r"^the machine itself (.*?(?:; ticks missed while a core of it did: (\d+))?)$"
+    stood = re.search(still, told, re.MULTILINE)
+    words = f"ticks missed: {missed[1]}, {late[1]} ms (p99); {grown}; files: {beside[2]}, exit code {beside[3]}"
     words += f"; the machine itself {stood[1]}" if stood else ""
     name = f"a flight of {minutes:g} min on the bench{', one core kept busy' * stressed}, {beside[1]}"
     # What the machine itself loses, no process on it can keep.

@@ -119,12 +119,14 @@ def test_a_time_beyond_64_bits_is_an_error_of_the_file(tmp_path: Path) -> None:
         import_file(path, tmp_path / "a.mcap", AIRCRAFT, (DATAFLASH,))
 
 
-def test_a_message_without_a_length_is_told_at_once(tmp_path: Path) -> None:
-    """pymavlink stands still at it, for the 60 s that a parser may take."""
+@pytest.mark.parametrize("name", [b"ATT\0", b"A,T\xff"])
+def test_a_message_without_a_length_is_told_at_once(tmp_path: Path, name: bytes) -> None:
+    """pymavlink stands still at it, for the 60 s that a parser may take: by its description it has neither a head nor
+    fields."""
     data = dataflash([1_000_000, 1_020_000])
     path = tmp_path / "a.bin"
-    path.write_bytes(data[:93] + b"\0" + data[94:])
-    with pytest.raises(LogError, match="damaged at byte 89: it describes a message of 0 bytes"):
+    path.write_bytes(data[:93] + b"\0" + name + bytes(80) + data[178:])
+    with pytest.raises(LogError, match="damaged at byte 178: a message there has no length"):
         read_dataflash(path)
 
 

@@ -13,6 +13,7 @@ from station.clock import ManualClock
 from station.commands.cards import load
 from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_NS
 from station.flight.board import Board
+from station.flight.loop import ESTIMATORS
 from station.rows import AlphaEstimate, Code, Event, Frame, Health, MethodEstimate, ParamEstimate, Status, StreamHealth
 from station.screen import terminal
 from station.screen.answer_tiles import COLOURS, PALETTE, tiles
@@ -52,6 +53,15 @@ def test_a_page_that_is_late_is_told_after_what_is_worse() -> None:
     assert (wrong_answer(board, 0).state, wrong_answer(board, 0).words) == ("doubt", "PAGE LATE")
     board.update([Event(1, "vane", Code.DISAGREE, 1, "vane and motion disagree")])
     assert wrong_answer(board, 0).words == "CHECK"
+
+
+@pytest.mark.parametrize(("code", "state"), [(Code.PREPARING, "none"), (Code.ESTIMATOR, "bad")])
+def test_nothing_is_not_said_to_be_wrong_while_there_are_no_estimators(code: Code, state: str) -> None:
+    board = board_of()
+    board.update([Event(1, ESTIMATORS, code, 1, "the estimators are being prepared")])
+    assert (wrong_answer(board, 1).state, wrong_answer(board, 1).words) == (state, "NO ESTIMATES")
+    board.update([Event(2, ESTIMATORS, Code.READY, 1, "")])
+    assert wrong_answer(board, 2).words == "NOTHING"
 
 
 def test_the_first_screen_says_what_is_known_and_what_is_wanted() -> None:
