@@ -67,8 +67,6 @@ class Axis:
     """Free zeros that are named as effects."""
     day: tuple[str, ...]
     """Free parameters of the day, not of the aircraft."""
-    starts: tuple[Mapping[str, float], ...]
-    """Where the first fit begins."""
 
     @property
     def forces(self) -> Mapping[str, str]:
@@ -152,7 +150,6 @@ LONGITUDINAL: Final = Axis(
     derivatives=free_parameters.DERIVATIVES,
     of_zero=free_parameters.OF_ZERO,
     day=free_parameters.DAY,
-    starts=free_parameters.STARTS,
 )  # fmt: skip
 
 ACROSS: Final = Axis(
@@ -185,5 +182,4 @@ ACROSS: Final = Axis(
     derivatives=LATERAL,
     of_zero=lateral_free.OF_ZERO,
     day=lateral_free.DAY,
-    starts=({},),
 )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -47,13 +47,6 @@ methods miss by a quarter (CL_q) and by an eighth (CL_de), whatever error the so
 
 LEAST_SHAPE: Final = 0.1
 """Of a span's lag: more even than any loading makes it."""
-STARTS: Final[tuple[Mapping[str, float], ...]] = (
-    {},
-    {"gust span": 2.5},
-    {"gust span": 2.5, "gust span shape": -0.3, "gust span cut": 1.8},
-)
-"""Where the first fit begins, in prior standard deviations: at the profile, or with a wide span, whose lags are even or
-have no end; from a span far from the true one fits end in worse minima."""
 DAY: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
 """What is of the day, not of the aircraft: fitted to held-out manoeuvres, too."""
 _MEANS: Final = (*DAY[:-1], "phi bias", "ay bias", "p bias", "r bias", "CY_0", "Cl_0", "Cn_0")

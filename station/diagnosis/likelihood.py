@@ -20,15 +20,18 @@ from numpy.typing import NDArray
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
-from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust
+from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust, late_by_sampling
 from station.diagnosis.residuals import Spectra
 from station.diagnosis.term import Term
 from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
 from station.profile import Aircraft
+from station.profile.profile_changes import delay
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+SOONEST: Final = 1e-4
+"""s: no delay is told to as little."""
 ROUNDS: Final = 25
 DONE: Final = 0.2
 NEAR: Final = 10.0
@@ -58,7 +61,9 @@ class Problem:
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
-        self.frees = tuple(self.axis.free_parameters(aircraft, speed, recorded) if frees is None else frees)
+        if frees is None:
+            frees = [*self.axis.free_parameters(aircraft, speed, recorded), *_sampled(self.manoeuvres)]
+        self.frees = tuple(frees)
         drift = aircraft.uncertainty.drift
         self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
         ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * len(self.manoeuvres)
@@ -270,12 +275,10 @@ class Problem:
         return self.from_profile({})
 
     def from_profile(self, values: Mapping[str, float]) -> Estimate:
-        """Fitted from the profile on, at the best of its axis' starts, with effects that begin at `values`."""
-        none = [0.0] * len(self.manoeuvres)
-        starts = [np.array([*(s.get(f.name, 0.0) for f in self.frees), *none]) for s in self.axis.starts]
+        """Fitted from the profile on, with effects that begin at `values`."""
         # A zero that all manoeuvres share is looked for before zeros are let wander.
         self._zeros_wander = False
-        start = min((self.relevelled(self.state(values, a)) for a in starts), key=self.cost)
+        start = self.relevelled(self.state(values, np.zeros(len(self.frees) + len(self.manoeuvres))))
         near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         self._zeros_wander = True
         return self.estimate(near.state, ROUNDS, self.whole)
@@ -331,6 +334,16 @@ class Problem:
             if solved.gained < done and damping < LIGHTLY_DAMPED:
                 break
         return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
+
+
+def _sampled(manoeuvres: Sequence[Manoeuvre]) -> list[Free]:
+    """How late the surfaces seem by their samples alone: nothing, where these are fast."""
+    found = []
+    for name in manoeuvres[0].axis.surfaces:
+        sd = math.sqrt(float(np.mean([late_by_sampling(name, m) ** 2 for m in manoeuvres])))
+        if sd > SOONEST:
+            found.append(Free(f"{name} sampling", sd, delay(name)))
+    return found
 
 
 def _numbers(x: Complex) -> Array:

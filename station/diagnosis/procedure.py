@@ -27,6 +27,7 @@ from station.diagnosis.measured_record import (
     was_moved,
     why_not_lateral,
 )
+from station.diagnosis.residuals import VANE
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import (
     ASKED,
@@ -38,8 +39,8 @@ from station.diagnosis.search import (
 )
 from station.profile import Aircraft
 
-NOTABLE_GUST: Final = 0.3
-"""m/s of standard deviation from which turbulence is told."""
+NOTABLE_GUST: Final = 0.1
+"""m/s of standard deviation from which turbulence is told: twice what vane and motion of a calm flight leave."""
 INERTIAL: Final = frozenset(("p", "q", "r", "phi", "theta", "psi", "v_north", "v_east", "v_down"))
 """Signals that are compared with each other without aerodynamics, and without the air."""
 BEYOND_DOUBT: Final = 30.0
@@ -167,6 +168,7 @@ def _diagnosed(
     gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
         f"turbulence in {m.record.name}: {gust} gust of {g:.2f} m/s standard deviation"
+        f" at {m.setting.frequencies[0]:.1f} to {m.setting.frequencies[-1]:.1f} Hz"
         for m, g in zip(made, gusty, strict=True)
         if g > NOTABLE_GUST
     ]
@@ -292,11 +294,18 @@ def _with(aircraft: Aircraft, effects: Sequence[Effect]) -> Aircraft:
 
 
 def gusts(problem: Problem, e: Estimate) -> list[float]:
-    """Standard deviation of the vertical gust, or of the side gust, m/s, by manoeuvre."""
+    """Standard deviation of the vertical gust, or of the side gust, at the frequencies judged, m/s, by manoeuvre: what
+    the vane shows beyond motion and noise."""
     boom = problem.aircraft.boom
     share = boom.steady_calibration if boom and not problem.axis.lateral else 1.0
-    speeds = [float(m.record.signals["airspeed"].mean()) for m in problem.manoeuvres]
-    return [math.sqrt(float(g)) * share * v for g, v in zip(e.state.levels.gust, speeds, strict=True)]
+    found, s = [], e.state
+    for k, (m, z, response) in enumerate(zip(problem.manoeuvres, s.spectra, s.responses, strict=True)):
+        row, gust, levels = m.setting.judged.index(VANE), 2 * len(m.trim.sensors), s.levels.of(k)
+        power = np.abs(m.columns(response)[:, row]) ** 2 * levels
+        beyond = float((np.abs(z.bins[row]) ** 2 - power.sum(-1) + power[:, gust]).sum())
+        sd = math.sqrt(max(beyond, 0.0) * 2 / (m.setting.n - 2 * m.setting.cut))
+        found.append(sd * share * float(m.record.signals["airspeed"].mean()))
+    return found
 
 
 def _gain(before: tuple[Aircraft, ...], after: tuple[Aircraft, ...], kept: Sequence[Manoeuvre]) -> Gain | None:

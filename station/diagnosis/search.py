@@ -37,6 +37,9 @@ HUGE: Final = 1000.0
 """Deviance reduction of an effect without which the first fit may have ended in a minimum of its own: it is fitted from
 the profile on too, as are the best where that fit has constants farther from the profile's than its doubt lets expect.
 """
+SHORT: Final = 4 * CONFOUNDED
+"""Of the accepted's deviance: as near, a candidate that was left after few steps may yet be confounded with it (the
+slopes it steps by are those of no effect)."""
 RIVAL_SHARE: Final = 0.1
 """Of the best's deviance reduction: candidates nearer than this may yet overtake it when fitted to the end."""
 SINGLES: Final = 5
@@ -49,8 +52,6 @@ WHOLE: Final = 4
 """Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
 HOPEFUL: Final = 0.5
 """Share of the deviance asked of a second effect that a pair's linear model must reach to be refitted."""
-FAR: Final = 1.5
-"""Prior standard deviations of a constant from which it may stand for an effect."""
 SIGNIFICANT: Final = 1.96
 
 
@@ -198,13 +199,9 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     refits = _Refits(problem, null, least_judged(problem, null.state, terms, slopes))
     singles = _one_and_two(problem, refits, terms, slopes, progress)
     accepted = _settled(problem, refits, _several(problem, refits, terms, progress), progress)
-    alternatives: tuple[Estimate, ...] = ()
     if accepted.state.values:
-        alternatives = tuple(
-            e
-            for e in refits.of_size(len(accepted.state.values))
-            if frozenset(e.state.ids) != frozenset(accepted.state.ids) and e.cost - accepted.cost < CONFOUNDED
-        )
+        accepted = _rivalled(problem, refits, accepted, progress)
+    alternatives = tuple(e for e in _others(refits, accepted) if e.cost - accepted.cost < CONFOUNDED)
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
     return Found(
@@ -224,11 +221,6 @@ def _one_and_two(
     singles, starts = screened(problem, null, terms, slopes)
     for _, ids, values, a in hopeful(starts[1], SINGLES):
         refits.add(ids, values, a)
-    # What hides an effect is far from its prior, and far from where the equations are straight: seen from the profile.
-    if (near := _nearer(problem, null)) is not None:
-        made = problem.effect_slopes(near.state, terms)
-        for _, ids, values, a in screened(problem, near, terms, made)[1][1][:MORE]:
-            refits.add(ids, values, a, again=True)
     likely = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if likely:
         progress("pairs of effects")
@@ -301,6 +293,20 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
     return refits.null
 
 
+def _rivalled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
+    """The accepted, or what is better when those that few steps left near it are fitted to the end too."""
+    for e in [e for e in _others(refits, accepted) if e.cost - accepted.cost < SHORT][:MORE]:
+        refits.fit_to_the_end(e)
+    best = min(_others(refits, accepted), key=lambda e: e.cost, default=accepted)
+    return _settled(problem, refits, best, progress) if best.cost < accepted.cost else accepted
+
+
+def _others(refits: _Refits, accepted: Estimate) -> list[Estimate]:
+    """Candidates of the accepted's size, the best first; none where nothing is accepted."""
+    found = refits.of_size(len(accepted.state.values)) if accepted.state.values else []
+    return [e for e in found if frozenset(e.state.ids) != frozenset(accepted.state.ids)]
+
+
 def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...]:
     """Effects that would bring a free parameter, by its place, back to the profile: what a derivative that is named for
     being far from there may be instead."""
@@ -309,16 +315,6 @@ def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...
     far = float(e.state.a[i]) ** 2
     singles = screened(problem, e, found.terms, made)[1][1]
     return tuple(ids[-1] for _, ids, _, a in singles if abs(a[i]) < BEYOND and far - a[i] ** 2 > CONFOUNDED)
-
-
-def _nearer(problem: Problem, null: Estimate) -> Estimate | None:
-    """The estimate with those constants that are far from the profile's put back; None where none is far."""
-    far = np.abs(null.state.a) > FAR
-    far[[i for i, f in enumerate(problem.frees) if f.name in problem.axis.derivatives]] = False
-    if not far.any():
-        return None
-    s = problem.state({}, np.where(far, 0.0, null.state.a), null.state.levels)
-    return replace(null, state=s, slopes=problem.whole(s)[0])
 
 
 def _strained(e: Estimate) -> bool:
