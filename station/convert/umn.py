@@ -8,6 +8,7 @@ them. The navigation filter's estimates of the sensors' biases are kept beside.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -57,6 +58,10 @@ def is_umn(path: Path) -> bool:
 def read_umn(path: Path, aircraft: Aircraft) -> Record:
     """A .mat with the struct `flight_data`. Raises LogError naming the field that is missing or of a wrong size."""
     try:
+        # scipy makes room for all elements of a struct before it reads the first.
+        for name, shape, kind in whosmat(path):
+            if kind in ("struct", "cell", "object") and math.prod(shape) > path.stat().st_size:
+                raise ValueError(f"{name} of {math.prod(shape)} elements in a file of {path.stat().st_size} bytes")
         content: dict[str, Any] = loadmat(path, squeeze_me=True, struct_as_record=False)
     except Exception as error:  # scipy raises whatever a broken file makes of it
         raise LogError(f"{path}: not a MATLAB file that can be read: {error}") from error

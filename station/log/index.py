@@ -141,7 +141,12 @@ def times(data: Any, index: Index, wanted: frozenset[int]) -> NDArray[np.int64]:
         for channel, at in np.frombuffer(chunk.lists, _PLACE).tolist():
             if channel in wanted:
                 found.append(_listed(data, at, chunk.first_ns, chunk.last_ns)["t_ns"])
-    return np.concatenate(found).astype(np.int64)
+    return shown(np.concatenate(found))
+
+
+def shown(times: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Those that a clock may show; beyond 2**63 ns, or 292 years, bytes are wrong."""
+    return times[times < 2**63].astype(np.int64)
 
 
 def _listed(data: Any, at: int, first_ns: int, last_ns: int) -> NDArray[Any]:

@@ -31,6 +31,7 @@ from station.log.index import (
     let_go,
     mapping_of,
     read_index,
+    shown,
     string_of,
 )
 from station.log.index import times as listed_times
@@ -132,7 +133,7 @@ class PartReader:
                 with suppress(*WRONG):
                     return listed_times(data, index, self._wanted(index, kinds))
         found = [t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds]
-        return np.array(found, dtype=np.int64)
+        return shown(np.array(found, dtype=np.uint64))
 
     def is_sound(self) -> bool:
         """Whether the file is complete and its checksum fits: nothing of it needs to be taken apart to know that."""

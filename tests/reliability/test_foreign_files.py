@@ -20,10 +20,11 @@ from drivers.dataflash import read_dataflash
 from station.convert import Record, import_file
 from station.convert.confined import confined
 from station.convert.ulog import read_ulog
+from station.convert.umn import read_umn
 from station.log import About, read_rows, summarise, write_log
 from station.profile import load_aircraft
 from station.rows import LogError, ProfileError, RawBlock, Tick
-from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, ulog
+from tests.reliability.foreign import AIRCRAFT, DATAFLASH, dataflash, mat, ulog, umn
 from tests.reliability.hurting import mutated
 
 MIB = 2**20
@@ -128,6 +129,17 @@ def test_a_message_without_a_length_is_told_at_once(tmp_path: Path, name: bytes)
     path.write_bytes(data[:93] + b"\0" + name + bytes(80) + data[178:])
     with pytest.raises(LogError, match="damaged at byte 178: a message there has no length"):
         read_dataflash(path)
+
+
+def test_a_struct_of_more_elements_than_bytes_is_refused_before_there_is_room_for_it(tmp_path: Path) -> None:
+    """4 kB took 400 MiB: the second of the two dimensions of the first variable (*MAT-File Format*, array header)."""
+    path = tmp_path / "a.mat"
+    data = bytearray(umn(path))
+    assert struct.unpack_from("<4i", data, 152) == (5, 8, 1, 1)
+    struct.pack_into("<i", data, 164, 2**25)
+    path.write_bytes(data)
+    with pytest.raises(LogError, match="flight_data of 33554432 elements in a file of"):
+        read_umn(path, AIRCRAFT)
 
 
 def test_a_definition_that_the_end_cuts_is_told_at_once(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from drivers.codec import Codec, Reading, TimeReply
 from drivers.protocols import PROTOCOLS
 from drivers.serial_boombox import BoomboxCodec
 from station.log import read_rows, row_times, summarise
-from station.rows import Sample
+from station.log.part import CHUNK, RECORD
+from station.rows import Event, Sample
 from tests.reliability.counts import Flown
 from tests.reliability.hurting import mutated
 from tests.reliability.mutated_files import files, records_of, together
@@ -107,3 +108,32 @@ def test_lists_of_messages_that_lead_beyond_all_numbers_are_no_fault(tmp_path: P
     path.write_bytes(together((kind, beyond(kind, content)) for kind, content in records_of(sound)))
     assert list(read_rows(path, (Sample,), (0, 2**62))) == list(read_rows(good, (Sample,)))
     assert row_times(path, Sample).tolist() == row_times(good, Sample).tolist()
+
+
+def test_times_beyond_all_clocks_are_no_times_and_no_fault(tmp_path: Path) -> None:
+    """Two of a million recordings, in which such a time stood where no index was to be had."""
+
+    def beyond(kind: int, content: bytes) -> bytes:
+        if kind != Opcode.CHUNK:
+            return content
+        at = CHUNK.size + 8  # behind the name of the compression
+        body = bytearray(zstandard.ZstdDecompressor().decompress(content[at + 8 :], max_output_size=10**6))
+        there = 0
+        while there < len(body):
+            record, length = RECORD.unpack_from(body, there)
+            if record == Opcode.MESSAGE:  # behind channel and sequence, when it was written
+                body[there + RECORD.size + 6 : there + RECORD.size + 14] = b"\xff" * 8
+                break
+            there += RECORD.size + length
+        else:
+            return content
+        first, last, _, _ = CHUNK.unpack_from(content)
+        packed = zstandard.ZstdCompressor().compress(bytes(body))
+        head = CHUNK.pack(first, last, len(body), zlib.crc32(body)) + content[CHUNK.size : at]
+        return head + struct.pack("<Q", len(packed)) + packed
+
+    kept = [(k, beyond(k, c)) for k, c in records_of(files(tmp_path)["mcap"]) if k != Opcode.FOOTER]
+    path, good = tmp_path / "a.mcap", tmp_path / "made.mcap"
+    path.write_bytes(together(kept))
+    times, sound = row_times(path, Event).tolist(), row_times(good, Event).tolist()
+    assert times == sound[1:]
