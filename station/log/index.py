@@ -144,9 +144,10 @@ def times(data: Any, index: Index, wanted: frozenset[int]) -> NDArray[np.int64]:
     return shown(np.concatenate(found))
 
 
-def shown(times: NDArray[np.uint64]) -> NDArray[np.int64]:
+def shown(times: NDArray[np.uint64] | list[int]) -> NDArray[np.int64]:
     """Those that a clock may show; beyond 2**63 ns, or 292 years, bytes are wrong."""
-    return times[times < 2**63].astype(np.int64)
+    every = np.asarray(times, dtype=np.uint64)
+    return every[every < 2**63].astype(np.int64)
 
 
 def _listed(data: Any, at: int, first_ns: int, last_ns: int) -> NDArray[Any]:

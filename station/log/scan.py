@@ -132,8 +132,7 @@ class PartReader:
             if index is not None:
                 with suppress(*WRONG):
                     return listed_times(data, index, self._wanted(index, kinds))
-        found = [t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds]
-        return shown(np.array(found, dtype=np.uint64))
+        return shown([t for channel, t, _ in self.messages() if channel.metadata.get("row", "") in kinds])
 
     def is_sound(self) -> bool:
         """Whether the file is complete and its checksum fits: nothing of it needs to be taken apart to know that."""
