@@ -40,7 +40,7 @@ from station.diagnosis.search import (
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1
-"""m/s of standard deviation from which turbulence is told: calm stretches of a real flight show 0.02 to 0.06 (PH-LAB)."""
+"""m/s of standard deviation from which turbulence is told: a calm real flight (PH-LAB) shows 0.02 to 0.06."""
 INERTIAL: Final = frozenset(("p", "q", "r", "phi", "theta", "psi", "v_north", "v_east", "v_down"))
 """Signals that are compared with each other without aerodynamics, and without the air."""
 BEYOND_DOUBT: Final = 30.0
