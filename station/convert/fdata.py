@@ -17,10 +17,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
 from station.conventions import Unit, unit_named
 from station.convert.mat_file import MatrixFile
+from station.convert.mat_variables import variables
 from station.convert.tracks import Column, Record, Track, from_si, in_si, ordered
 from station.log import Table
 from station.profile import Aircraft
@@ -94,20 +94,17 @@ def read_fdata(path: Path, aircraft: Aircraft) -> Record:
 
     Raises LogError naming what the file holds instead.
     """
+    there = variables(path)
+    if "fdata" not in there:
+        raise LogError(f"{path}: holds no variable fdata (SIDPAC's matrix), but {', '.join(there) or 'nothing'}")
     try:
-        content: dict[str, Any] = loadmat(path)
-    except Exception as error:  # scipy raises whatever a broken file makes of it
-        raise LogError(f"{path}: not a MATLAB file that can be read: {error}") from error
-    variables = [name for name in content if not name.startswith("__")]
-    if "fdata" not in content:
-        raise LogError(f"{path}: holds no variable fdata (SIDPAC's matrix), but {', '.join(variables) or 'nothing'}")
-    fdata = content["fdata"]
-    is_long = fdata.shape[0] > 1
-    is_matrix = fdata.shape == fdata.shape[:2] and fdata.dtype.kind in "fiu"
-    if not (is_matrix and is_long and fdata.shape[1] >= _LEAST_CHANNELS):
-        raise LogError(
-            f"{path}: fdata is {fdata.shape} {fdata.dtype}: not a matrix of 2 rows and {_LEAST_CHANNELS} channels"
-        )
+        fdata = there["fdata"].read()
+    except ValueError as error:
+        raise LogError(f"{path}: fdata is damaged: {error}") from error
+    shape = there["fdata"].shape
+    is_matrix = shape == shape[:2] and shape[0] > 1 and shape[1] >= _LEAST_CHANNELS
+    if not isinstance(fdata, np.ndarray) or not is_matrix:
+        raise LogError(f"{path}: fdata is {shape}: not a matrix of numbers, of 2 rows and {_LEAST_CHANNELS} channels")
     full = np.zeros((fdata.shape[0], max(CHANNELS, fdata.shape[1])))
     full[:, : fdata.shape[1]] = fdata
     t_ns = _time_ns(path, full[:, 0])

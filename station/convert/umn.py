@@ -8,15 +8,14 @@ them. The navigation filter's estimates of the sensors' biases are kept beside.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from scipy.io import loadmat, whosmat
 
 from station.conventions import SEA_LEVEL_DENSITY
+from station.convert.mat_variables import variables
 from station.convert.tracks import Column, Record, Track, ordered
 from station.numerics.atmosphere import PRESSURE_POWER, SEA_LEVEL_PRESSURE
 from station.profile import Aircraft
@@ -50,23 +49,20 @@ _KEPT: Final = ("p_bias", "q_bias", "r_bias", "ax_bias", "ay_bias", "az_bias", "
 def is_umn(path: Path) -> bool:
     """Whether a .mat holds the structure. False too where the file cannot be read."""
     try:
-        return VARIABLE in {name for name, _, kind in whosmat(path) if kind == "struct"}
-    except Exception:  # scipy raises whatever a broken file makes of it; read_fdata says it in words
+        found = variables(path).get(VARIABLE)
+    except LogError:  # read_fdata says it in words
         return False
+    return found is not None and found.is_struct
 
 
 def read_umn(path: Path, aircraft: Aircraft) -> Record:
     """A .mat with the struct `flight_data`. Raises LogError naming the field that is missing or of a wrong size."""
+    found = variables(path).get(VARIABLE)
     try:
-        # scipy makes room for all elements of a struct before it reads the first.
-        for name, shape, kind in whosmat(path):
-            if kind in ("struct", "cell", "object") and math.prod(shape) > path.stat().st_size:
-                raise ValueError(f"{name} of {math.prod(shape)} elements in a file of {path.stat().st_size} bytes")
-        content: dict[str, Any] = loadmat(path, squeeze_me=True, struct_as_record=False)
-    except Exception as error:  # scipy raises whatever a broken file makes of it
-        raise LogError(f"{path}: not a MATLAB file that can be read: {error}") from error
-    data = content.get(VARIABLE)
-    if data is None or not hasattr(data, "_fieldnames"):
+        data = None if found is None else found.read()
+    except ValueError as error:
+        raise LogError(f"{path}: {VARIABLE} is damaged: {error}") from error
+    if not isinstance(data, dict):
         raise LogError(f"{path}: holds no struct {VARIABLE}")
     time = _field(path, data, "time", None)
     n = len(time)
@@ -83,7 +79,7 @@ def read_umn(path: Path, aircraft: Aircraft) -> Record:
     # No air temperature is recorded: the standard atmosphere's density at the static pressure (ISO 2533).
     density = SEA_LEVEL_DENSITY * np.maximum(pressure / SEA_LEVEL_PRESSURE, 0.1) ** (1 - 1 / PRESSURE_POWER)
     columns["airspeed"] = indicated * np.sqrt(SEA_LEVEL_DENSITY / density)
-    extra = {f"navigation_{n_}": _field(path, data, n_, n) for n_ in _KEPT if hasattr(data, n_)}
+    extra = {f"navigation_{n_}": _field(path, data, n_, n) for n_ in _KEPT if n_ in data}
     notes = {
         "file": path.name,
         "airspeed": "from indicated airspeed and the standard atmosphere at the static pressure",
@@ -92,14 +88,13 @@ def read_umn(path: Path, aircraft: Aircraft) -> Record:
     return Record([Track("record", t_ns, ordered(columns), extra)], aircraft, "umn", notes)
 
 
-def _field(path: Path, data: Any, name: str, n: int | None) -> Column:
-    found = getattr(data, name, None)
-    if found is None:
+def _field(path: Path, data: Mapping[str, Column | None], name: str, n: int | None) -> Column:
+    if name not in data:
         raise LogError(f"{path}: {VARIABLE} has no field {name}")
-    try:
-        column = np.asarray(found, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise LogError(f"{path}: {VARIABLE}.{name} is not numeric") from None
+    found = data[name]
+    if found is None:
+        raise LogError(f"{path}: {VARIABLE}.{name} is not numeric")
+    column = found.squeeze()
     if column.ndim != 1 or (n is not None and len(column) != n):
         raise LogError(f"{path}: {VARIABLE}.{name} has shape {column.shape}, time has {n} rows")
     return column

@@ -138,7 +138,7 @@ def test_a_struct_of_more_elements_than_bytes_is_refused_before_there_is_room_fo
     assert struct.unpack_from("<4i", data, 152) == (5, 8, 1, 1)
     struct.pack_into("<i", data, 164, 2**25)
     path.write_bytes(data)
-    with pytest.raises(LogError, match="flight_data of 33554432 elements in a file of"):
+    with pytest.raises(LogError, match="a structure of 33554432 elements, not of one"):
         read_umn(path, AIRCRAFT)
 
 
