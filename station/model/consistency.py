@@ -7,9 +7,9 @@ Each tick adds to the means of 0.1 s; once a second one pair of signals is compa
 
 The vane against the inertial flow angle and coefficients against the model are regressed with an instrument: what the
 elevator alone would do by the profile. Gusts, which move the aircraft and the vane both, have nothing to do with it, so
-that gain and delay are right in turbulence too (a pilot who fights the gusts spoils this a little). Attitude against
-pitch rate and velocity against acceleration need no instrument. Compiled, of fixed cost, and without clock: the same
-frames give the same bits.
+that gain and delay are right in turbulence too (a pilot who fights the gusts spoils this a little). For attitude
+against pitch rate and velocity against acceleration it is what the rate shows a little earlier and later. Compiled, of
+fixed cost, and without clock: the same frames give the same bits.
 
 Source: Klein and Morelli 2006, chapter 10 (kinematic consistency).
 """
@@ -25,7 +25,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import FRESH_AGE_S, G0, SIGNAL_INDEX
-from station.model.gain_and_delay import Match, compare, level
+from station.model.gain_and_delay import Match, beside, compare, level
 from station.numerics.atmosphere import air_density
 from station.numerics.named_state import Element, blank, packed
 from station.profile import Aircraft
@@ -276,8 +276,10 @@ class Means:
         return np.ascontiguousarray(self._means[rows, channel])
 
     def compare(self, y: int, x: int, z: int) -> Match:
-        """`compare` of three channels."""
-        found = compare(self._column(y, KEEP), self._column(x, KEEP), self._column(z, KEEP), self._delays.get(y, 0.0))
+        """`compare` of three channels; one that is its own instrument by what it shows beside."""
+        moved = self._column(x, KEEP)
+        instrument = beside(moved) if z == x else self._column(z, KEEP)
+        found = compare(self._column(y, KEEP), moved, instrument, self._delays.get(y, 0.0))
         self._delays[y] = found.delay if math.isfinite(found.delay) else 0.0
         return found
 

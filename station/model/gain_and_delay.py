@@ -3,7 +3,8 @@
     y(t) = gain x(t - delay) + error, in differences from one mean to the next
 
 An instrument z, which moves x but has nothing to do with the error, keeps gain and delay right where the error moves x
-too. Standard errors allow for coloured residuals.
+too, or where x is noisy: its noise, taken for motion, would make the gain too small. Where x is all noise, nothing is
+told. Standard errors allow for coloured residuals.
 
 Source: Soderstrom and Stoica 1989, chapter 8 (instrumental variables); Klein and Morelli 2006, section 5.2.
 """
@@ -30,7 +31,13 @@ LAGS: Final = 25
 BLOCK: Final = 50
 DELAYS_S: Final = (-0.3, 0.6)
 WEAK: Final = 0.1
-"""Correlation with the instrument below which nothing can be told."""
+"""Correlation with the instrument below which nothing can be told,"""
+BY_CHANCE: Final = 6.0
+"""and over sqrt(n): four standard deviations of what noise has with an instrument made of itself (1.5/sqrt(n): what is
+before one mean is after another, and means overlap)."""
+BESIDE: Final = 2
+"""Means between a signal and its own instrument: a mean of an integral has a rate's noise in common with the next, not
+with the one after that."""
 LEAST_GAIN: Final = 0.2
 """Below it there is no delay."""
 _ROUNDS: Final = 8
@@ -91,6 +98,14 @@ class Match(NamedTuple):
     delay_sd: float
 
 
+def beside(x: Array) -> Array:
+    """What `x` (n,) shows a little before and after: its own instrument, which has its motion and not its noise. NaN at
+    the ends."""
+    z = np.full(x.shape, math.nan)
+    z[BESIDE:-BESIDE] = 0.5 * (x[: -2 * BESIDE] + x[2 * BESIDE :])
+    return z
+
+
 @njit(cache=True, error_model="numpy")
 def compare(y: Array, x: Array, z: Array, guess: float) -> Match:
     """Gain and delay of `y` on `x`, with instrument `z`, (n,) each in time's order, NaN where missing.
@@ -122,7 +137,7 @@ def compare(y: Array, x: Array, z: Array, guess: float) -> Match:
             own += dx * dx
             instrument += w0 * w0
         size = a00 * a11 - a01 * a10
-        if own == 0.0 or instrument == 0.0 or a00 * a00 < WEAK**2 * own * instrument:
+        if own == 0.0 or instrument == 0.0 or a00 * a00 < max(WEAK**2, BY_CHANCE**2 / used) * own * instrument:
             return unknown
         if abs(size) < _SINGULAR * abs(a00 * a11):
             return unknown

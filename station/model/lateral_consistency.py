@@ -1,8 +1,8 @@
 """What the lateral instruments say of each other in flight: the last two minutes, by the tenth of a second.
 
-As consistency.py has it for the longitudinal ones. Roll rate and yaw rate against the change of roll angle and heading
-need no instrument; the vane of sideslip against the inertial sideslip at its place is regressed with what aileron and
-rudder alone would do by the profile, which side gusts have nothing to do with:
+As consistency.py has it for the longitudinal ones: roll rate and yaw rate against the change of roll angle and heading;
+the vane of sideslip against the inertial sideslip at its place, with what aileron and rudder alone would do by the
+profile as instrument, which side gusts have nothing to do with:
 
     beta' = qbar S/(m V) CY - r + g phi/V,   Ixx p' - Ixz r' = qbar S b Cl,   Izz r' - Ixz p' = qbar S b Cn
 
