@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.common import judged, there
+from station.commands.common import completing, judged, there
 from station.console import DEGRADED, DONE, say
 from station.log import metadata
 from station.profile import load_aircraft
@@ -17,7 +17,10 @@ from station.rows import UsageError
 def baseline(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="recordings (.mcap) with test points")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="PROFILE", help="the aircraft profile to write")],
-    aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the first recording's")] = None,
+    aircraft: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="instead of the first recording's", autocompletion=completing("aircraft")),
+    ] = None,
 ) -> int:
     """Pool test points into measured derivatives and drag with sd, and write them as a new aircraft profile.
 

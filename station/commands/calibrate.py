@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.common import judged, there
+from station.commands.common import completing, judged, there
 from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, DONE, check_json, say, write_json
 from station.log import metadata
@@ -21,7 +21,10 @@ def calibrate(
         Path | None,
         typer.Option("-o", "--write-profile", metavar="PATH", help="write the calibrated aircraft, a new file"),
     ] = None,
-    aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the first recording's")] = None,
+    aircraft: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="instead of the first recording's", autocompletion=completing("aircraft")),
+    ] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
     pdf: Pdf = False,

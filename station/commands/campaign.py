@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from station.clock import SystemClock
+from station.commands.common import completing
 from station.console import say
 
 
@@ -19,7 +20,12 @@ class Engine(StrEnum):
 
 
 def campaign(
-    spec: Annotated[str, typer.Argument(metavar="SPEC", help="a name under profiles/campaigns, or a path")],
+    spec: Annotated[
+        str,
+        typer.Argument(
+            metavar="SPEC", help="a name under profiles/campaigns, or a path", autocompletion=completing("campaigns")
+        ),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="folder for rows and figures")],
     engine: Annotated[Engine, typer.Option(help="processes of this machine, or a Dask cluster")] = Engine.local,
     scheduler: Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final
@@ -14,6 +15,7 @@ import typer
 from station.console import DEGRADED, DONE, say
 from station.log import About, metadata, verdict
 from station.profile import Profiles
+from station.profile.files import Kind, named
 
 _OF_SSH: Final = 4
 """Words of SSH_CONNECTION: address and port of the client, then of this machine."""
@@ -25,9 +27,34 @@ class ViewMode(StrEnum):
     none = "none"
 
 
-CardName = Annotated[str, typer.Argument(metavar="CARD", help="a name under profiles/cards, or a path")]
+def completing(kind: Kind) -> Callable[[str], list[str]]:
+    """What a shell offers for a profile's name; the shell itself offers files beside."""
+
+    def names(incomplete: str) -> list[str]:
+        return [name for name in named(kind) if name.startswith(incomplete)]
+
+    return names
+
+
+def completing_methods(incomplete: str) -> list[str]:
+    """What a shell offers for a method's name."""
+    from station.estimation.method_table import METHODS
+
+    return [name for name in ("all", *METHODS) if name.startswith(incomplete)]
+
+
+CardName = Annotated[
+    str,
+    typer.Argument(metavar="CARD", help="a name under profiles/cards, or a path", autocompletion=completing("cards")),
+]
 FlownAircraft = Annotated[
-    str | None, typer.Option("--aircraft", metavar="NAME", help="instead of the card's: a name, or a path")
+    str | None,
+    typer.Option(
+        "--aircraft",
+        metavar="NAME",
+        help="instead of the card's: a name, or a path",
+        autocompletion=completing("aircraft"),
+    ),
 ]
 LogPath = Annotated[Path, typer.Argument(metavar="LOG", help="a recording (.mcap)")]
 

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from station.api.diagnosing import Diagnosed
 from station.api.diagnosing import diagnose as solve
-from station.commands.common import there
+from station.commands.common import completing, there
 from station.commands.long_work import steps
 from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, DONE, check_json, say, write_json
@@ -49,7 +49,10 @@ def diagnose(
     hold_out: Annotated[
         list[Path] | None, typer.Option("--hold-out", metavar="LOG", help="recording for the gain only; repeatable")
     ] = None,
-    aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
+    aircraft: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="instead of the recording's aircraft", autocompletion=completing("aircraft")),
+    ] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
     pdf: Pdf = False,

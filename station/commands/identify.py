@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.common import LogPath, judged, there
+from station.commands.common import LogPath, completing, completing_methods, judged, there
 from station.commands.long_work import shown
 from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, check_json, say, write_json
@@ -21,13 +21,19 @@ class Axes(StrEnum):
 
 def identify(
     log: LogPath,
-    method: Annotated[list[str] | None, typer.Option(metavar="all|NAME", help="may be given several times")] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(metavar="all|NAME", help="may be given several times", autocompletion=completing_methods),
+    ] = None,
     start: Annotated[float | None, typer.Option("--from", metavar="S", help="seconds on the log's time axis")] = None,
     end: Annotated[float | None, typer.Option("--to", metavar="S")] = None,
     point: Annotated[int | None, typer.Option(metavar="N", help="the interval of a test point")] = None,
     axes: Annotated[Axes, typer.Option(help="CL (wind) or CZ (body)")] = Axes.wind,
     sift: Annotated[bool, typer.Option("--sift", help="II and split from the lines that multisines excite")] = False,
-    aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the recording's aircraft")] = None,
+    aircraft: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="instead of the recording's aircraft", autocompletion=completing("aircraft")),
+    ] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
     pdf: Pdf = False,

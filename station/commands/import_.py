@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from station.commands.common import completing
 from station.commands.long_work import shares
 from station.console import judge, say
 from station.profile import load_aircraft, load_rig
@@ -16,7 +17,9 @@ from station.rows import UsageError
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="fdata .mat, .csv, .asc, DataFlash .bin, .ulg, .ch10")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="LOG", help="the recording to make")],
-    aircraft: Annotated[str, typer.Option(metavar="NAME", help="aircraft profile")],
+    aircraft: Annotated[
+        str, typer.Option(metavar="NAME", help="aircraft profile", autocompletion=completing("aircraft"))
+    ],
     signal: Annotated[
         list[str] | None,
         typer.Option("--signal", metavar="SIGNAL=NAME", help="of .ch10: the measurement that is this signal; repeat"),

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
+from station.commands.common import completing
 from station.commands.printing import Pdf, check_pdf, told
 from station.console import DONE, check_json, say, write_json
 from station.profile import Aircraft, load_aircraft
@@ -18,7 +19,12 @@ _CRUISE: Final = 0.5
 
 
 def planform(
-    aircraft: Annotated[str, typer.Argument(metavar="AIRCRAFT", help="a name under profiles/aircraft, or a path")],
+    aircraft: Annotated[
+        str,
+        typer.Argument(
+            metavar="AIRCRAFT", help="a name under profiles/aircraft, or a path", autocompletion=completing("aircraft")
+        ),
+    ],
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="PROFILE", help="write the aircraft with it, a new file")
     ] = None,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.common import judged, there
+from station.commands.common import completing, completing_methods, judged, there
 from station.commands.printing import Pdf, check_pdf, told
 from station.console import DEGRADED, DONE, check_json, say, write_json
 from station.log import metadata
@@ -20,8 +20,14 @@ def points(
         list[Path] | None,
         typer.Option("--baseline", metavar="LOG", help="recordings whose points are the baseline; repeatable"),
     ] = None,
-    method: Annotated[list[str] | None, typer.Option(metavar="all|NAME", help="may be given several times")] = None,
-    aircraft: Annotated[str | None, typer.Option(metavar="NAME", help="instead of the first recording's")] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(metavar="all|NAME", help="may be given several times", autocompletion=completing_methods),
+    ] = None,
+    aircraft: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="instead of the first recording's", autocompletion=completing("aircraft")),
+    ] = None,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="write the result as JSON")] = None,
     report: Annotated[Path | None, typer.Option(metavar="DIR", help="write a page with pictures")] = None,
     pdf: Pdf = False,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from station.commands.common import LogPath, there
+from station.commands.common import LogPath, completing, there
 from station.console import DONE, say
 from station.log import in_words
 from station.log import recover as write_recovered
@@ -18,7 +18,12 @@ def recover(
     log: LogPath,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT", help="new file")],
     aircraft: Annotated[
-        str | None, typer.Option(metavar="NAME", help="what flew, where the recording can no longer say it")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="what flew, where the recording can no longer say it",
+            autocompletion=completing("aircraft"),
+        ),
     ] = None,
 ) -> int:
     """Write every readable row of a broken recording into a new, complete file."""

@@ -33,7 +33,15 @@ LONGEST_NAME: Final = 200
 """Of a file, less than the 255 bytes that systems allow."""
 
 
-def find(kind: Literal["aircraft", "rigs", "cards", "campaigns"], name: str, beside: Path | None = None) -> Path:
+Kind = Literal["aircraft", "rigs", "cards", "campaigns"]
+
+
+def named(kind: Kind, *more: Path) -> tuple[str, ...]:
+    """Names of the shipped profiles of a kind, and of those in `more` folders."""
+    return tuple(sorted({p.stem for f in (*more, profiles_dir() / kind) for p in f.glob("*.toml")}))
+
+
+def find(kind: Kind, name: str, beside: Path | None = None) -> Path:
     """The file of a profile given by name or path. Raises ProfileError listing the known names."""
     given = Path(name)
     if any(len(part) > LONGEST_NAME for part in given.parts):
@@ -44,11 +52,11 @@ def find(kind: Literal["aircraft", "rigs", "cards", "campaigns"], name: str, bes
             if path.is_file():
                 return path
         raise ProfileError(f"no such file: {name}")
-    folders = ((beside.parent.parent / kind,) if beside else ()) + (profiles_dir() / kind,)
-    for folder in folders:
+    there: tuple[Path, ...] = (beside.parent.parent / kind,) if beside else ()
+    for folder in (*there, profiles_dir() / kind):
         if (folder / f"{name}.toml").is_file():
             return folder / f"{name}.toml"
-    known = tuple(sorted({p.stem for f in folders for p in f.glob("*.toml")}))
+    known = named(kind, *there)
     raise ProfileError(f"no {kind.rstrip('s')} named {name}{nearest(name, known)}\nknown: {', '.join(known)}")
 
 

@@ -42,6 +42,26 @@ def test_version_and_help(station):
         assert station(verb, "--help")[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("station re", {"replay", "recover"}),
+        ("station run be", {"bench"}),
+        ("station diagnose a.mcap --aircraft twin_", {"twin_otter", "twin_otter_martos"}),
+        ("station identify a.mcap --method split", {"split", "split+gust"}),
+        ("station campaign chapter5", {"chapter5"}),
+        ("station export a.mcap --to pa", {"parquet"}),
+    ],
+)
+def test_a_shell_completes_verbs_and_names(words, offered):
+    """As bash asks, by the environment."""
+    asked = {"_STATION_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-m", "station"], env={**os.environ, **asked}, capture_output=True, text=True, check=False
+    )
+    assert set(done.stdout.split()) == offered, done.stderr
+
+
 def test_help_brings_in_nothing_heavy():
     """A verb's libraries are imported when it is called: numpy alone takes as long as the rest of --help."""
     code = "import sys; from station.__main__ import VERBS, main; sys.argv = ['station', '--help']\ntry: main()\n"
