@@ -253,13 +253,20 @@ def rig_text(name: str, made: Proposal, ports: Mapping[str, str], imu: tuple[str
     for device, found, streams in made.devices:
         lines += ["", *_comments(made.passed_over[device])]
         if not any(streams.values()):
-            lines += [f"# {describe(found)}: gives no signal that is not had elsewhere"]
+            lines += [f"# {describe(found)}: {unused(found)}"]
             continue
         lines += ["[[devices]]", f'name = "{device}"', f'link = "{found.link}"', *_address(found, ports)]
         for message, channels in streams.items():
             if channels:
                 lines += _stream(message, _rate(found, message), channels)
     return "\n".join(lines) + "\n"
+
+
+def unused(found: Heard) -> str:
+    """Why a device is not in the rig."""
+    if found.protocol in UNNAMED:
+        return "not in the rig: nothing that it sends says what its fields are; --map v0=alpha_vane:deg:0.005 does"
+    return "gives no signal that is not had elsewhere"
 
 
 def _comments(passed_over: Sequence[str]) -> list[str]:

@@ -54,7 +54,7 @@ def rig_(
 ) -> int:
     """Listen to serial ports, CAN interfaces and MAVLink, propose signals, write a commented rig and a card for it."""
     from drivers.adapter import check_devices
-    from station.commands.proposals import card_text, imu_place, propose, rig_text
+    from station.commands.proposals import card_text, imu_place, propose, rig_text, unused
 
     rig_file, card_file = new_file(folder, "rigs", name), new_file(folder, "cards", name)
     if not (yes or sys.stdin.isatty()):
@@ -74,6 +74,9 @@ def rig_(
         raise UsageError(
             "no field of what was heard is a signal: say what they are, like --map v0=alpha_vane:deg:0.005"
         )
+    for _, found, streams in made.devices:
+        if not any(streams.values()):
+            say(f"{found.address}: {unused(found)}")
     _write(rig_file, rig_text(name, made, names, imu_place(made, ask, imu)))
     _write(card_file, card_text(name, aircraft or _aircraft(folder, name), made))
     check_devices(read_profile(Rig, rig_file), rig_file)
