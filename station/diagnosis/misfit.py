@@ -37,8 +37,11 @@ def _misfit(m: Manoeuvre, aircraft: Aircraft, variances: Array) -> Misfit:
     own, s = m.loaded(aircraft), m.setting
     low = signal.butter(4, min(HIGH_HZ, 0.35 / s.dt), fs=1 / s.dt, output="sos")
     made = series(m.record.signals, own, s)[..., _ROWS, :]
+    # The ends, which filters join, are not judged: neither here nor by the likelihood.
+    judged = slice(s.cut, s.n - s.cut)
+    here = signal.sosfiltfilt(low, made, axis=-1)[..., judged]
     # Trim is free: what remains of the mean is no misfit.
-    here = signal.sosfiltfilt(low, made - made.mean(axis=-1, keepdims=True), axis=-1)
+    here = here - here.mean(axis=-1, keepdims=True)
     # Sensors and gusts alone: what the model misses is what is looked for. Bins are those of a white series.
     count = len(variances) - len(m.axis.missed)
     columns = m.columns(m.responses(aircraft))[..., :count]
@@ -46,5 +49,5 @@ def _misfit(m: Manoeuvre, aircraft: Aircraft, variances: Array) -> Misfit:
     rows = [s.judged.index(k) for k in _ROWS]
     lift, moment = here / np.sqrt(power[rows])[:, None]
     x = m.record.signals
-    alpha = flow_angle(x, own, s, Memo())
-    return Misfit(m.record.name, s.dt, alpha, x["airspeed"], x["elevator"], lift, moment)
+    alpha, speed, elevator = (y[judged] for y in (flow_angle(x, own, s, Memo()), x["airspeed"], x["elevator"]))
+    return Misfit(m.record.name, s.dt, alpha, speed, elevator, lift, moment, s.cut * s.dt)

@@ -47,6 +47,8 @@ class Misfit:
     elevator: Array
     lift: Array
     moment: Array
+    start: float = 0.0
+    """When they begin, s of the manoeuvre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,7 @@ def _course(m: Misfit) -> Course:
         rms[s] = math.sqrt(float(square.mean()))
         running = np.convolve(square, np.full(window, 1 / window), mode="valid")
         k = int(np.argmax(running))
-        worst[s] = ((k + 0.5 * (window - 1)) * m.dt, math.sqrt(float(running[k])))
+        worst[s] = (m.start + (k + 0.5 * (window - 1)) * m.dt, math.sqrt(float(running[k])))
     return Course(m.record, rms, worst)
 
 

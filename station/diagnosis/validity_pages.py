@@ -104,7 +104,7 @@ def courses(v: Validity) -> Figure:
     figure.subplots_adjust(left=0.07, right=0.99, bottom=0.45 / high, top=1 - 0.25 / high, hspace=0.55)
     for panel, m in zip(panels, v.misfits, strict=True):
         window = max(1, round(_SMOOTH_S / m.dt))
-        t = m.dt * np.arange(len(m.alpha))
+        t = m.start + m.dt * np.arange(len(m.alpha))
         for series, colour in zip(SERIES, (BLUE, ORANGE), strict=True):
             running = np.sqrt(np.convolve(getattr(m, series) ** 2, np.full(window, 1 / window), mode="same"))
             panel.plot(t, running, color=colour, lw=1.0, label=series)
