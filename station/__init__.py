@@ -6,7 +6,6 @@ imported when they are first named.
 
 from __future__ import annotations
 
-import hashlib as _hashlib
 import importlib as _importlib
 import importlib.util as _util
 import os as _os
@@ -16,6 +15,8 @@ from pathlib import Path as _Path
 from types import ModuleType as _ModuleType
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
+
+from station.sources import sources as _sources
 
 if _TYPE_CHECKING:
     from station.api.diagnosing import Diagnosed, diagnose
@@ -59,10 +60,7 @@ def _compiled_code_of_these_sources() -> str:
     numba compiles a kernel anew when its own file changes, but not when a kernel that it calls does: after an update
     stale code would give wrong numbers. Must be set before numba is first imported.
     """
-    digest = _hashlib.sha256()
-    for source in sorted(_Path(__file__).parent.rglob("*.py")):
-        digest.update(source.read_bytes())
-    name = digest.hexdigest()[:16]
+    name = _sources()
     for folder in (_os.environ.get("XDG_CACHE_HOME", ""), _os.path.expanduser("~/.cache")):
         if _os.path.isabs(folder) and _is_writable(cache := _Path(folder) / "flight-test-station" / name):
             return str(cache)

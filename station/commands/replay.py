@@ -88,15 +88,15 @@ def replay(
 
 
 def outcome(found: Comparison, other: str) -> int:
-    """The exit code of a replay whose bits differ; `other`: in what the recording's machine differs from this one."""
+    """The exit code of a replay whose bits differ; `other`: in what the recording's station and machine differ."""
     if found.gap_k is not None and not found.before_gap:
         words = f"rows are missing from the recording before tick {found.gap_k}, and {found.different} after it differ"
         return judge([f"{words}: what was flown with them cannot be repeated; all before is the same"])
     if other and not found.beyond:
-        return judge([f"differs as another machine rounds, and no more; recorded on another: {other}"])
+        return judge([f"differs as another machine rounds, and no more; recorded by another: {other}"])
     say(found.first)
     if other:
-        say(f"{found.beyond} rows differ by more than another machine's rounding; recorded on another: {other}")
+        say(f"{found.beyond} rows differ by more than another machine's rounding; recorded by another: {other}")
     return ERROR
 
 

@@ -1,4 +1,5 @@
-"""What the last bits of estimates hang on beside the rows: the processor, and the libraries of numerics.
+"""What the bits of estimates hang on beside the rows: the station's own code; in the last of them the processor and
+the libraries of numerics.
 
 Products and solutions are summed in one order (station/numerics/products.py), but numpy's own functions and the
 system's exponentials and sines have kernels for each kind of processor. The same rows give the same bits on one kind of
@@ -16,6 +17,8 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
+from station.sources import sources
+
 LIBRARIES: Final = ("numpy", "scipy", "numba", "llvmlite")
 PRODUCTS: Final = "fixed order"
 """Who sums products of matrices: since then station.numerics.products, before OpenBLAS by the processor's kind."""
@@ -26,7 +29,7 @@ SWITCHES: Final = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_
 @cache
 def arithmetic() -> Mapping[str, str]:
     """Of this machine, as a recording's metadata `arithmetic` keeps it."""
-    found = {"processor": processor(), "python": platform.python_version(), "products": PRODUCTS}
+    found = {"station": sources(), "processor": processor(), "python": platform.python_version(), "products": PRODUCTS}
     for name in LIBRARIES:
         try:
             found[name] = importlib.metadata.version(name)
