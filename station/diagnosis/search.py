@@ -30,9 +30,10 @@ ASKED: Final = 13.4
 """Deviance reduction asked of each effect: by chance one of some forty that are about independent gains as much in one
 clean flight of a hundred; what is named must besides lower the error of data held out."""
 FURTHER_SHARE: Final = 0.03
-"""A further effect must also gain this share of what the first did: large corrections are never perfect."""
+"""A further effect must also gain this share of what the first did, and a rival be worse by as much: large corrections
+are never perfect, and what a model misses takes one side or the other."""
 CONFOUNDED: Final = 6.0
-"""Candidates of one size within this deviance of the best are confounded with it."""
+"""Candidates of one size within this deviance of the best are confounded with it, at least."""
 HUGE: Final = 1000.0
 """Deviance reduction of an effect without which the first fit may have ended in a minimum of its own: it is fitted from
 the profile on too, as are the best where that fit has constants farther from the profile's than its doubt lets expect.
@@ -151,14 +152,16 @@ class _Refits:
         """A candidate again from where it is, all slopes made anew."""
         self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
-    def fit_from_profile(self, e: Estimate) -> None:
-        """A candidate fitted from the profile on, in place of the one there if it is better."""
+    def fit_from_profile(self, values: Mapping[str, float]) -> None:
+        """A candidate fitted from the profile on, from these values, in place of the one there if it is better."""
+        start = {i: min(max(x, BY_ID[i].low), BY_ID[i].high) for i, x in values.items()}
         try:
-            found = self._judged(self.problem.from_profile(e.state.values))
+            found = self._judged(self.problem.from_profile(start))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
-        if found.cost < e.cost:
-            self.done[frozenset(e.state.ids)] = found
+        key = frozenset(values)
+        if key not in self.done or found.cost < self.done[key].cost:
+            self.done[key] = found
 
     def beyond(self, accepted: Estimate) -> tuple[tuple[str, float], ...]:
         """Effects at an end of their range that explain clearly more than what is accepted: whatever that is, it is not
@@ -201,7 +204,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     accepted = _settled(problem, refits, _several(problem, refits, terms, progress), progress)
     if accepted.state.values:
         accepted = _rivalled(problem, refits, accepted, progress)
-    alternatives = tuple(e for e in _others(refits, accepted) if e.cost - accepted.cost < CONFOUNDED)
+    alternatives = tuple(e for e in _others(refits, accepted) if e.cost - accepted.cost < _apart(refits, accepted))
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
     return Found(
@@ -221,6 +224,10 @@ def _one_and_two(
     singles, starts = screened(problem, null, terms, slopes)
     for _, ids, values, a in hopeful(starts[1], SINGLES):
         refits.add(ids, values, a)
+    for gain, _, values, _ in starts[1][:1]:
+        if gain > ASKED and _strained(null) and refits.done[frozenset(values)].cost == math.inf:
+            # Derivatives that have taken an effect's place do not give it back step by step.
+            refits.fit_from_profile(values)
     likely = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if likely:
         progress("pairs of effects")
@@ -263,7 +270,7 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
             # Constants far from the profile do what an effect would, and leave it no room where the fit begins there.
             again = MORE if _strained(refits.null) else 1 if cost - best > HUGE else 0
             for e in found[:again]:
-                refits.fit_from_profile(e)
+                refits.fit_from_profile(e.state.values)
             found = refits.of_size(size)
     return found
 
@@ -295,10 +302,16 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
 
 def _rivalled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
     """The accepted, or what is better when those that few steps left near it are fitted to the end too."""
-    for e in [e for e in _others(refits, accepted) if e.cost - accepted.cost < SHORT][:MORE]:
+    near = max(SHORT, _apart(refits, accepted))
+    for e in [e for e in _others(refits, accepted) if e.cost - accepted.cost < near][:MORE]:
         refits.fit_to_the_end(e)
     best = min(_others(refits, accepted), key=lambda e: e.cost, default=accepted)
     return _settled(problem, refits, best, progress) if best.cost < accepted.cost else accepted
+
+
+def _apart(refits: _Refits, accepted: Estimate) -> float:
+    """Deviance by which a rival must be worse not to be what is there."""
+    return max(CONFOUNDED, FURTHER_SHARE * (refits.null.cost - accepted.cost))
 
 
 def _others(refits: _Refits, accepted: Estimate) -> list[Estimate]:
