@@ -38,6 +38,8 @@ _STORED: Final = {
 }  # fmt: skip
 """Types of data by their number."""
 _STRUCT: Final = 2
+_OPAQUE: Final = 17
+"""A string, a table, a date: without dimensions, and what stands in it is not documented."""
 _NUMERIC: Final = range(6, 16)
 """Classes of arrays: double to uint64."""
 _COMPLEX: Final = 0x0800
@@ -90,7 +92,8 @@ def _level5(data: bytes, order: str) -> Iterator[tuple[str, Variable]]:
             head, read = _Array(data, start, stop, order), partial(_value, data, start, stop, order)
         else:
             raise ValueError(f"at byte {start}: no variable, but data of type {kind}")
-        yield head.name, Variable(head.shape, head.kind == _STRUCT, read)
+        if head.kind != _OPAQUE:
+            yield head.name, Variable(head.shape, head.kind == _STRUCT, read)
 
 
 def _inflated(packed: bytes, order: str) -> Value:
@@ -130,12 +133,18 @@ class _Array:
         """Raises ValueError."""
         self._data, self._order, self._end = data, order, end
         self._rest = _elements(data, at, end, order)
-        flags, sizes = self._stored(_SIZES), self._stored(_SIZES)
+        flags = self._stored(_SIZES)
+        if not len(flags):
+            raise ValueError(f"at byte {at}: no array of MATLAB's")
+        self.kind, self._is_complex = int(flags[0]) & 0xFF, bool(int(flags[0]) & _COMPLEX)
+        self.shape, self.name = tuple[int, ...](), ""
+        if self.kind == _OPAQUE:
+            return
+        sizes = self._stored(_SIZES)
         self.name = self._stored(_LETTERS).tobytes().decode("latin-1")
-        if not len(flags) or not len(sizes) or np.any(sizes < 0):
+        if not len(sizes) or np.any(sizes < 0):
             raise ValueError(f"at byte {at}: no array of MATLAB's")
         self.shape = tuple(sizes.tolist())
-        self.kind, self._is_complex = int(flags[0]) & 0xFF, bool(int(flags[0]) & _COMPLEX)
 
     def numbers(self) -> Numbers | None:
         """None where it is no array of real numbers. Raises ValueError."""

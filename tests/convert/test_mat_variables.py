@@ -93,6 +93,22 @@ def test_bytes_in_either_order(tmp_path: Path, order: str) -> None:
     np.testing.assert_array_equal(variables(tmp_path / "a.mat")["ab"].read(), [[1.0, 3.0], [-2.0, 4.0]], strict=True)
 
 
+def test_a_string_or_a_table_beside_the_matrix_is_passed_over(tmp_path: Path) -> None:
+    """Opaque objects (class 17) have no dimensions: name, MCOS, class, and an array (as scipy reads them)."""
+    savemat(tmp_path / "a.mat", {"fdata": np.arange(6.0).reshape(2, 3)})
+    inside = element(6, struct.pack("<2I", 13, 0), "<") + element(5, struct.pack("<2i", 1, 1), "<")
+    inside += element(1, b"", "<") + element(6, struct.pack("<I", 7), "<")
+    body = element(6, struct.pack("<2I", 17, 0), "<") + element(1, b"note", "<") + element(1, b"MCOS", "<")
+    body += element(1, b"string", "<") + struct.pack("<2I", 14, len(inside)) + inside
+    data = (tmp_path / "a.mat").read_bytes()
+    path = tmp_path / "b.mat"
+    path.write_bytes(data[:128] + struct.pack("<2I", 14, len(body)) + body + data[128:])
+    np.testing.assert_array_equal(loadmat(path)["fdata"], np.arange(6.0).reshape(2, 3))  # the file is one
+    there = variables(path)
+    assert list(there) == ["fdata"]
+    np.testing.assert_array_equal(there["fdata"].read(), np.arange(6.0).reshape(2, 3), strict=True)
+
+
 def test_a_file_of_level_4(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"fdata": np.arange(6.0).reshape(2, 3), "text": "abc"}, format="4")
     there = variables(tmp_path / "a.mat")
