@@ -97,3 +97,33 @@ def test_of_a_wrong_file_the_rows_are_counted(tmp_path: Path, monkeypatch: pytes
     cut.write_bytes((tmp_path / "a.mcap").read_bytes()[:-40])
     found = summarise(cut)
     assert (found.verdict, found.rows) == ("truncated", 300)
+
+
+def test_gaps_and_dropouts_are_counted_by_device_time(tmp_path: Path) -> None:
+    made: list[Rows] = []
+    for k in range(100):
+        if 20 <= k < 22 or 50 <= k < 75:
+            continue
+        arrival = 10**9 + (k - k % 5) * 20_000_000
+        made.append(Sample(arrival, "a.b", k * 20_000_000, k, (0.0,)))
+    write_log(tmp_path / "a.mcap", ABOUT, made)
+    stream, _ = summarise(tmp_path / "a.mcap").streams
+    assert stream.gaps == 2
+    assert stream.longest_gap_s == pytest.approx(0.52)
+    (dropout,) = stream.dropouts
+    assert dropout.length_s == pytest.approx(0.52)
+
+
+def test_events_are_counted_with_their_counts(tmp_path: Path) -> None:
+    made = [Event(10**9, "boom", Code.CRC, 3), Event(2 * 10**9, "boom", Code.CRC, 4), Event(3 * 10**9, "x", Code.MARK)]
+    write_log(tmp_path / "a.mcap", ABOUT, made)
+    summary = summarise(tmp_path / "a.mcap")
+    assert summary.event_counts == {"CRC": 7, "MARK": 1}
+    assert [e.t_s for e in summary.events] == [0.0, 1.0, 2.0]
+
+
+def test_test_points_are_counted_and_not_their_numbers_added(tmp_path: Path) -> None:
+    codes = ((Code.POINT_START, 1), (Code.POINT_END, 1), (Code.POINT_START, 2), (Code.POINT_END, 2))
+    made = [Event(10**9 * (k + 1), "operator", code, number) for k, (code, number) in enumerate(codes)]
+    write_log(tmp_path / "a.mcap", ABOUT, made)
+    assert summarise(tmp_path / "a.mcap").event_counts == {"POINT_START": 2, "POINT_END": 2}

@@ -361,36 +361,6 @@ def test_what_is_no_recording_is_a_short_error(tmp_path: Path) -> None:
         summarise(foreign)
 
 
-def test_gaps_and_dropouts_are_counted_by_device_time(tmp_path: Path) -> None:
-    rows: list[Rows] = []
-    for k in range(100):
-        if 20 <= k < 22 or 50 <= k < 75:
-            continue
-        arrival = 10**9 + (k - k % 5) * 20_000_000
-        rows.append(Sample(arrival, "boom.vanes", k * 20_000_000, k, (0.0, 0.0)))
-    write_log(tmp_path / "a.mcap", ABOUT, rows)
-    (stream,) = summarise(tmp_path / "a.mcap").streams
-    assert stream.gaps == 2
-    assert stream.longest_gap_s == pytest.approx(0.52)
-    (dropout,) = stream.dropouts
-    assert dropout.length_s == pytest.approx(0.52)
-
-
-def test_events_are_counted_with_their_counts(tmp_path: Path) -> None:
-    rows = [Event(10**9, "boom", Code.CRC, 3), Event(2 * 10**9, "boom", Code.CRC, 4), Event(3 * 10**9, "x", Code.MARK)]
-    write_log(tmp_path / "a.mcap", ABOUT, rows)
-    summary = summarise(tmp_path / "a.mcap")
-    assert summary.event_counts == {"CRC": 7, "MARK": 1}
-    assert [e.t_s for e in summary.events] == [0.0, 1.0, 2.0]
-
-
-def test_test_points_are_counted_and_not_their_numbers_added(tmp_path: Path) -> None:
-    codes = ((Code.POINT_START, 1), (Code.POINT_END, 1), (Code.POINT_START, 2), (Code.POINT_END, 2))
-    rows = [Event(10**9 * (k + 1), "operator", code, number) for k, (code, number) in enumerate(codes)]
-    write_log(tmp_path / "a.mcap", ABOUT, rows)
-    assert summarise(tmp_path / "a.mcap").event_counts == {"POINT_START": 2, "POINT_END": 2}
-
-
 def test_kinds_left_out_are_not_read(whole: tuple[Path, list[Rows]]) -> None:
     path, rows = whole
     assert list(read_rows(path, (Tick,))) == [r for r in rows if isinstance(r, Tick)]
