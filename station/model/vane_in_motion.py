@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -34,8 +34,9 @@ Array = NDArray[np.float64]
 
 BAND_HZ: Final = (0.15, 2.5)
 """Below, attitude and GNSS drift and gusts rule; above, no rigid aircraft follows its elevator."""
-KEPT_HZ: Final = 10.0
-"""Rate of what is compared: four times the band."""
+KEPT_HZ: Final = 5.0
+"""Rate of what is compared: twice the band's end, so that the band fills all that there is of frequencies. An
+autoregression flattens no spectrum that ends halfway: noise within the band would be told smaller than it is."""
 LEAST_S: Final = 8.0
 MARGIN_S: Final = 3.0
 """At either end, for the filters and the delay."""
@@ -65,8 +66,9 @@ class Stretch:
     q: Array
     speed: Array
     elevator: Array
-    pressure: float
-    """Mean dynamic pressure less that which the upwash is told at, kPa."""
+    pressure: Array
+    """Dynamic pressure less that which the upwash is told at, kPa. Slow inputs change the speed, and with it what a
+    boom that bends shows of the mean angle of attack."""
     dt: float
 
 
@@ -147,22 +149,23 @@ class _Fit:
         self.precision = np.diag(np.maximum(priors, 1e-4) ** -2.0)
         self.forcing = [self._forced(s) for s in stretches]
         alpha = np.concatenate([self._kept(s, s.alpha) for s in stretches])
-        made = np.concatenate([self._kept(s, f[0]) for s, f in zip(stretches, self.forcing, strict=True)])
+        made = np.concatenate([self._kept(s, f.alpha) for s, f in zip(stretches, self.forcing, strict=True)])
         self.forced = 1 - float(np.var(alpha - made) / max(float(np.var(alpha)), 1e-12))
 
-    def _forced(self, s: Stretch) -> tuple[Array, Array]:
-        """The parts of inertial angle and pitch rate that the elevator made, (n,) each."""
+    def _forced(self, s: Stretch) -> Stretch:
+        """As flown, but of angle of attack, pitch rate and dynamic pressure their means and what the elevator made."""
         columns = [s.elevator - s.elevator[0]]
         for omega in MODES:
             low = shown(columns[0], omega / (2 * math.pi), 0.7, s.dt)
             columns += [low, np.gradient(low, s.dt)]
         x = np.column_stack(columns)
         kept = np.column_stack([self._kept(s, c) for c in x.T])
-        both = []
-        for y in (s.alpha, s.q):
+
+        def made(y: Array) -> Array:
             found = np.linalg.lstsq(kept, self._kept(s, y))[0]
-            both.append(np.asarray(x @ found))
-        return both[0], both[1]
+            return np.asarray(y.mean() + (x - x.mean(axis=0)) @ found)
+
+        return replace(s, alpha=made(s.alpha), q=made(s.q), pressure=made(s.pressure))
 
     @staticmethod
     def _kept(s: Stretch, x: Array) -> Array:
@@ -171,12 +174,13 @@ class _Fit:
         step, margin = max(1, round(1 / (KEPT_HZ * s.dt))), round(MARGIN_S / s.dt)
         return np.asarray(band[margin : len(x) - margin : step])
 
-    def predicted(self, s: Stretch, alpha: Array, q: Array, x: Array) -> Array:
+    def predicted(self, s: Stretch, x: Array) -> Array:
         """What the vane shows of a motion, in the band."""
         delay, place, upwash, share, rate, frequency, damping, slope = x
         wing = self.boom.upwash_wing * share
         body = 1 + upwash + slope * s.pressure - wing
-        flow = body * (alpha - place * q / s.speed) + wing * self._remembered(alpha, float(s.speed.mean()), rate, s.dt)
+        late = self._remembered(s.alpha, float(s.speed.mean()), rate, s.dt)
+        flow = body * (s.alpha - place * s.q / s.speed) + wing * late
         seen = shown(flow, self.boom.vane_frequency * frequency, max(self.boom.vane_damping * damping, 0.05), s.dt)
         t = np.arange(len(seen)) * s.dt
         return self._kept(s, CubicSpline(t, seen)(np.clip(t - delay, 0.0, t[-1])))
@@ -192,26 +196,25 @@ class _Fit:
             made += a * (late - alpha)
         return made
 
-    def _slopes(self, s: Stretch, alpha: Array, q: Array, x: Array) -> Array:
+    def _slopes(self, s: Stretch, x: Array) -> Array:
         steps = np.array([1e-3, 0.01, 0.01, 0.02, 0.02, 0.02, 0.02, 0.01])
         columns = []
         for i, h in enumerate(steps):
             up, down = x.copy(), x.copy()
             up[i], down[i] = x[i] + h, x[i] - h
-            columns.append((self.predicted(s, alpha, q, up) - self.predicted(s, alpha, q, down)) / (2 * h))
+            columns.append((self.predicted(s, up) - self.predicted(s, down)) / (2 * h))
         return np.column_stack(columns)
 
     def solve(self) -> InMotion:
         x, whitener = self.start.copy(), np.array([1.0])
         measured = [self._kept(s, s.vane) for s in self.stretches]
         for _ in range(ROUNDS):
-            expected = [self.predicted(s, s.alpha, s.q, x) for s in self.stretches]
+            expected = [self.predicted(s, x) for s in self.stretches]
             left = [m - e for m, e in zip(measured, expected, strict=True)]
             whitener = autoregression(np.concatenate(left))
             e = np.concatenate([whitened(r, whitener) for r in left])
-            pairs = list(zip(self.stretches, self.forcing, strict=True))
-            j = np.vstack([whitened(self._slopes(s, s.alpha, s.q, x), whitener) for s, _ in pairs])
-            z = np.vstack([whitened(self._slopes(s, *made, x), whitener) for s, made in pairs])
+            j = np.vstack([whitened(self._slopes(s, x), whitener) for s in self.stretches])
+            z = np.vstack([whitened(self._slopes(s, x), whitener) for s in self.forcing])
             variance = float(np.mean(e**2)) * len(e) / max(len(e) - len(x) - len(whitener), 1)
             information = z.T @ j / variance + self.precision
             score = z.T @ e / variance - self.precision @ (x - self.start)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.model.air_data_calibration import PASCALS, PRIORS, Place, Steady, solve
+from station.model.air_data_calibration import PASCALS, PRIORS, Blocks, Place, Steady, solve
 from station.model.inertial_path import inertial_path
 from station.model.static_port import StaticPort, static_port
 from station.model.vane_in_motion import InMotion, Stretch, vane_in_motion
@@ -188,7 +188,7 @@ def _stretches(flown: Calibrating, steady: Steady) -> list[Stretch]:
     for recorded in flown.recordings:
         mine = [r for r in flown.runs if r.kind == "input" and r.log == recorded.path.name]
         for begin, end in _joined(mine):
-            found += _stretch(recorded, steady, begin - AROUND_S, min(end, begin + LONGEST_S) + AROUND_S)
+            found += _stretch(recorded, flown.blocks, steady, begin - AROUND_S, min(end, begin + LONGEST_S) + AROUND_S)
     return found
 
 
@@ -203,7 +203,7 @@ def _joined(runs: Sequence[Run]) -> list[tuple[float, float]]:
     return spans
 
 
-def _stretch(recorded: Recorded, steady: Steady, begin: float, end: float) -> list[Stretch]:
+def _stretch(recorded: Recorded, blocks: Blocks, steady: Steady, begin: float, end: float) -> list[Stretch]:
     """One manoeuvre of a record, s of its time; none where a signal has a gap in it."""
     record = recorded.record
     rows = slice(*np.searchsorted(record.t_s, (begin, end)).tolist())
@@ -219,8 +219,10 @@ def _stretch(recorded: Recorded, steady: Steady, begin: float, end: float) -> li
         path = inertial_path(whole, alpha, side if np.isfinite(side).all() else np.zeros(len(v)), record.dt)
     except NotIdentifiable:
         return []
-    beyond = (0.5 * record.mean_density * float(np.mean(path.speed)) ** 2 - steady.pressure) / PASCALS
-    beyond = beyond if math.isfinite(beyond) else 0.0
+    # Of static pressure and temperature: that of dynamic pressure over airspeed has the error that is looked for.
+    density = np.interp(record.t_s[rows] + recorded.start_s, blocks.time, blocks.density)
+    beyond = (0.5 * density * path.speed**2 - steady.pressure) / PASCALS
+    beyond = beyond if np.isfinite(beyond).all() else np.zeros(len(v))
     return [Stretch(motion["alpha_vane"], path.alpha, motion["q"], path.speed, motion["elevator"], beyond, record.dt)]
 
 

@@ -73,7 +73,7 @@ def counted_on_drawn(plan: Plan, case: Case, count: int) -> Counted:
         real = drawn(known, np.random.default_rng([FIRST, i]))
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(flying, "flown_aircraft", lambda *_, real=real: real)
-            patch.setattr(flying, "known_aircraft", lambda scenario, _: known_aircraft(scenario, known))
+            patch.setattr(flying, "known_aircraft", lambda scenario, _, beside: known_aircraft(scenario, known, beside))
             setup = prepare(plan, case)
         for _, r in fly_case(setup, range(first, first + 2)):
             at = METHODS.index("physical")
