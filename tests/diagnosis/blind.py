@@ -96,7 +96,8 @@ class Case:
     effects: Mapping[str, float] = field(default_factory=dict)
     outside: Mapping[str, float] = field(default_factory=dict)
     fit_on: tuple[str, ...] = KINDS[:2]
-    hold_out: tuple[str, ...] = ()
+    hold_out: tuple[str, ...] = KINDS[2:]
+    """Nothing is named that does not explain what is held out."""
     noise: float = 1.0
     """The sensors' true noise over what the rig states."""
     derivative_sd: float = 0.0
