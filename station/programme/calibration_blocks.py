@@ -38,6 +38,9 @@ RARE: Final = 0.5
 """Share of the blocks that have an optional signal, below which it is left out, not the others."""
 STILL: Final = math.radians(1.0)
 """Standard deviation of the pitch rate, rad/s, above which a block holds a test input or its answer."""
+ROLLING: Final = math.radians(6.0)
+"""Change of bank within a block above which its means are no longer one attitude's: of a vector that is turned by so
+much the mean is 0.05 % short, 5 mm/s2 of gravity, as the accelerometers' zeros are to be known."""
 TURNING: Final = math.radians(0.7)
 """Turn rate, rad/s, from which an aircraft turns: a quarter of rate one."""
 SAME_SPEED: Final = 2.5
@@ -144,9 +147,9 @@ def calibrating(logs: Sequence[Path], aircraft: Aircraft, read: Opened = opened)
     columns = {n: np.concatenate([c[n] for c, _ in parts]) for n in names}
     blocks = Blocks(
         np.concatenate([t for _, t in parts]),
-        {n: x for n, x in columns.items() if n not in ("density", "q_sd")},
+        {n: x for n, x in columns.items() if n not in ("density", "q_sd", "rolled")},
         columns["density"],
-        columns["q_sd"] < STILL,
+        (columns["q_sd"] < STILL) & (columns["rolled"] < ROLLING),
     )
     return Calibrating(blocks, tuple(runs), tuple(recordings), tuple(remarks))
 
@@ -212,6 +215,7 @@ def _blocks(record: FlightRecord) -> tuple[Array, dict[str, Array], list[str]]:
     stated = record.aircraft.air_density
     made["density"] = air_densities(np.nan if stated is None else stated, *air)[rows].mean(axis=1)
     made["q_sd"] = motion["q"][rows].std(axis=1)
+    made["rolled"] = np.ptp(motion["phi"][rows], axis=1)
     # In a turn the mean of a vector is shorter than the vectors: magnitude and direction are averaged instead.
     ground = np.hypot(motion["v_north"], motion["v_east"])[rows]
     track = np.unwrap(np.arctan2(motion["v_east"], motion["v_north"])[rows], axis=1)

@@ -38,6 +38,8 @@ SHOWN = {
     "vane_delay": ("vane's lag, ms", 1000.0, "5"),
     "vane_x": ("vane's place, m", 1.0, "–"),
     "theta_zero": ("pitch attitude's zero, deg", 1 / DEG, "–"),
+    "phi_zero": ("bank's zero, deg", 1 / DEG, "–"),
+    "beta_zero": ("beta vane's zero, deg", 1 / DEG, "–"),
 }
 """Constant: its words, unit, and what is asked of its error."""
 
@@ -65,6 +67,8 @@ def drawn(rng: np.random.Generator, other: np.random.Generator) -> tuple[Aircraf
         "vane_delay": rng.uniform(0.0, 0.05),
         "vane_x": 5.3 + 0.4 * rng.standard_normal(),
         "theta_zero": 0.1 * DEG * rng.standard_normal(),
+        "phi_zero": 0.3 * DEG * other.standard_normal(),
+        "beta_zero": 0.6 * DEG * other.standard_normal(),
     }
     derivatives = {
         n: d.model_copy(update={"value": d.value * (1 + 0.08 * rng.standard_normal())})
@@ -74,6 +78,8 @@ def drawn(rng: np.random.Generator, other: np.random.Generator) -> tuple[Aircraf
         "airspeed": {"gain": gain, "bias": bias},
         "alpha_vane": {"latency": true["vane_delay"]},
         "theta": {"bias": true["theta_zero"]},
+        "phi": {"bias": true["phi_zero"]},
+        "beta_vane": {"bias": true["beta_zero"]},
         "ax": {"bias": 0.03 * rng.standard_normal()},
         "az": {"bias": 0.05 * rng.standard_normal()},
     }
