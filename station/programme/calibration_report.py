@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE, image, text, without_frame, write_page
+from station.model.vane_in_motion import KEPT_HZ
 from station.numerics.random_effects import NORMAL_95
 from station.programme.calibration import Calibration, Constant
 from station.programme.calibration_listing import WORDS, interval_of, named, shown, unit_of, value_of
@@ -209,7 +210,7 @@ def _motion(made: Calibration) -> Iterator[str]:
     for panel, seen, made_of in zip(
         np.atleast_1d(figure.subplots(count, 1)), motion.measured, motion.expected, strict=True
     ):
-        t = np.arange(len(seen)) / 10
+        t = np.arange(len(seen)) / KEPT_HZ
         panel.plot(t, np.degrees(seen), color=INK, lw=0.8, label="vane")
         panel.plot(t, np.degrees(made_of), color=ORANGE, lw=0.8, label="by the motion")
         panel.set_ylabel("deg")
