@@ -104,13 +104,15 @@ def vane_in_motion(
 ) -> InMotion:
     """`place_sd`: of the vane's place by the profile, m; `upwash` and `slope`: what the steady parts of the flight tell
     of them, and their standard deviations. Raises NotIdentifiable without manoeuvres that move the angle of attack by
-    the elevator."""
+    the elevator, and for samples too slow."""
     usable = [s for s in stretches if len(s.vane) * s.dt > LEAST_S + 2 * MARGIN_S]
     boom = aircraft.boom
     if boom is None:
         raise NotIdentifiable("the profile has no boom")
     if not usable:
         raise NotIdentifiable("no dynamic input: fly elevator doublets, 3-2-1-1 or multisines")
+    if any(s.dt * KEPT_HZ >= 1 for s in usable):
+        raise NotIdentifiable(f"recorded at {KEPT_HZ:g} Hz or less: the vane's lag needs faster samples")
     fit = _Fit(usable, aircraft, boom, place_sd, upwash, slope)
     if fit.forced < WEAK:
         raise NotIdentifiable(

@@ -19,6 +19,8 @@ from station.commands.simulate import simulate
 from station.flight.step_plan import planned
 from station.log import About, Table
 from station.model.air_data_calibration import headed
+from station.model.vane_in_motion import Stretch, vane_in_motion
+from station.numerics.regression import NotIdentifiable
 from station.profile import Instrument, load_aircraft, load_card
 from station.profile.profile_text import write_profile
 from station.programme.calibration import Calibration
@@ -251,6 +253,13 @@ def test_a_boom_that_bends_under_an_airspeed_that_reads_high(tmp_path: Path) -> 
     assert found.constants["upwash"].sd < 0.004
     assert abs(found.steady.value("phi_zero")) < math.radians(0.1)
     assert abs(found.steady.value("ay_zero")) < 0.02
+
+
+def test_slow_samples_tell_no_lag() -> None:
+    still = np.zeros(200)
+    slow = Stretch(still, still, still, still + 60.0, still, still, 0.2)
+    with pytest.raises(NotIdentifiable, match="5 Hz or less"):
+        vane_in_motion([slow], load_aircraft("twin_otter"), 0.3)
 
 
 def test_one_heading_at_one_speed_says_what_it_cannot_tell(tmp_path: Path) -> None:
