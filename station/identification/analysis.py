@@ -29,6 +29,7 @@ from station.identification.boom_spectra import BoomSpectra, boom_spectra
 from station.identification.by_input import by_input, misled
 from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
+from station.identification.folding import Folded, about_folding, folded, wrong_by
 from station.identification.identified import Identification
 from station.identification.instrument_bias import INTEGRATED, Error, biases, matters, undone, without_misled
 from station.identification.instrument_table import InstrumentTable, instrument_table
@@ -138,11 +139,16 @@ def _with_doubts(
     whys = {**mostly_gusts(record, instruments), **drowned(record)}
     results = misled(results, shown, record, as_they_are)
     beside = left_out(record, axes)
+    folds = _folded(ready)
     for n in results.keys() - set(as_they_are):
-        held = with_more_error(results[n], doubts.wrong(own.get(n)), record)
-        results[n] = with_more_error(held, beside, record)
+        for more in (doubts.wrong(own.get(n)), beside, wrong_by(folds, results[n])):
+            results[n] = with_more_error(results[n], more, record)
     results = {n: without_misled(r, wrong, doubts.words) if METHODS[n].as_published else r for n, r in results.items()}
     return {n: refused(r, whys) for n, r in results.items()}, contradiction
+
+
+def _folded(ready: Prepared) -> dict[str, Folded]:
+    return folded(ready.record, ready.request.band_hz, ready.request.axes)
 
 
 def _of_method(ready: Prepared, flown: Flown | None, errors: Mapping[str, Error]) -> dict[str, dict[str, float]]:
@@ -246,6 +252,7 @@ def _remarks(ready: Prepared, results: Mapping[str, MethodResult], level: str, f
         *(flown.warnings() if flown else ()),
         *about_instruments(ready.record.aircraft),
         *about_the_band(ready.record, ready.request.band_hz),
+        *(about_folding(_folded(ready), ready.record.dt) if can_judge else ()),
     )
 
 
