@@ -193,6 +193,21 @@ def test_attas_gyro_lag_is_that_of_its_repeat() -> None:
     assert abs(first.value - again.value) < 1.96 * np.hypot(first.sd, again.sd)
 
 
+@pytest.mark.parametrize(("name", "until"), [("fAttasElv2", np.inf), ("fAttasAilRud1", 29.9)])
+def test_attas_rolls_in_time(name: str, until: float) -> None:
+    """Gyros and attitude are one unit, its pitch rate 12 ms late (the test above), the others half a sample from that
+    at most. What the weight does sideways had made the roll angle 294 ms early where nobody rolled, and 106 ms late
+    where nobody pitched, and all others with it."""
+    columns = attas(name)
+    there = columns["time [s]"] <= until
+    found = solved({n: x[there] for n, x in columns.items()}, ATTAS_BOOM).values
+    late = {i: v for (i, kind), v in found.items() if kind == "lag" and i in ("p", "q", "r", "phi") and not v.why}
+    assert "p" in late
+    assert "phi" not in late
+    for i, v in late.items():
+        assert abs(v.value - 0.012) < max(3 * v.sd, 0.01), (i, v)
+
+
 def test_dasmat_has_no_lag() -> None:
     """A foreign simulation without instruments: nothing stands out, with noise laid over it either."""
     for noise in (0.0, 1.0):
