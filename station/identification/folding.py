@@ -32,6 +32,7 @@ NEXT_TO_HALF: Final = 0.8
 ORDERS: Final = 20
 """Multiples of the rate about which the spectrum folds; what lies above is a thousandth of it."""
 TWICE: Final = 2.0
+"""In the lift, and in the angle of attack that it is of."""
 NOTABLE: Final = 0.1
 """Share of a derivative from which the error is told of; smaller ones are within those of mass and inertia."""
 
@@ -83,13 +84,12 @@ def folded(record: FlightRecord, band_hz: tuple[float, float], axes: Axes) -> di
 
 def wrong_by(folds: Mapping[str, Folded], result: MethodResult) -> dict[str, float]:
     """Standard deviation of each of a method's derivatives, by `folded`."""
-    value = {p.name: p.value for p in result.parameters}
+    value = {p.name: p.value for p in result.parameters if math.isfinite(p.value)}
     return {
-        name: fold.share * (abs(value[name]) if name == first else math.hypot(value[name], by * value[first]))
+        name: fold.share * (abs(value[name]) if name == first else math.hypot(value[name], by * value.get(first, 0.0)))
         for first, fold in folds.items()
-        if first in value and fold.share
         for name, by in fold.along.items()
-        if name in value
+        if fold.share and name in value
     }
 
 

@@ -159,12 +159,12 @@ class _Fit(Likelihood):
 
     def solve(self, motion: Mapping[str, Array]) -> tuple[Solution, float]:
         """What is found, and its deviance."""
-        values, deviance = self._fitted(self._scanned(dict.fromkeys(self.keys, 0.0)))
-        if (ROLL, "lag") in values:
-            in_time = [key for key in self.keys if key != (ROLL, "lag")]
-            others, more = self._fitted(self._scanned(dict.fromkeys(in_time, 0.0)))
-            if more < deviance + APART or {ROLL, "p"} & self._unheard(values):
-                values, deviance = others, more
+        in_time = [key for key in self.keys if key != (ROLL, "lag")]
+        values, deviance = self._fitted(self._scanned(dict.fromkeys(in_time, 0.0)))
+        if len(in_time) < len(self.keys):
+            late, less = self._fitted(self._scanned(dict.fromkeys(self.keys, 0.0)))
+            if less < deviance - APART and all(self.heard(i, late) >= HEARD for i in {ROLL, "p"} & {*self.instruments}):
+                values, deviance = late, less
         for head in self.rows:
             if head in (*FLOW, "v_down") and abs(values[head, "lag"]) > FILTERS_S:
                 values, deviance = self._filtered(head, values, deviance)
@@ -250,7 +250,7 @@ class _Fit(Likelihood):
         values, _ = self._fitted(values)
         covariance = self._errors_of(list(values))
         found: dict[Key, Value] = {}
-        unheard = self._unheard(values)
+        unheard = {i for i in self.instruments if self.heard(i, values) < HEARD}
         keys = list(values)
         for n, (i, kind) in enumerate(keys):
             if kind in ("lag", "filter"):
@@ -272,9 +272,6 @@ class _Fit(Likelihood):
             level = self._level(motion, found)
             found["alpha_vane", "zero"] = min(level, found["alpha_vane", "zero"], key=lambda v: v.sd)
         return Solution(found, self._gust(values, not vane.why), self._length, self.high_hz)
-
-    def _unheard(self, values: dict[Key, float]) -> set[str]:
-        return {i for i in self.instruments if self.heard(i, values) < HEARD}
 
     def _level(self, motion: Mapping[str, Array], found: Mapping[Key, Value]) -> Value:
         """Zero of the vane by the mean of attitude less path, without mean vertical wind and sideslip."""
