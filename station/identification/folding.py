@@ -31,6 +31,10 @@ NEXT_TO_HALF: Final = 0.8
 """Share of half the rate above which the spectrum tells how much there is beyond."""
 ORDERS: Final = 20
 """Multiples of the rate about which the spectrum folds; what lies above is a thousandth of it."""
+SURE: Final = 3.0
+"""Standard errors of the noise's mean power."""
+HANN: Final = 1.5
+"""Lines that count as one: a Hann window leaves so many correlated (Harris 1978)."""
 TWICE: Final = 2.0
 """In the lift, and in the angle of attack that it is of."""
 NOTABLE: Final = 0.1
@@ -41,17 +45,19 @@ def folded_share(x: Array, dt: float, band_hz: tuple[float, float], noise: float
     """Share of a signal's amplitude in `band_hz` that is folded from above half its rate. `noise`: its sensor's
     standard deviation. The spectrum next to half the rate, less the noise, is continued by FALLS."""
     f, power = periodogram(detrend(x), 1 / dt, window="hann")
-    power = power - 2 * dt * noise**2
+    white = 2 * dt * noise**2
     half = 0.5 / dt
     order = 2.0 * np.arange(1, ORDERS + 1)[:, None]
     folded = ((order - f / half) ** FALLS + (order + f / half) ** FALLS).sum(0)
     top = (f > NEXT_TO_HALF * half) & (f < half)
     if not top.any():
         return 0.0
-    level = power[top].mean() / ((f[top] / half) ** FALLS + folded[top]).mean()
+    # Of the noise no more is left than its mean may be off by.
+    beyond = power[top].mean() - white * (1.0 + SURE * math.sqrt(HANN / top.sum()))
+    level = max(beyond, 0.0) / ((f[top] / half) ** FALLS + folded[top]).mean()
     band = (f >= band_hz[0]) & (f <= band_hz[1])
-    there = power[band].sum()
-    return float(np.sqrt(min(max(level, 0.0) * folded[band].sum() / there, 1.0))) if there > 0.0 else 0.0
+    there = (power[band] - white).sum()
+    return float(np.sqrt(min(level * folded[band].sum() / there, 1.0))) if there > 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True)

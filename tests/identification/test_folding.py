@@ -43,8 +43,11 @@ def test_the_share_is_what_sampling_adds_to_the_lines(power: float, hz: int) -> 
 
 
 def test_noise_is_not_folded_motion() -> None:
+    """Of a stated size: its mean power differs from that by three standard errors once in some hundred times."""
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 120.0, 0.1)
-    x = np.sin(2 * np.pi * 0.4 * t) + 0.1 * rng.standard_normal(len(t))
-    assert folded_share(x, 0.1, BAND, 0.1) < 0.02
-    assert folded_share(x[:10], 0.1, BAND, 0.1) == 0.0
+    found = [
+        folded_share(np.sin(2 * np.pi * 0.4 * t) + 0.1 * rng.standard_normal(len(t)), 0.1, BAND, 0.1) for _ in range(40)
+    ]
+    assert sum(share > 0.0 for share in found) <= 2
+    assert folded_share(np.sin(t[:10]), 0.1, BAND, 0.1) == 0.0
