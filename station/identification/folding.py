@@ -1,4 +1,4 @@
-"""What lies above half a record's rate folds into the lines that are analysed, and no residual tells it from them.
+"""Aliasing: what lies above half a record's rate folds into the lines that are analysed, and no residual tells of it.
 
 A gust above half the rate reaches vane and wing with another delay than the line that it is taken for, and attenuates
 what is fitted. Vane, lift and moment have it from one and the same gust: its share of the lift may come twice, in the
@@ -100,9 +100,9 @@ def wrong_by(folds: Mapping[str, Folded], result: MethodResult) -> dict[str, flo
 
 
 def about_folding(folds: Mapping[str, Folded], dt: float) -> list[str]:
-    """The remark on it."""
+    """The remark where errors are much wider for it."""
     share = max((fold.share for fold in folds.values()), default=0.0)
     if share < NOTABLE:
         return []
-    said = f"recorded at {1 / dt:.3g} Hz: what moves faster than {0.5 / dt:.3g} Hz folds into the lines"
-    return [f"{said}; errors hold {share:.0%} of each value for it"]
+    said = f"recorded at {1 / dt:.3g} Hz: what moves faster than {0.5 / dt:.3g} Hz is aliased into the band"
+    return [f"{said}; standard errors hold {share:.0%} of each estimate for it"]

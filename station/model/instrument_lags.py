@@ -248,10 +248,10 @@ class _Fit(Likelihood):
 
     def _solution(self, values: dict[Key, float], motion: Mapping[str, Array]) -> Solution:
         values, _ = self._fitted(values)
-        covariance = self._errors_of(list(values))
+        keys = list(values)
+        covariance = self._errors_of(keys)
         found: dict[Key, Value] = {}
         unheard = {i for i in self.instruments if self.heard(i, values) < HEARD}
-        keys = list(values)
         for n, (i, kind) in enumerate(keys):
             if kind in ("lag", "filter"):
                 parts = [m for m, key in enumerate(keys) if key in ((i, "lag"), (i, "filter"))]

@@ -68,6 +68,14 @@ def test_a_single_effect_is_named_and_its_interval_holds_it(seed, name, air, sig
     assert d.gain.low > 0
 
 
+def test_an_accelerometers_zero_is_named_though_nothing_held_out_can_confirm_it():
+    """What is held out has a zero of its own; attitude and velocity contradict the one planted, ten times the usual."""
+    case = Case(seed=7001, sigma=SIGMAS[1], effects={"accelerometer.bias": -0.54})
+    d = diagnosed(case)
+    assert score(case, d) == "exact"
+    assert all(abs(z) < 3 for _, _, z in covered(case, d))
+
+
 UNKNOWN_TO_THE_PROFILE = (
     ("mass.scale", 0.06), ("inertia.scale", 0.12), ("elevator.scale", 0.2), ("dynamic_pressure.scale", 0.03),
     ("aero.icing", 0.8), ("alpha_vane.scale", 0.025), ("alpha_vane.delay", 0.006),
