@@ -150,10 +150,11 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
             _within("gust span shape", "gust_span_shape", u.span_shape, aircraft, LEAST_SHAPE, 1.0),
             _within("gust span cut", "gust_span_cut", u.span_cut, aircraft, 0.0, 0.5),
-            Free("turned at once", u.turned_at_once, unsteady("turned_at_once")),
-            Free("gust speed", u.gust_speed, unsteady("gust_speed")),
-            Free("tail speed", u.tail_speed, unsteady("tail_speed")),
-            Free("convection", u.convection, unsteady("convection")),
+            # Shares: from none to all; of the tail's speed up to its square.
+            _within("turned at once", "turned_at_once", u.turned_at_once, aircraft, 0.0, 1.0),
+            _within("gust speed", "gust_speed", u.gust_speed, aircraft, 0.0, 1.0),
+            _within("tail speed", "tail_speed", u.tail_speed, aircraft, 0.0, 2.0),
+            _within("convection", "convection", u.convection, aircraft, 0.0, 1.0),
             Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),
         ]
     if aircraft.boom is not None:

@@ -327,12 +327,15 @@ class Problem:
                     break
                 long, damping = True, 0.0
                 continue
-            stale = True
+            fresh, stale = not stale, True
             long = bool(np.abs(there.a - s.a).max(initial=0.0) > LONG or len(terms))
             damping *= 0.1
             s = self.relevelled(there)
-            if solved.gained < done and damping < LIGHTLY_DAMPED:
-                break
+            if solved.gained < done:
+                # A damped step gains little too where slopes are old; where they are not, there is no more to gain.
+                if fresh or damping < LIGHTLY_DAMPED:
+                    break
+                long, damping = True, 0.0
         return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
 
 

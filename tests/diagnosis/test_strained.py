@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
 
-from station.diagnosis.candidate import Estimate
+from station.diagnosis.candidate import Estimate, Solved, State
+from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
@@ -35,3 +36,52 @@ def test_what_is_far_together_is_told_unless_it_has_a_name_of_its_own(
     strained = remaining_residual(problem, replace(null, state=replace(null.state, a=a))).strained
     assert ({n for n, _ in strained} == set(names)) is told
     assert bool(strained) is told
+
+
+SHARES = {
+    "turned at once": ("turned_at_once", 1.0),
+    "gust speed": ("gust_speed", 1.0),
+    "tail speed": ("tail_speed", 2.0),
+    "convection": ("convection", 1.0),
+}
+"""Where each ends by what it means; below, all at none."""
+
+
+@pytest.mark.parametrize("name", SHARES)
+def test_a_share_is_at_least_none_and_at_most_all(name: str) -> None:
+    """What noise makes of it must not take it there: in calm air a large one lets the airspeed's noise explain all."""
+    (free,) = (f for f in free_parameters(aircraft(), 56.6) if f.name == name)
+    field, most = SHARES[name]
+    at = [getattr(free.extend(aircraft(), side * 20 * free.sd).unsteady, field) for side in (-1, 1)]
+    assert at == [0.0, most]
+    own = getattr(aircraft().unsteady, field)
+    assert [own + x * free.sd for x in free.ends] == pytest.approx([0.0, most])
+
+
+def test_a_step_goes_no_further_than_a_share(sound: tuple[Problem, Estimate]) -> None:
+    problem, null = sound
+    at = [f.name for f in problem.frees].index("turned at once")
+    wanted = np.zeros(len(null.state.a))
+    wanted[at] = 20.0
+    there = problem.advance(replace(null.state, q=np.inf), replace(null.solved, step=wanted), ())
+    assert there is not None
+    assert problem.aircraft_at({}, there.a).unsteady.turned_at_once == 1.0
+
+
+def test_a_fit_is_left_where_only_damped_steps_lead_on_and_gain_nothing(
+    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They went on to the last round, each with the variances fitted anew."""
+    problem, null = sound
+    far = replace(null.state, a=null.state.a + 1.0)
+    steps: list[float] = []
+
+    def advance(self: Problem, s: State, solved: Solved, terms: object) -> State | None:
+        steps.append(solved.gained)
+        return s if len(steps) > 4 else None
+
+    monkeypatch.setattr(Problem, "advance", advance)
+    monkeypatch.setattr(Problem, "relevelled", lambda self, s: s)
+    found = problem.estimate(far, 25, lambda s: (null.slopes, ()), done=np.inf)
+    assert found.state is far
+    assert len(steps) == 5
