@@ -55,7 +55,10 @@ def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
 
 @pytest.mark.parametrize(
     ("name", "value", "seed", "number", "air"),
-    [("aero.lateral_icing", 3.6, 13128969271, 28, 1), ("r.scale", -0.03, 13128969062, 8, 2)],
+    [
+        pytest.param("aero.lateral_icing", 3.6, 13128969271, 28, 1, marks=pytest.mark.slow),
+        ("r.scale", -0.03, 13128969062, 8, 2),
+    ],
 )
 def test_what_gusts_hide_is_named_or_a_rival(name, value, seed, number, air):
     """Ice whose place the derivatives had taken; a rate and an attitude that only the model tells apart. Both had been
