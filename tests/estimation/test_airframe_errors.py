@@ -51,13 +51,19 @@ def known(**changes: Any) -> Aircraft:
     return AIRCRAFT.model_copy(update={"uncertainty": doubt})
 
 
+@functools.cache
+def exact(with_mass: bool = False) -> dict[str, dict[str, ParamEstimate]]:
+    """By a profile whose mass and inertia are known."""
+    return made(known(), with_mass)
+
+
 @pytest.mark.parametrize(("key", "with_mass"), [("mass", False), ("recorded_mass", True)])
 def test_every_error_holds_those_of_mass_and_inertia(key: str, with_mass: bool) -> None:
     """Force derivatives go with the mass, moment derivatives with the inertia; published errors stay as published."""
-    exact, doubtful = made(known(), with_mass), made(known(**{key: 0.04, "inertia": 0.07}), with_mass)
+    doubtful = made(known(**{key: 0.04, "inertia": 0.07}), with_mass)
     counted = 0
     for method in METHODS:
-        for name, p in exact[method].items():
+        for name, p in exact(with_mass)[method].items():
             more = doubtful[method][name]
             if not math.isfinite(p.sd):
                 continue
@@ -74,7 +80,7 @@ def test_a_profile_five_per_cent_too_heavy_gives_derivatives_five_per_cent_too_l
     heavy = AIRCRAFT.inertia.model_copy(
         update={"mass": 1.05 * AIRCRAFT.inertia.mass, "iyy": 1.05 * (AIRCRAFT.inertia.iyy or 0.0)}
     )
-    right, wrong = made(known()), made(known().model_copy(update={"inertia": heavy}))
+    right, wrong = exact(), made(known().model_copy(update={"inertia": heavy}))
     for method in ("I", "split", "physical"):
         for name in ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"):
             ratio = wrong[method][name].value / right[method][name].value
@@ -84,17 +90,17 @@ def test_a_profile_five_per_cent_too_heavy_gives_derivatives_five_per_cent_too_l
 
 def test_an_air_data_error_of_which_the_profile_speaks_is_in_every_error() -> None:
     """Coefficients are forces over the dynamic pressure; rates are normalised by its root."""
-    exact = known(inertia=0.05)
+    plain = known(inertia=0.05)
     doubtful = known(inertia=0.05, dynamic_pressure=0.04)
     names = ("CL_alpha", "CL_q", "Cm_alpha", "Cm_q", "Cn_beta", "Cn_r", "CL_de")
-    before, after = relative_errors(exact, names)[0], relative_errors(doubtful, names)[0]
+    before, after = relative_errors(plain, names)[0], relative_errors(doubtful, names)[0]
     more = [0.04, 0.02, 0.04, 0.02, 0.04, 0.02, 0.04]
     assert after.tolist() == pytest.approx(np.hypot(before, more).tolist())
 
 
 def test_with_the_dynamic_pressure_four_per_cent_too_high_derivatives_are_as_much_too_small() -> None:
     """Which that error is for; airspeed with it, as one pitot gives both."""
-    right = made(known())
+    right = exact()
     high = {n: c.copy() for n, c in columns().items() if n not in ("mass", "thrust", "pdot", "qdot", "rdot")}
     high["dynamic_pressure"] *= 1.04
     high["airspeed"] *= math.sqrt(1.04)
