@@ -305,8 +305,9 @@ class Problem:
         beaten: float = math.inf,
     ) -> Estimate:
         """Gauss-Newton, damped where Q would rise (Levenberg), from a state; the variances are fitted anew after each
-        step. `slopes` are made anew where the last step was long. Left where it is when a step promises no cost below
-        `beaten`."""
+        step. `slopes` are made anew where the last step was long, or a damped one by old slopes promised less than
+        `done`; a step by new slopes that does, of any damping, or an undamped one, is the last. Left where it is when a
+        step promises no cost below `beaten`."""
         damping, long, stale = 0.0, True, False
         made, terms = slopes(s)
         for _ in range(rounds):

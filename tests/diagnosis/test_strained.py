@@ -71,7 +71,7 @@ def test_a_step_goes_no_further_than_a_share(sound: tuple[Problem, Estimate]) ->
 def test_a_fit_is_left_where_only_damped_steps_lead_on_and_gain_nothing(
     sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They went on to the last round, each with the variances fitted anew."""
+    """Slopes are new in the first round: the first step that is taken, however damped, is the last."""
     problem, null = sound
     far = replace(null.state, a=null.state.a + 1.0)
     steps: list[float] = []
