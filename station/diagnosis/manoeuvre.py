@@ -34,6 +34,8 @@ ROUNDED: Final = 1e-9
 """Of a signal's range: smaller steps are a file's rounding."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
 """Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
+RECORDED_THRUST: Final = 0.005
+"""Of the mean thrust: noise of a recorded one."""
 SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
@@ -316,7 +318,7 @@ def lasting_gust(record: Record) -> float:
 
 def white_noise(name: str, record: Record) -> float:
     """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
-    if record.dt > FAST_S or name in record.held or name == "thrust":
+    if record.dt > FAST_S or name in record.held:
         return stated_noise(name, record)
     x = record.signals[name]
     rough = float(np.median(np.abs(np.diff(x, 4)))) / 0.6745 / math.sqrt(70.0)
@@ -335,5 +337,5 @@ def stated_noise(name: str, record: Record) -> float:
     """Noise of one sensor that the rig states, or a good installation has."""
     signal = {"v_along": "v_north", "v_across": "v_east"}.get(name, name)
     if name == "thrust":
-        return 0.0
+        return RECORDED_THRUST * max(float(np.mean(record.signals["thrust"])), 1.0)
     return float(record.stated.get(signal) or DEFAULT_NOISE[signal])

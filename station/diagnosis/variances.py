@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
-from station.diagnosis.manoeuvre import FAST_S, Manoeuvre, white_noise
+from station.diagnosis.manoeuvre import FAST_S, Manoeuvre, stated_noise, white_noise
 from station.diagnosis.measured_record import Record
 from station.diagnosis.residuals import LIFT, Spectra, spectra
 
@@ -25,8 +25,6 @@ SLOW_SHARE: Final = 0.25
 THRUST_SHARE: Final = 0.05
 """Where thrust is not recorded: by how much of its trim it changes unseen. A propeller's changes with the speed by
 about as much, and so do small corrections by hand."""
-RECORDED_THRUST: Final = 0.005
-"""Of the trim's thrust: noise of a recorded one."""
 SEEN_SD: Final = 0.25
 """Prior standard deviation of the logarithm of the variance of white noise that the samples show."""
 LEVEL_SD: Final = 1.5
@@ -83,10 +81,16 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
     for m in manoeuvres:
         sensors, axis = m.trim.sensors, m.axis
         known = dict(axis.always) | (air_noise(m.record) if "pitot" in sensors else {})
-        known["thrust"] = RECORDED_THRUST if "thrust" in m.record.signals else THRUST_SHARE
-        known["thrust"] *= max(m.setting.thrust, 1.0)
+        if "thrust" not in m.record.signals:
+            known["thrust"] = THRUST_SHARE * max(m.setting.thrust, 1.0)
         sd = np.array([known.get(s) or white_noise(s, m.record) for s in sensors])
         slow = SLOW_SHARE * sd**2
+        if "thrust" in m.record.signals and "thrust" in sensors:
+            # What an engine's deck gives is smooth, and no righter for that.
+            slow[sensors.index("thrust")] = SLOW_SHARE * stated_noise("thrust", m.record) ** 2
+        for i, name in enumerate(sensors):
+            if (x := m.record.signals.get(name)) is not None:
+                slow[i] = min(slow[i], max(_slow_shown(m, x, sd[i] ** 2), LEAST_SLOW * sd[i] ** 2))
         if alone := _of_air(sensors):
             slow[alone] = _slow_apart(m, sd[alone] ** 2)
         rows.append(np.concatenate([sd**2, slow]))
@@ -124,11 +128,15 @@ def _slow_apart(m: Manoeuvre, white: Array) -> Array:
     noise of an airspeed that no other series shows takes the place of whatever turns the flow."""
     x, slope = m.record.signals, _pressure_slope(m.record)
     apart = x["airspeed"] - x["airspeed"].mean() * np.sqrt(x["dynamic_pressure"] / x["dynamic_pressure"].mean())
-    power = np.abs(spectra(apart[None], m.setting, (0,), False).bins[0]) ** 2
-    share = white / np.array([1.0, slope**2])
+    both = float((white / np.array([1.0, slope**2])).sum())
+    return np.asarray(white * max(_slow_shown(m, apart, both) / both, LEAST_SLOW))
+
+
+def _slow_shown(m: Manoeuvre, x: Array, white: float) -> float:
+    """Variance of slow noise, were all of a signal that its white noise leaves no motion but such: at most as much."""
+    power = np.abs(spectra(x[None], m.setting, (0,), False).bins[0]) ** 2
     slow = m.shapes[1]
-    found = float(slow @ (power - share.sum()) / (slow @ slow))
-    return np.asarray(white * max(found / float(share.sum()), LEAST_SLOW))
+    return float(slow @ (power - white) / (slow @ slow))
 
 
 def of_signals(variances: Mapping[str, float], record: Record) -> dict[str, float]:

@@ -11,12 +11,12 @@ import pytest
 from blind import Case, aircraft, fly_case
 from scipy import signal, special, stats
 
-from station.diagnosis.manoeuvre import GUST_SCALE_M, SLOW_S, lasting_gust, manoeuvre
+from station.diagnosis.manoeuvre import GUST_SCALE_M, RECORDED_THRUST, SLOW_S, lasting_gust, manoeuvre
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import Setting, bridge_of, own_speed
 from station.diagnosis.residuals import Spectra
 from station.diagnosis.span_lags import span_response
-from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, prior_levels, wandering
+from station.diagnosis.variances import SLOW_SHARE, ZERO_DOF, ZERO_SD, Levels, air_noise, prior_levels, wandering
 from tests.second_simulation.air import STEP, noise
 
 SPEED, DENSITY = 52.0, 1.0
@@ -101,6 +101,27 @@ def test_slow_noise_of_the_airspeed_alone_is_what_the_dynamic_pressure_does_not_
     slow = prior_levels([made]).noise[0, n:]
     told = slow[at] + slow[made.trim.sensors.index("dynamic_pressure")] / slope**2
     assert told == pytest.approx(own**2, rel=1 / 3, abs=0.1**2)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_thrust_is_as_noisy_as_its_samples_show_and_no_more_than_it_moves(moves: bool) -> None:
+    """White noise within a tenth. A tenth of what nothing states, on a thrust that does not move, leaves no slow noise
+    either: were there more, to scale the thrust up would explain whatever the accelerometer shows. On one that moves
+    much, slow noise is what any thrust's is."""
+    record = fly_case(Case(seed=993, fit_on=("doublets",)), "doublets", 0)
+    trim = float(record.signals["thrust"].mean())
+    sd = 0.1 * RECORDED_THRUST * trim
+    t = np.arange(record.n) * record.dt
+    thrust = trim * (1 + (0.2 * np.sign(np.sin(2 * np.pi * 0.1 * t)) if moves else 0.0))
+    laid = thrust + sd * np.random.default_rng(13).standard_normal(record.n)
+    made = manoeuvre(replace(record, signals={**record.signals, "thrust": laid}), aircraft())
+    at, n = made.trim.sensors.index("thrust"), len(made.trim.sensors)
+    white, slow = prior_levels([made]).noise[0, [at, n + at]]
+    assert math.sqrt(white) == pytest.approx(sd, rel=0.1)
+    if moves:
+        assert slow == pytest.approx(SLOW_SHARE * (RECORDED_THRUST * laid.mean()) ** 2)
+    else:
+        assert slow < 0.2 * white
 
 
 def test_a_zero_wanders_as_far_as_manoeuvres_disagree() -> None:
