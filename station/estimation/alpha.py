@@ -89,6 +89,8 @@ class Seen:
     gust_step: float
     """From the tail to the CG."""
     boom_gust: float
+    upwash: float
+    """Of the gust, by the wing, that `boom_gust` was freed of."""
     residual: float
     """What the motion leaves of the vane."""
     behind: float
@@ -184,7 +186,8 @@ def _split(c: Constants, s: State, at: int, flow: float, rate: float, alpha_i: f
     leading_edge = delayed(s.wind_ring, at - 1, max(c.edge / v / dt - 1.0, 0.0)) / v
     unsteady = respond(c.gust, s.gust_lags, s.edge_gust, leading_edge, chords)
     s.edge_gust = leading_edge
-    boom = (residual - c.upwash_wing * unsteady) / (1.0 + c.upwash_body)
+    upwash = c.upwash_wing * unsteady / (1.0 + c.upwash_body)
+    boom = residual / (1.0 + c.upwash_body) - upwash
     # The wind is carried, not the angle: what arrives at the CG meets the speed of that moment.
     s.wind_ring[at] = boom * v
     late = max(c.gust_x / v - c.vane_lag, 0.0) / dt
@@ -197,6 +200,7 @@ def _split(c: Constants, s: State, at: int, flow: float, rate: float, alpha_i: f
     seen.behind = max(c.vane_lag - c.gust_x / v, 0.0)
     seen.gust_step = gust - delayed(s.wind_ring, at, late + c.tail / v / dt) / v
     seen.boom_gust = boom
+    seen.upwash = upwash
     seen.residual = residual
     seen.is_ready = s.split_count * dt >= READY_S
 
@@ -230,7 +234,7 @@ def _shown(c: Constants, s: State, flown: float) -> float:
 @njit(cache=True)
 def _no_split(seen: Seen) -> None:
     seen.fast = seen.split = seen.gust = seen.gust_step = math.nan
-    seen.boom_gust = seen.residual = seen.behind = math.nan
+    seen.boom_gust = seen.upwash = seen.residual = seen.behind = math.nan
     seen.is_ready = False
 
 

@@ -130,7 +130,8 @@ def advance(
         s.unexplained_mean += fade * error
         s.unexplained += fade * (error * error - s.unexplained)
         if c.has_signals:
-            gusts.step(c.signals, s.signals, seen.boom_gust, alpha_i, air.speed, inertial.speed, inertial.theta)
+            gust, upwash = seen.boom_gust, seen.upwash
+            gusts.step(c.signals, s.signals, gust, upwash, alpha_i, air.speed, inertial.speed, inertial.theta)
         else:
             gusts.watch_wind(c.signals, s.signals, air.speed, inertial.speed)
             s.signals.count += 1

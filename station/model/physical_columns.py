@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from station.model.physical_constants import (
     ARM_LENGTH,
-    AZ,
     BOOM,
     CL_ALPHA,
     CL_DE,
@@ -33,20 +32,16 @@ from station.model.physical_constants import (
     GUST_RATE,
     LIFT_AMPLITUDE,
     LIFT_RATE,
-    RATE,
     SKEW,
-    SOURCES,
     SPAN,
     SPAN_FAST,
     SPAN_MIDDLE,
     TAIL,
     TAIL_SPAN,
     TAIL_SPAN_SHARE,
-    THETA,
     UPWASH_RATE_GUST,
     UPWASH_RATE_MOTION,
     UPWASH_SHARE,
-    V_DOWN,
     WASH,
     WASH_DELAY,
     WIND,
@@ -58,6 +53,7 @@ from station.model.physical_signals import (
     DK,
     DW,
     DX,
+    FREED,
     GC,
     GT,
     KG,
@@ -86,14 +82,6 @@ MET: Final = (BOOM, SKEW, UPWASH_SHARE, UPWASH_RATE_GUST, GAIN, UPWASH_RATE_MOTI
 """Nuisances that feign a gust, or change the wing's response to gusts: their gusts go through the span's lags."""
 GUST_HZ: Final = (0.2, 1.2)
 """Where the gust must stand out of the noise for air to count as turbulent."""
-ATTITUDE_S: Final = 0.5
-"""Over which the inertial angle of attack is drawn to the attitude's stream."""
-BLEND_HZ: Final = 0.05
-"""Below which it is drawn to the velocity's."""
-
-
-EVERY: Final = 4
-"""Lines from one to the next at which the noise of the sensors is evaluated: it is smooth."""
 
 
 class Segment(NamedTuple):
@@ -128,6 +116,8 @@ class Columns(NamedTuple):
     """What a unit of each of SPANS adds to a gust's lift, relative to it, (SPANS, frequencies)."""
     tails: Complex
     """And what it adds to the gust at the tail, as far as the tail follows the wing, (SPANS, frequencies)."""
+    freed: Complex
+    """And what it gives A, P and Q by taking it from the upwash at the vane, (SPANS, 3, frequencies)."""
     nuisances: Complex
     """What a unit of each nuisance adds to A, P and Q, (N, 3, frequencies); of the tail's share, which multiplies D,
     nothing."""
@@ -136,13 +126,14 @@ class Columns(NamedTuple):
 
 
 @register_jitable
-def no_columns(parts: int, lines: int) -> tuple[Complex, Complex, Complex, Complex, Complex]:
+def no_columns(parts: int, lines: int) -> tuple[Complex, Complex, Complex, Complex, Complex, Complex]:
     """Arrays of so many Columns, to be filled."""
     return (
         np.zeros((parts, CHANNELS, lines), dtype=np.complex128),
         np.zeros((parts, 3, lines), dtype=np.complex128),
         np.zeros((parts, len(SPANS), lines), dtype=np.complex128),
         np.zeros((parts, len(SPANS), lines), dtype=np.complex128),
+        np.zeros((parts, len(SPANS), 3, lines), dtype=np.complex128),
         np.zeros((parts, N, 3, lines), dtype=np.complex128),
     )
 
@@ -257,6 +248,11 @@ def columns(segment: Segment, con: Constants, rho: Array, of: Columns) -> None:
             wing_lag, wash_lag, tail_lag = LAGGED[k]
             of.tails[k, i] = r * f[tail_lag, i] - gt
             _other_incidence(base[SPANS[k]], i, r * f[wing_lag, i] - kg, r * f[wash_lag, i] - dk)
+            freed_wing, freed_wash, freed_tail = FREED[k]
+            _other_incidence(of.freed[k], i, r * f[freed_wing, i], r * f[freed_wash, i])
+            of.freed[k, P, i] += r * f[freed_tail, i]
+            for part in range(3):
+                base[SPANS[k], part, i] += of.freed[k, part, i]
         _other_incidence(base[LIFT_AMPLITUDE], i, wx - x, dw - dx)
         base[WASH_DELAY, Q, i] = -s * (dw + dk)
         base[ARM_LENGTH, P, i] = -s * late * gt
@@ -264,61 +260,6 @@ def columns(segment: Segment, con: Constants, rho: Array, of: Columns) -> None:
         base[WIND, A, i] = speed * f[WIND_WING, i]
         base[WIND, P, i] = speed * (f[WIND_TAIL, i] - f[WIND_WING, i])
         base[WIND, Q, i] = speed * (f[WIND_WASH, i] - f[WIND_WING, i])
-
-
-@njit(cache=True, error_model="numpy")
-def noise_spectrum(source: int, segment: Segment, con: Constants, every: int, f: Complex) -> None:
-    """What a unit of white noise of one of SOURCES puts into every channel, `f` (CHANNELS, frequencies), at every
-    so-many-th line.
-
-    The inertial angle of attack has it from attitude (drawn to its stream in 0.5 s), pitch rate, az and velocity (drawn
-    below 0.05 Hz), as inertial.py blends them; the gust has what the vane is predicted from it.
-    """
-    speed, omega = segment.speed, segment.omega
-    corner = 2.0 * math.pi * BLEND_HZ
-    f[:] = 0.0
-    for i in range(every // 2, omega.shape[0], every):
-        s = 1j * omega[i]
-        x, q = 0.0j, 0.0j
-        attitude = 1.0 / (1.0 + ATTITUDE_S * s)
-        blend = s * s + 1.4 * corner * s + corner * corner
-        if source == THETA:
-            x = attitude
-        elif source == RATE:
-            x = 0.5 * attitude
-            q = 1.0 + 0.0j
-            f[CM, i] = s * con.per_qdot / (segment.density * speed * speed * segment.derivative[i])
-        elif source == AZ:
-            x = s / blend / speed
-            f[CL, i] = -con.per_az / (segment.density * speed * speed)
-        elif source == V_DOWN:
-            x = (1.4 * corner * s + corner * corner) / blend / speed
-        else:
-            f[DE, i] = 1.0
-            continue
-        _signals(x, q, s, speed, con, f[:, i])
-
-
-@njit(cache=True, error_model="numpy")
-def _signals(x: complex, q: complex, s: complex, speed: float, con: Constants, f: Complex) -> None:
-    """Channels `f` (CHANNELS,) of physical_signals and q c/2V at one line, from the inertial angle of attack `x` and
-    the pitch rate `q`, with the gust that a vane which stands still would be taken to meet."""
-    chords = speed / con.reference_chord
-    lead, edge, late = con.lead / speed, con.gust_edge / speed, con.tail_arm / speed
-    w_m = frequency_response(con.lift_motion, s / chords)
-    met = frequency_response(con.lift_gust, s / chords) * np.exp(s * edge)
-    f_m = frequency_response(con.upwash_motion, s / chords)
-    f_g = frequency_response(con.upwash_gust, s / chords)
-    seen = (1.0 + con.upwash_body) * (x - con.boom / speed * q) + con.upwash_wing * f_m * x
-    gust = -seen / (1.0 + con.upwash_body + con.upwash_wing * f_g * np.exp(-s * (lead - edge))) * np.exp(-s * lead)
-    washed = np.exp(-s * (late + con.downwash_delay))
-    f[X], f[WX], f[QH] = x, w_m * x, con.half_chord / speed * q
-    f[GC], f[KG], f[GT] = gust, met * gust, gust * np.exp(-s * late)
-    f[DW], f[DK], f[DX] = washed * f[WX], washed * f[KG], washed * x
-    for k, corner in enumerate(CORNERS):
-        lag = 1.0 + s * con.span / (corner * speed)
-        wing_lag, wash_lag, tail_lag = LAGGED[k]
-        f[wing_lag], f[wash_lag], f[tail_lag] = f[KG] / lag, f[DK] / lag, f[GT] / lag
 
 
 @njit(cache=True, error_model="numpy")
@@ -343,6 +284,8 @@ def design(of: Columns, i: int, derivative: float, con: Constants, theta: Array,
     for k, j in enumerate(SPANS):
         lagged += nuisance[j] * spans[k, i]
         late += nuisance[j] * tails[k, i]
+        met += nuisance[j] * of.freed[k, A, i]
+        washed += nuisance[j] * of.freed[k, Q, i]
     for j in MET:
         met += nuisance[j] * base[j, A, i]
         washed += nuisance[j] * base[j, Q, i]
@@ -370,27 +313,11 @@ def design(of: Columns, i: int, derivative: float, con: Constants, theta: Array,
         by[0, j] += theta[CL_ALPHA] * own + a_h * tail
         by[1, j] += theta[CM_ALPHA] * own - a_h * lc * tail
     for k, j in enumerate(SPANS):
-        own = spans[k, i] * met
-        tail = follows * tails[k, i] - own - e * spans[k, i] * washed
+        own = spans[k, i] * met + lagged * of.freed[k, A, i]
+        tail = follows * tails[k, i] - own - e * (spans[k, i] * washed + lagged * of.freed[k, Q, i])
         by[0, j] += theta[CL_ALPHA] * own + a_h * tail
         by[1, j] += theta[CM_ALPHA] * own - a_h * lc * tail
     by[0, TAIL_SPAN], by[1, TAIL_SPAN] = a_h * late, -a_h * lc * late
     by[1, ARM_LENGTH] -= a_h * con.arm * d
     r[0] = f[CL, i] - theta[CL_ALPHA] * a - theta[CL_Q] * qh - theta[CL_DE] * de - a_h * d
     r[1] = f[CM, i] * derivative - theta[CM_ALPHA] * a - theta[CM_Q] * qh - theta[CM_DE] * de + a_h * lc * d
-
-
-@njit(cache=True, error_model="numpy")
-def all_columns(segment: Segment, con: Constants, rho: Array) -> tuple[Complex, Complex, Complex, Complex, Complex]:
-    """Columns of the segment's own spectra, and then of the noise of each of SOURCES."""
-    lines = segment.omega.shape[0]
-    spectra, wing, spans, tails, base = no_columns(1 + len(SOURCES), lines)
-    for i in range(lines):
-        for channel in range(CHANNELS):
-            spectra[0, channel, i] = segment.spectrum[channel, i]
-    for k in range(1 + len(SOURCES)):
-        every = EVERY if k > 0 else 1
-        if k > 0:
-            noise_spectrum(k - 1, segment, con, every, spectra[k])
-        columns(segment, con, rho, Columns(spectra[k], wing[k], spans[k], tails[k], base[k], every))
-    return spectra, wing, spans, tails, base

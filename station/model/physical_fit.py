@@ -24,7 +24,8 @@ from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from station.model.physical_columns import CL, CM, EVERY, Columns, Segment, all_columns, design, wiener
+from station.model.noise_columns import EVERY, all_columns
+from station.model.physical_columns import CL, CM, Columns, Segment, design, wiener
 from station.model.physical_constants import (
     ARM_LENGTH,
     CL_ALPHA,
@@ -262,7 +263,7 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
     theta, independent = found.theta, _share(segment)
     turbulent = wiener(segment.spectrum, omega, segment.vane_noise, found.rho)
     found.summary[GUST] = turbulent
-    spectra, wing, spans, tails, base = all_columns(segment, con, found.rho)
+    spectra, wing, spans, tails, freed, base = all_columns(segment, con, found.rho)
     prior, considered = np.zeros(n), np.zeros(N)
     _priors(segment, con, turbulent, prior, considered)
     weighting = Weighting(np.ones((EQUATIONS, lines)), np.zeros(1, dtype=np.complex128))
@@ -282,7 +283,7 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
         for part in range(1 + len(SOURCES)):
             every, into = (EVERY, noisy) if part > 0 else (1, own)
             energy = independent * segment.vane_noise * con.noise[part - 1] if part > 0 else independent
-            of = Columns(spectra[part], wing[part], spans[part], tails[part], base[part], every)
+            of = Columns(spectra[part], wing[part], spans[part], tails[part], freed[part], base[part], every)
             _accumulate(of, segment.derivative, con, theta, weighting, energy, into)
         _fill_upper(own.matrix)
         _fill_upper(noisy.matrix)

@@ -10,7 +10,9 @@ From the gust at the boom (alpha.py; still seen through the vane) and the inerti
 The wind is carried, not the angle: the vane turned that vertical gust into an angle over the airspeed at the boom,
 whose headwind the airspeed at the CG shows when it arrives; and what arrives meets the speed of that moment. Delays
 follow the inertial speed (gusts do not carry themselves past the aircraft), unsteady lift the airspeed. The vane's own
-lag is undone with the time that the gust takes from the boom, by a finite impulse response. SI, radians.
+lag is undone with the time that the gust takes from the boom, by a finite impulse response. Where the wing averages
+gusts along its span the upwash that its circulation makes at the vane does so too: what was taken from the vane for
+upwash, and is none then, is gust, and goes the same way. SI, radians.
 """
 
 from __future__ import annotations
@@ -33,13 +35,17 @@ from station.profile.aircraft import MOST_TERMS
 Array = NDArray[np.float64]
 
 X, WX, KG, GC, GT, DW, DK, DX, KL, KM, KN, DKL, DKM, DKN, GTL, GTM, GTN, WIND_WING, WIND_TAIL, WIND_WASH = range(20)
+KUL, KUM, KUN, GUL, GUM, GUN, DUL, DUM, DUN = range(20, 29)
 """Inertial angle of attack; wing incidence from motion and gust; gust at CG and tail; Wx, Kg and x of l_t/V ago; Kg
 after the span's slow, middle and fast lag, and all three of l_t/V ago; the gust at the tail after the same lags. What a
 mean wind that is wrong by 1 m/s of tailwind adds to Wx + Kg, to x + the gust at the tail, and to the downwash there,
-s/m."""
-SIGNALS: Final = 20
+s/m. Of the gust that was taken for the wing's upwash at the vane and is not, after each of the span's lags: Kg, the
+gust at the tail, and Kg of l_t/V ago."""
+SIGNALS: Final = 29
 LAGGED: Final = ((KL, DKL, GTL), (KM, DKM, GTM), (KN, DKN, GTN))
 """After each of the span's lags: Kg, Kg of l_t/V ago, and the gust at the tail."""
+FREED: Final = ((KUL, DUL, GUL), (KUM, DUM, GUM), (KUN, DUN, GUN))
+"""The same of what each lag takes from the upwash of gusts at the vane, and so gives to the gust."""
 
 TAPS: Final = 16
 _MIDDLE: Final = 7
@@ -57,6 +63,7 @@ CORNERS: Final = (2.0, 4.0, 9.0)
 SPAN_SLOW, SPAN_MIDDLE, SPAN_FAST = CORNERS
 """Corner of the lift's lag behind a gust that varies along the span, V/b. A sum of the three follows a lag of any
 corner from the slow one on to 0.3 % of the gust's lift at 2 Hz; of two, it missed those between by 1.6 %."""
+LAGS: Final = len(CORNERS)
 
 
 class Constants(NamedTuple):
@@ -125,6 +132,16 @@ class State:
     middle_ring: Annotated[Array, RING]
     fast_ring: Annotated[Array, RING]
     """Wing incidence from motion, from gusts, and from gusts after each of the span's lags, rad."""
+    upwash: float
+    """Of gusts at the vane, last tick, rad."""
+    upwash_lags: Annotated[Array, LAGS]
+    """After the span's lags."""
+    freed_ring: Annotated[Array, (LAGS, RING)]
+    """The upwash less that, rad."""
+    freed_edge: Annotated[Array, LAGS]
+    freed_lags: Annotated[Array, (LAGS, MOST_TERMS)]
+    freed_wing_ring: Annotated[Array, (LAGS, RING)]
+    """Of it: at the leading edge at the last tick, in the wing's lift, and that, rad."""
     wind_ring: Annotated[Array, RING]
     """WIND_WING."""
     signals: Annotated[Array, (2, SIGNALS)]
@@ -200,11 +217,13 @@ def watch_wind(c: Constants, s: State, speed: float, inertial_speed: float) -> N
 
 @njit(cache=True, error_model="numpy")
 def step(
-    c: Constants, s: State, boom_gust: float, alpha_i: float, speed: float, inertial_speed: float, theta: float
-) -> None:
+    c: Constants, s: State, boom_gust: float, upwash: float, alpha_i: float, speed: float, inertial_speed: float,
+    theta: float,
+) -> None:  # fmt: skip
     """One tick; edits `s` and gives `s.signals`.
 
-    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `speed`: true airspeed; `theta`: pitch.
+    `boom_gust`: gust incidence at the boom as the vane shows it, rad; `upwash`: of gusts, by the wing, taken from the
+    vane for it; `speed`: true airspeed; `theta`: pitch.
     """
     at = s.count % RING
     slowness = 1.0 / max(inertial_speed, 1.0)
@@ -243,6 +262,7 @@ def step(
     now[DKL] = delayed(s.slow_ring, at, wash)
     now[DKM] = delayed(s.middle_ring, at, wash)
     now[DKN] = delayed(s.fast_ring, at, wash)
+    _free(c, s, at, upwash, (edge, cg + tail, wash), chords)
 
     # A mean wind wrong by u: inertial incidence off by (x - theta) u/V_i, which the gust makes up for where the vane
     # saw it, and every delay by -u/V_i of itself.
@@ -281,6 +301,10 @@ def _begin(s: State, alpha_i: float, sinking: float, inertial_speed: float, thet
         s.sinking_lags[j] = sinking
         s.gust_lags[j] = 0.0
         s.edge_wind_lags[j] = -sinking
+    s.upwash = 0.0
+    s.upwash_lags[:] = s.freed_edge[:] = 0.0
+    s.freed_ring[:] = s.freed_wing_ring[:] = 0.0
+    s.freed_lags[:] = 0.0
     for i in range(RING):
         s.seen_ring[i] = s.headwind_ring[i] = s.met_ring[i] = s.wind_ring[i] = 0.0
         s.slow_ring[i] = s.middle_ring[i] = s.fast_ring[i] = 0.0
@@ -305,6 +329,27 @@ def _lift(c: Constants, s: State, at: int, at_edge: float, alpha_i: float, chord
     s.slow_ring[at], s.middle_ring[at], s.fast_ring[at] = s.span_slow, s.span_middle, s.span_fast
     now[WX], now[KG] = wing, met
     now[KL], now[KM], now[KN] = s.span_slow, s.span_middle, s.span_fast
+
+
+@njit(cache=True, error_model="numpy")
+def _free(c: Constants, s: State, at: int, upwash: float, ticks: tuple[float, float, float], chords: float) -> None:
+    """What the vane's gust grows by where the circulation, and so the upwash, averages gusts along the span.
+
+    `ticks`: from the vane to the leading edge and to the tail, and from the wing's lift to its downwash at the tail.
+    """
+    now = s.signals[1]
+    spans = s.speed * c.dt / c.span
+    for k in range(LAGS):
+        wing, wash, tail = FREED[k]
+        s.upwash_lags[k] = lagged(s.upwash_lags[k], s.upwash, upwash, CORNERS[k] * spans)
+        s.freed_ring[k, at] = upwash - s.upwash_lags[k]
+        at_edge = _through(c.inverse, s.freed_ring[k], at, ticks[0])
+        now[wing] = respond(c.gust, s.freed_lags[k], s.freed_edge[k], at_edge, chords)
+        s.freed_edge[k] = at_edge
+        s.freed_wing_ring[k, at] = now[wing]
+        now[tail] = _through(c.inverse, s.freed_ring[k], at, ticks[1])
+        now[wash] = delayed(s.freed_wing_ring[k], at, ticks[2])
+    s.upwash = upwash
 
 
 @njit(cache=True, error_model="numpy")

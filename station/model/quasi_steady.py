@@ -60,7 +60,7 @@ def _transfers(segment: Segment, con: Constants, theta: Array, made: Complex) ->
     """CL and Cm by angle of attack, q c/2V and elevator at every line, `made` (2, 3, frequencies), without gusts."""
     omega = segment.omega
     lines = omega.shape[0]
-    spectra, wing, spans, tails, base = no_columns(1, lines)
+    spectra, wing, spans, tails, freed, base = no_columns(1, lines)
     slopes = np.empty((2, PARAMETERS), dtype=np.complex128)
     rest = np.empty(2, dtype=np.complex128)
     none = np.zeros(lines)
@@ -77,7 +77,7 @@ def _transfers(segment: Segment, con: Constants, theta: Array, made: Complex) ->
                 f[DX, i] = washed
             else:
                 f[INPUTS[k], i] = 1.0
-        of = Columns(f, wing[0], spans[0], tails[0], base[0], 1)
+        of = Columns(f, wing[0], spans[0], tails[0], freed[0], base[0], 1)
         columns(segment, con, none, of)
         for i in range(lines):
             design(of, i, 1.0, con, theta, slopes, rest)

@@ -314,15 +314,17 @@ class Tables(NamedTuple):
 
 
 def indicial_tables(aircraft: Aircraft, averaged: bool = False) -> Tables:
-    """The aircraft's four indicial responses; that of lift to gusts behind the wing's averaging along its span, unless
-    the gusts are `averaged` already."""
+    """The aircraft's four indicial responses; those to gusts, of lift and so of upwash, behind the wing's averaging of
+    them along its span, unless they are `averaged` already."""
     u = aircraft.unsteady
     responses = (u.lift_motion, u.lift_gust, u.upwash_motion, u.upwash_gust)
     tables = Tables(*(indicial_table(response) for response in responses))
     if averaged:
         return tables
     span = u.gust_span / (u.reference_chord or aircraft.geometry.chord)
-    return tables._replace(lift_gust=span_averaged(tables.lift_gust, span))
+    return tables._replace(
+        lift_gust=span_averaged(tables.lift_gust, span), upwash_gust=span_averaged(tables.upwash_gust, span)
+    )
 
 
 def indicial_table(indicial: Indicial | None) -> NDArray[np.float64]:

@@ -86,8 +86,8 @@ def fitted(of: pc.Segment, con: Constants, past: pp.Sums | None = None, close: b
 def test_columns_are_wing_and_tail_written_out() -> None:
     con = exact()
     f, a, d = flown(np.random.default_rng(1), con)
-    _, wing, spans, tails, nuisances = (part[0] for part in pc.no_columns(1, LINES))
-    made = pc.Columns(f, wing, spans, tails, nuisances, 1)
+    _, wing, spans, tails, freed, nuisances = (part[0] for part in pc.no_columns(1, LINES))
+    made = pc.Columns(f, wing, spans, tails, freed, nuisances, 1)
     pc.columns(segment(f), con, np.ones(LINES), made)
     np.testing.assert_allclose(made.wing[pc.A], a, rtol=1e-12)
     np.testing.assert_allclose(made.wing[pc.P] - con.downwash * made.wing[pc.Q], d, atol=1e-12)
