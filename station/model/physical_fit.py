@@ -74,13 +74,16 @@ class Normal(NamedTuple):
     """(PARAMETERS, PARAMETERS)"""
     gradient: Array
     """(PARAMETERS,)"""
+    energy: Array
+    """Of the whitened residuals, (2,)."""
 
 
 @register_jitable
 def _no_normal(lines: int) -> Normal:
     n = PARAMETERS
     slopes = np.zeros((lines, EQUATIONS, n), dtype=np.complex128)
-    return Normal(slopes, np.zeros((lines, EQUATIONS), dtype=np.complex128), np.zeros((n, n)), np.zeros(n))
+    white = np.zeros((lines, EQUATIONS), dtype=np.complex128)
+    return Normal(slopes, white, np.zeros((n, n)), np.zeros(n), np.zeros(EQUATIONS))
 
 
 @njit(cache=True, error_model="numpy")
@@ -127,6 +130,7 @@ def _accumulate(
         residual[i, 0] = first * rest[0]
         residual[i, 1] = alone * (second * rest[1] - shared * residual[i, 0])
         for q in range(EQUATIONS if con.has_moment else 1):
+            into.energy[q] += weight * abs(residual[i, q]) ** 2
             _add_line(g[i, q], residual[i, q], weight, into)
 
 
@@ -150,6 +154,17 @@ def _fill_upper(m: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def _shown(own: Normal, noisy: Normal) -> float:
+    """How much of the noise stated the residuals of both equations show, at most all of it. What is stated too large
+    biases as much as it widens elsewhere: where an equation leaves less, no instrument is taken to be so noisy."""
+    share = 1.0
+    for q in range(EQUATIONS):
+        if noisy.energy[q] > 0.0:
+            share = min(share, own.energy[q] / noisy.energy[q])
+    return share
+
+
+@njit(cache=True, error_model="numpy")
 def _solve(own: Normal, noisy: Normal, past: Sums, prior: Array, theta: Array, change: Array, solved: Solved) -> bool:
     """Normal equations in the form m theta = rhs, to which segments before and the prior, about 0, add; `theta`
     (PARAMETERS,): where they were made, and then what they give, a `change` (PARAMETERS,). False if there is no
@@ -157,7 +172,9 @@ def _solve(own: Normal, noisy: Normal, past: Sums, prior: Array, theta: Array, c
     n = PARAMETERS
     m = np.empty((n, n))
     found = False
-    for taken in SUBTRACTED:
+    shown = _shown(own, noisy)
+    for share in SUBTRACTED:
+        taken = share * shown
         for a in range(n):
             solved.right[a] = own.gradient[a] - taken * noisy.gradient[a]
             for b in range(n):
@@ -280,6 +297,7 @@ def fit(segment: Segment, con: Constants, past: Sums, close: bool, found: Found)
         for normal in (own, noisy):
             normal.matrix[:] = 0.0
             normal.gradient[:] = 0.0
+            normal.energy[:] = 0.0
         for part in range(1 + len(SOURCES)):
             every, into = (EVERY, noisy) if part > 0 else (1, own)
             energy = independent * segment.vane_noise * con.noise[part - 1] if part > 0 else independent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -132,6 +133,17 @@ def test_a_span_that_meets_gusts_late_is_told_from_the_pitch_damping() -> None:
     off = dict(zip(NAMES, np.mean(found, axis=0), strict=True))
     assert abs(off["Cm_alpha"]) < 0.02
     assert abs(off["Cm_q"]) < 0.015
+
+
+@pytest.mark.parametrize("quieter", [0.02, 0.2])
+def test_instruments_quieter_than_is_stated_bias_nothing(quieter: float) -> None:
+    """In calm air, by a profile that is right. What is taken from the normal equations for noise that is not there is
+    taken from the motion: CL_alpha was a third too large."""
+    aircraft, c = load_aircraft("twin_otter_martos"), card(0.0, warm_up=20.0)
+    noise = {name: dataclasses.replace(sensor, noise=quieter * sensor.noise) for name, sensor in STANDARD.items()}
+    found = last(Estimator(aircraft, c, methods=("physical",)), frames(fly(aircraft, noise, c, 60.1, 3)[0]))
+    for p in found.parameters:
+        assert p.value == pytest.approx(aircraft.value(p.name), rel=0.05), p.name
 
 
 def test_motion_has_its_unsteady_lift_and_its_downwash_comes_a_tail_arm_later() -> None:

@@ -162,7 +162,9 @@ def flown(case: Case) -> Flown:
         raise ValueError(f"{case.name}: the aircraft departs")
     still = air(rng, aircraft, case.spectrum, 0.0, case.scale, metres)
     calm = fly(aircraft, still, inputs, of_motion, case.feedback._replace(noise=0.0), rng)
-    time, shown, colours = recorded(true, case.hidden, case.rate, case.noise, case.zeros, rng)
+    # The recorder's clock knows nothing of the stick's: were its steps on samples, all would alias alike.
+    start = np.random.default_rng((*case.seed, 1)).uniform(0, 1 / case.rate)
+    time, shown, colours = recorded(true, case.hidden, case.rate, case.noise, case.zeros, rng, start)
     dropped = () if case.thrust_recorded else ("thrust",)
     wanted = [n for n in shown if n not in dropped and (case.lateral or n in PLANAR)]
     answers = {

@@ -120,11 +120,13 @@ def recorded(
     factor: float,
     zeros: Mapping[str, float],
     rng: np.random.Generator,
+    start: float = 0.0,
 ) -> tuple[Array, dict[str, Array], dict[str, str]]:
-    """Time and signals at `rate`, and the colour of each signal's noise, `factor` times LEVELS at any rate."""
+    """Time and signals at `rate` from `start` (s) on, and the colour of each signal's noise, `factor` times LEVELS at
+    any rate."""
     shown = damaged(true, hidden)
     n = len(true["q"])
-    t = np.arange(0.0, (n - 1) * DT, 1 / rate)
+    t = np.arange(start, (n - 1) * DT, 1 / rate)
     fine = np.arange(n) * DT
     out, colours = {}, {}
     for name, level in LEVELS.items():
