@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,8 +25,10 @@ HIGH_HZ: Final = 3.0
 CUT_S: Final = 2.0
 BRIDGE_S: Final = 3.6
 """The ends are joined over this time, so that filters by Fourier transform see no step."""
-_FAST_ENOUGH_S: Final = 0.03
-"""Records at least this fast are filtered along the path; slower ones cannot be interpolated well up to HIGH_HZ."""
+FINE_S: Final = 0.02
+"""Between the samples that a cubic is laid through: it loses 0.01 % at HIGH_HZ."""
+ALIKE: Final = 0.02
+"""Of a sample: paths that are no further apart are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,50 +128,71 @@ def integral(x: Array, s: Setting) -> Array:
     return out - s.dt**2 / 12 * (slope - slope[..., :1])
 
 
-Places = tuple[NDArray[np.int64], Array]
-"""Whole samples and what is beyond them."""
+class Places(NamedTuple):
+    """Between the samples of a series, or of one that is `finer` by so many times."""
+
+    whole: NDArray[np.int64]
+    part: Array
+    finer: int
+    bridge: int
 
 
 def places_of(speed: Array, v0: Array, s: Setting) -> tuple[Places | None, Places | None]:
-    """Where, in samples, the instants of equal distance are in time, and those of equal time in distance; None where
-    the samples are too few to be interpolated."""
-    if s.dt > _FAST_ENOUGH_S:
-        return None, None
+    """Where the instants of equal distance are in time, and those of equal time in distance; None where that is the
+    same."""
     n = s.n
     run = integral(speed / v0 - 1, s) / s.dt
     run = run - run[..., -1:] * np.linspace(0, 1, n)  # both begin and end together
+    if np.abs(run).max() < ALIKE:
+        return None, None
     at = np.arange(n, dtype=np.float64)
     distance = at + run
     flat = distance.reshape(-1, n)
     time = np.stack([np.interp(at, row, at) for row in flat]).reshape(distance.shape)
-    return _split(time), _split(distance)
+    return _split(time, s), _split(distance, s)
 
 
-def _split(place: Array) -> Places:
-    whole = np.clip(np.floor(place).astype(np.int64), 1, place.shape[-1] - 3)
-    return whole, place - whole
+def _split(place: Array, s: Setting) -> Places:
+    finer = max(1, round(s.dt / FINE_S))
+    place = place * finer
+    whole = np.clip(np.floor(place).astype(np.int64), 1, finer * (s.n - 1) - 2)
+    return Places(whole, place - whole, finer, s.bridge)
 
 
 def at_places(x: Array, places: Places | None) -> Array:
     """A series (..., n) at places between its samples: the cubic through the four nearest."""
     if places is None:
         return x
-    k, f = places
+    n, k, f = x.shape[-1], places.whole, places.part
+    x = _finer(x, places)
     if x.ndim == k.ndim == 1:
-        out = np.empty(x.shape)
+        out = np.empty(n)
         _cubic(x[None], k[None], f[None], out[None])
         return out
-    rows = np.broadcast_to(x, np.broadcast_shapes(x.shape, k.shape))
-    out = np.empty(rows.shape)
-    n = rows.shape[-1]
-    _cubic(np.ascontiguousarray(rows).reshape(-1, n), k.reshape(-1, n), f.reshape(-1, n), out.reshape(-1, n))
+    shape = np.broadcast_shapes(x.shape[:-1], k.shape[:-1])
+    out = np.empty((*shape, n))
+    _cubic(_rows(x, shape), _rows(k, shape), _rows(f, shape), out.reshape(-1, n))
     return out
+
+
+def _rows(x: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """(..., n) -> (rows, n), of so many leading axes."""
+    return np.ascontiguousarray(np.broadcast_to(x, (*shape, x.shape[-1]))).reshape(-1, x.shape[-1])
+
+
+def _finer(x: Array, places: Places) -> Array:
+    """A series (..., n) with samples between its own, by its transform: up to its last (..., finer (n - 1) + 1)."""
+    if places.finer == 1:
+        return x
+    joined = _bridged(x, places.bridge)
+    longer = fft.irfft(fft.rfft(joined, axis=-1), places.finer * joined.shape[-1], axis=-1)
+    return np.asarray(places.finer * longer[..., : places.finer * (x.shape[-1] - 1) + 1])
 
 
 @njit(cache=True, nogil=True)
 def _cubic(x: Array, whole: NDArray[np.int64], part: Array, out: Array) -> None:
     for i in range(x.shape[0]):
-        for j in range(x.shape[1]):
+        for j in range(out.shape[1]):
             k, f = whole[i, j], part[i, j]
             out[i, j] = cubic(x[i, k - 1], x[i, k], x[i, k + 1], x[i, k + 2], f)
 
