@@ -26,7 +26,7 @@ CUT_S: Final = 2.0
 BRIDGE_S: Final = 3.6
 """The ends are joined over this time, so that filters by Fourier transform see no step."""
 FINE_S: Final = 0.02
-"""Between the samples that a cubic is laid through: it loses 0.01 % at HIGH_HZ."""
+"""Between the samples that a cubic is laid through: it loses 0.05 % at HIGH_HZ."""
 ALIKE: Final = 0.02
 """Of a sample: paths that are no further apart are one."""
 

@@ -5,9 +5,9 @@ a prior standard deviation, of which the profile speaks (uncertainty.py), and ar
 sum of squares and prior. In calm air the data move all of them; in turbulence part of some is only considered: it
 widens the total standard error. Residual spectra are log-quadratic in frequency, with one coherence between the
 equations, and are re-estimated (feasible generalised least squares, seemingly unrelated regressions). What the known
-noise of the inertial sensors adds to the normal equations is subtracted again (corrected score; Fuller 1987,
-Measurement error models), for a tail's share is read from small high frequencies, which noise in the regressors would
-attenuate.
+noise of the inertial sensors adds to the normal equations is subtracted again, as far as the residuals show it
+(corrected score; Fuller 1987, Measurement error models), for a tail's share is read from small high frequencies, which
+noise in the regressors would attenuate.
 
 The statistical error is what the residuals do to the estimate, the larger of the parametric one and a sum of score
 products over neighbouring lines (Newey and West 1987): repeatability. The total one holds what the priors leave. SI,
@@ -155,8 +155,8 @@ def _fill_upper(m: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _shown(own: Normal, noisy: Normal) -> float:
-    """How much of the noise stated the residuals of both equations show, at most all of it. What is stated too large
-    biases as much as it widens elsewhere: where an equation leaves less, no instrument is taken to be so noisy."""
+    """Share of the noise stated that the residuals of both equations show. Noise that is not there would be taken from
+    the motion, which biases far more than to leave some in."""
     share = 1.0
     for q in range(EQUATIONS):
         if noisy.energy[q] > 0.0:
