@@ -89,10 +89,15 @@ def bridge_of(dt: float, n: int) -> int:
 
 def _bridged(x: Array, bridge: int) -> Array:
     """(..., n) -> (..., n + bridge): from the end back to the start along half a cosine."""
-    part = 0.5 - 0.5 * np.cos(np.pi * (np.arange(bridge) + 1) / (bridge + 1))
     edge = min(5, x.shape[-1])
-    end, start = x[..., -edge:].mean(-1, keepdims=True), x[..., :edge].mean(-1, keepdims=True)
-    return np.concatenate([x, end + (start - end) * part], axis=-1)
+    end, start = x[..., -edge:].sum(-1, keepdims=True) / edge, x[..., :edge].sum(-1, keepdims=True) / edge
+    return np.concatenate([x, end + (start - end) * _half_cosine(bridge)], axis=-1)
+
+
+@lru_cache(maxsize=16)
+def _half_cosine(count: int) -> Array:
+    out: Array = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 1) / (count + 1))
+    return out
 
 
 def transform(x: Array, s: Setting) -> Complex:

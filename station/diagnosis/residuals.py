@@ -181,7 +181,7 @@ def _stages(
     spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut, unsteady.gust_speed)
     of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
     seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
-    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s))
+    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s, memo))
     key = (seen, unsteady)
     return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s)), seen
 
@@ -235,7 +235,9 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array)
     return _Path(v0, inertial, there, again, alpha_i, along, moving + mean, transform(surge, s), *turned)
 
 
-def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting) -> _Shown:
+def _shown(
+    x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting, memo: Memo
+) -> _Shown:
     w, v0, there, again = s.omega, path.v0, path.there, path.again
     unsteady = aircraft.unsteady
     boom = aircraft.boom or NO_BOOM
@@ -262,7 +264,8 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
     averaged, slow = np.zeros((w / v0).shape, dtype=complex), w < 2 * np.pi * GUST_PASS_HZ[1]  # as fast as is passed
     span = unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut
-    averaged[..., slow] = span_response(*span, (w / v0)[..., slow])
+    of_span = (span, np.asarray(v0).tobytes())
+    averaged[..., slow] = memo.get("span", of_span, lambda: span_response(*span, (w / v0)[..., slow]))
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)

@@ -86,6 +86,7 @@ class _Refits:
     def __init__(self, problem: Problem, null: Estimate, least: Mapping[str, float]) -> None:
         self.problem, self.null, self._least = problem, null, least
         self.done: dict[frozenset[str], Estimate] = {}
+        self._ended: dict[frozenset[str], Estimate] = {}
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
 
@@ -149,8 +150,10 @@ class _Refits:
             left = tuple(i for i in fewer.state.ids if not self._is_nothing(BY_ID[i], fewer.state))
 
     def fit_to_the_end(self, e: Estimate) -> None:
-        """A candidate again from where it is, all slopes made anew."""
-        self.done[frozenset(e.state.ids)] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
+        """A candidate again from where it is, all slopes made anew, but once."""
+        key = frozenset(e.state.ids)
+        if self._ended.get(key) is not e:
+            self.done[key] = self._ended[key] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, values: Mapping[str, float]) -> None:
         """A candidate fitted from the profile on, from these values, in place of the one there if it is better."""
@@ -270,8 +273,11 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
             # Constants far from the profile do what an effect would, and leave it no room where the fit begins there.
             again = MORE if _strained(refits.null) else 1 if cost - best > HUGE else 0
             for e in found[:again]:
-                refits.fit_from_profile(e.state.values)
+                refits.fit_to_the_end(e)
             found = refits.of_size(size)
+            if again and found and _strained(found[0]):
+                refits.fit_from_profile(found[0].state.values)
+                found = refits.of_size(size)
     return found
 
 

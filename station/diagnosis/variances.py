@@ -41,8 +41,8 @@ LOOSE_LEVEL: Final = 0.05
 LOOSE: Final = 1e-3
 """Stiffness of the logarithms of the gust and of what is missed: none, but for finite numbers."""
 SCORINGS: Final = 8
-HALVINGS: Final = 5
-SHORTENED: Final = 0.4
+DAMPED: Final = (0.0, 0.1, 1.0, 10.0, 100.0)
+"""Shares of the information's diagonal added to it, the first by which the likelihood rises."""
 LONGEST: Final = 2.0
 """Of a logarithm, in one scoring."""
 LOWEST: Final = 6.0
@@ -175,6 +175,14 @@ def _root(covariance: Complex) -> Complex:
         return np.full_like(covariance, np.nan)
 
 
+def _step(fisher: Array, gradient: Array, goes: NDArray[np.bool_], damping: float) -> Array:
+    """Of the logarithms that go, by at most LONGEST, damped (Levenberg)."""
+    own = fisher[np.ix_(goes, goes)]
+    step = np.zeros(len(gradient))
+    step[goes] = -np.linalg.solve(own + damping * np.diag(np.diag(own)), gradient[goes])
+    return np.clip(step, -LONGEST, LONGEST)
+
+
 def fitted(
     bins: Sequence[Complex], columns: Sequence[Complex], counts: Sequence[Array], start: Levels, prior: Levels,
     stiffness: Array, frozen: int | None = None,
@@ -218,17 +226,18 @@ def fitted(
             total += 4 * INDEPENDENT * float(n @ np.log(np.einsum("mii->mi", root).real).sum(-1))
         return total, gradient, fisher
 
+    may = np.ones(len(x), dtype=bool)
+    if frozen is not None:
+        may[frozen - missed] = False
     here, gradient, fisher = scored(x, True)
     for _ in range(SCORINGS):
-        step = np.clip(-np.linalg.solve(fisher, gradient), -LONGEST, LONGEST)
-        if frozen is not None:
-            step[frozen - missed] = 0.0
-        for _ in range(HALVINGS):
-            trial = np.maximum(x + step, low)
+        # What would fall below its lowest stays there, and the others go where they would without it.
+        goes = may & ((x > low) | (gradient < 0))
+        for damping in DAMPED:
+            trial = np.maximum(x + _step(fisher, gradient, goes, damping), low)
             there, *_ = scored(trial, False)
             if there <= here:
                 break
-            step *= SHORTENED
         if not there <= here:
             break
         gained, x = here - there, trial

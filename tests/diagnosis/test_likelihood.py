@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from test_sensor_noise import level_flight
 
 from station.diagnosis import variances
@@ -188,6 +189,35 @@ def test_the_levels_are_those_of_the_noise_laid_on(navion: Aircraft, stated: flo
         found = math.sqrt(s.levels.noise[0, sensors.index(name)])
         # Each is the only one in some third of 170 frequencies, or more: known to 0.5/sqrt(60).
         assert found == pytest.approx(sd, rel=0.2), name
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_levels_are_the_likeliest_where_nothing_is_missed(seed: int) -> None:
+    """Against scipy's bounded minimum of the density, written with inverse and determinant: the shares missed begin and
+    end at their least, and keep no other component from its place."""
+    rng = np.random.default_rng([17, seed])
+    groups, series, most, sensors, missed = 24, 3, 5, 3, 2
+    many = 2 * sensors + 1 + missed
+    columns = (rng.standard_normal((groups, series, many, 2)) @ [1, 1j]) * rng.uniform(0.5, 2.0, many)
+    true = np.append(rng.choice([0.25, 1.0, 4.0], many - missed), np.zeros(missed))
+    shown = rng.standard_normal((groups, many, most, 2)) @ [1, 1j] / math.sqrt(2)
+    bins = columns @ (np.sqrt(true)[:, None] * shown)
+    prior = variances.Levels(np.ones((1, 2 * sensors)), np.ones(1), np.full(missed, 0.05), np.ones(4))
+    stiffness, counts = np.full((1, 2 * sensors), 1 / variances.LEVEL_SD**2), np.full(groups, float(most))
+    found = np.log(variances.fitted([bins], [columns], [counts], prior, prior, stiffness).of(0))
+
+    centre = np.log(prior.of(0))
+    stiff = np.append(stiffness[0], np.full(1 + missed, variances.LOOSE))
+
+    def deviance(x: NDArray[np.float64]) -> float:
+        sigma = (columns * np.exp(x)) @ np.conj(columns.swapaxes(-1, -2))
+        fit = np.einsum("gim,gij,gjm->", np.conj(bins), np.linalg.inv(sigma), bins).real
+        return float(stiff @ (x - centre) ** 2 + 2 * INDEPENDENT * (fit + most * np.linalg.slogdet(sigma)[1].sum()))
+
+    low = centre - np.append(np.full(many - missed, variances.LOWEST), np.zeros(missed))
+    best = minimize(deviance, centre, bounds=[(x, 20.0) for x in low], options={"maxiter": 500, "maxfun": 100_000})
+    assert found == pytest.approx(best.x, abs=0.1)
+    assert deviance(found) == pytest.approx(best.fun, abs=variances.DONE)
 
 
 @pytest.mark.parametrize("count", [5, 20, 100])
