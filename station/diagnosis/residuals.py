@@ -235,9 +235,7 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array)
     return _Path(v0, inertial, there, again, alpha_i, along, moving + mean, transform(surge, s), *turned)
 
 
-def _shown(
-    x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting, memo: Memo
-) -> _Shown:
+def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting, memo: Memo) -> _Shown:
     w, v0, there, again = s.omega, path.v0, path.there, path.again
     unsteady = aircraft.unsteady
     boom = aircraft.boom or NO_BOOM
@@ -264,8 +262,7 @@ def _shown(
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
     averaged, slow = np.zeros((w / v0).shape, dtype=complex), w < 2 * np.pi * GUST_PASS_HZ[1]  # as fast as is passed
     span = unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut
-    of_span = (span, np.asarray(v0).tobytes())
-    averaged[..., slow] = memo.get("span", of_span, lambda: span_response(*span, (w / v0)[..., slow]))
+    averaged[..., slow] = memo.get("span", (span, v0.tobytes()), lambda: span_response(*span, (w / v0)[..., slow]))
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)

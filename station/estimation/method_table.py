@@ -33,8 +33,6 @@ class Method:
     equation error with a perfect angle of attack gives of the manoeuvre in calm air, these in it."""
     runner: str = ""
     """Of a post-flight method, "module:function", imported when it runs: (FlightRecord, Axes) -> MethodResult."""
-    as_published: bool = False
-    """Only for comparison with published results: its standard errors stay as published."""
     colour: int = 0xC0C0C0FF
     """On every plot, RGBA; told apart by colour-blind eyes too (after Okabe and Ito 2008)."""
 
@@ -42,7 +40,7 @@ class Method:
     def errors_widened(self) -> bool:
         """Whether it is a post-flight method that takes the vane's for the angle of attack at the CG, so that gusts
         bias it: its standard errors are widened by its distance from the split."""
-        return bool(self.runner) and self.angle == "steady" and not self.as_published
+        return bool(self.runner) and self.angle == "steady"
 
     @property
     def is_split(self) -> bool:
@@ -74,7 +72,7 @@ METHODS: Final = {
         Method("oe", "output error", "steady", runner="station.estimation.published.motion_methods:method_oe"),
         Method("fe", "filter error", "steady", lateral=True,
                runner="station.estimation.published.motion_methods:method_fe"),
-        Method("sidpac", "II with SIDPAC's settings", "steady", lateral=True, as_published=True,
+        Method("sidpac", "II with SIDPAC's settings", "steady", lateral=True,
                runner="station.estimation.published.batch:method_sidpac"),
     )
 }  # fmt: skip

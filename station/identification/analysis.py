@@ -31,7 +31,7 @@ from station.identification.cross_axis import drowned, refused
 from station.identification.flown import WITNESSES, Flown, fly
 from station.identification.folding import Folded, about_folding, folded, wrong_by
 from station.identification.identified import Identification
-from station.identification.instrument_bias import INTEGRATED, Error, biases, matters, undone, without_misled
+from station.identification.instrument_bias import INTEGRATED, Error, biases, matters, undone
 from station.identification.instrument_table import InstrumentTable, instrument_table
 from station.identification.kinematics import kinematics
 from station.identification.left_out import knows_gusts, left_out, mostly_gusts
@@ -127,10 +127,10 @@ def _boom(ready: Prepared) -> tuple[BoomSpectra, ...] | str:
 def _with_doubts(
     results: dict[str, MethodResult], ready: Prepared, instruments: InstrumentTable | str | None, flown: Flown | None
 ) -> tuple[dict[str, MethodResult], str]:
-    """Errors, but the published ones, that hold what no residual shows, refusals where nothing is left, and the signals
+    """Errors that hold what no residual shows, refusals where nothing is left, and the signals
     that the others contradict, in words where that matters."""
     record, axes = ready.record, ready.request.axes
-    as_they_are = [n for n, m in METHODS.items() if m.as_published or (m.angle == "none" and not m.live)]
+    as_they_are = [n for n, m in METHODS.items() if m.angle == "none" and not m.live]
     shown = by_input(record, axes, longitudinal=not knows_gusts(record))
     doubts = biases(record, instruments, axes, shown)
     wrong, own = doubts.wrong(), _of_method(ready, flown, doubts.errors)
@@ -143,7 +143,6 @@ def _with_doubts(
     for n in results.keys() - set(as_they_are):
         for more in (doubts.wrong(own.get(n)), beside, wrong_by(folds, results[n])):
             results[n] = with_more_error(results[n], more, record)
-    results = {n: without_misled(r, wrong, doubts.words) if METHODS[n].as_published else r for n, r in results.items()}
     return {n: refused(r, whys) for n, r in results.items()}, contradiction
 
 
@@ -205,8 +204,6 @@ def _result(name: str, ready: Prepared, flown: Flown | None, spectra: VaneSpectr
     if flown is not None and not method.runner:
         return flown.result(name, ready.record, axes)
     result = batch.run(name, ready.record, axes)
-    if method.as_published:
-        return result
     if method.errors_widened and flown:
         result = flown.widened(result, ready.record, axes)
     return with_airframe_errors(result, ready.record)

@@ -32,7 +32,7 @@ from station.model.coefficients import coefficients
 from station.model.instrument_lags import FILTERS_S
 from station.numerics.differentiation import derivative
 from station.numerics.regression import NotIdentifiable
-from station.rows import ParamEstimate, Status
+from station.rows import Status
 
 Array = NDArray[np.float64]
 
@@ -264,17 +264,6 @@ def matters(wrong: Mapping[str, float], results: Iterable[MethodResult]) -> bool
         for p in result.parameters
         if p.status is Status.ESTIMATED
     )
-
-
-def without_misled(result: MethodResult, wrong: Mapping[str, float], words: str) -> MethodResult:
-    """A result whose errors stay as published: lateral derivatives that are wrong by more than these are none."""
-
-    def judged(p: ParamEstimate) -> ParamEstimate:
-        if p.name not in LATERAL or p.status is not Status.ESTIMATED or wrong.get(p.name, 0.0) <= p.sd:
-            return p
-        return ParamEstimate(p.name, p.value, p.sd, Status.INVALID, f"against the other signals {words}")
-
-    return replace(result, parameters=tuple(judged(p) for p in result.parameters))
 
 
 def _estimates(record: FlightRecord, axes: Axes) -> dict[str, float]:

@@ -77,8 +77,7 @@ def estimates(point: FlownPoint, method: str) -> dict[str, dict[str, ParamEstima
     if point.methods is None or point.found is None:
         return {}
     result = point.methods[method]
-    published = METHODS[method].as_published  # whose errors hold neither
-    own = result if published else without_airframe_errors(result, point.found.record)
+    own = without_airframe_errors(result, point.found.record)
     made: dict[str, dict[str, ParamEstimate]] = {}
     made[METHODS[method].definition] = {p.name: p for p in own.parameters if p.name in LONGITUDINAL}
     if result.quasi_steady:

@@ -71,8 +71,8 @@ def test_errors_are_no_smaller_than_what_the_input_shows() -> None:
     shown = by_input(record, "wind", longitudinal=False)
     least_squares = shown["Cl_p"].value + shown["Cl_p"].apart
     given = MethodResult("ok", "", (ParamEstimate("Cl_p", least_squares, 0.01, Status.ESTIMATED),))
-    made = misled({"I": given, "sidpac": given}, shown, record, ("sidpac",))
+    made = misled({"I": given, "II": given}, shown, record, ("II",))
     assert made["I"].parameters[0].sd > 1.4 * shown["Cl_p"].apart  # by itself, and by least squares' own distance
-    assert made["sidpac"] == given
+    assert made["II"] == given
     wide = MethodResult("ok", "", (ParamEstimate("Cl_p", least_squares, 5.0, Status.ESTIMATED),))
     assert misled({"I": wide}, shown, record)["I"].parameters[0].sd == 5.0

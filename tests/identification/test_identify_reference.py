@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -60,8 +61,11 @@ def test_sidpac_s_longitudinal_history_is_reproduced(name: str, tables: dict[str
         for equation in ("CZ", "CL", "Cm"):
             compare(found["history"][grid][equation], expected[grid][equation])
     for equation in ("CL", "Cm"):
-        for term, value in zip(("alpha", "q", "de"), expected["rtpid_36"][equation]["est"], strict=True):
-            assert found["parameters"][f"{equation}_{term}"]["estimate"] == pytest.approx(value, rel=1e-7)
+        published = expected["rtpid_36"][equation]
+        for term, value, error in zip(("alpha", "q", "de"), published["est"], published["se"], strict=True):
+            p = found["parameters"][f"{equation}_{term}"]
+            assert (p["estimate"], p["std_error_statistical"]) == pytest.approx((value, error), rel=1e-7)
+            assert p["std_error"] > math.hypot(error, 0.0099 * value)  # that of a weighed mass, at the least
 
 
 def test_sidpac_s_lateral_history_is_reproduced(tables: dict[str, Table]) -> None:
