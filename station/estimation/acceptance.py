@@ -27,6 +27,7 @@ COLLINEAR: Final = 100.0
 ESTIMATED, NOT_FINITE, UNSOLVED, MOVES_ALONG, WIDE, STILL, WARMING, SHORT, NO_SPLIT, NO_TAIL, NO_INERTIA = range(11)
 UNEXPLAINED: Final = 100
 """Verdicts on an estimate; from UNEXPLAINED on by the share of the data that the model explains, %."""
+_TOO_LITTLE: Final = "the model explains too little of the data"
 _WORDS: Final = {
     ESTIMATED: (Status.ESTIMATED, ""),
     NOT_FINITE: (Status.INVALID, "no finite estimate"),
@@ -60,12 +61,18 @@ def of_estimate(value: float, error: float, known: float, inflation: float) -> i
     return ESTIMATED
 
 
+def is_wide(why: str) -> bool:
+    """Whether an estimate that is invalid for a reason has a number all the same, whose error says how little it is
+    worth: of an equation that moves together, or that something else moves."""
+    return why == _WORDS[MOVES_ALONG][1] or why.endswith(_TOO_LITTLE)
+
+
 @cache
 def worded(verdict: int) -> tuple[Status, str]:
     """What a verdict says."""
     if verdict >= UNEXPLAINED:
         return (
             Status.INVALID,
-            f"R2 {0.01 * (verdict - UNEXPLAINED):.2f}, below {MIN_R2:g}: the model explains too little of the data",
+            f"R2 {0.01 * (verdict - UNEXPLAINED):.2f}, below {MIN_R2:g}: {_TOO_LITTLE}",
         )
     return _WORDS[verdict]

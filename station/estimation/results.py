@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
-from station.estimation.acceptance import EXCITED, MOVES_ALONG, WIDE, of_estimate, worded
+from station.estimation.acceptance import EXCITED, WIDE, is_wide, of_estimate, worded
 from station.estimation.flight_record import FlightRecord
 from station.model.airframe_error import relative_errors
 from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
@@ -258,11 +258,10 @@ def widened(result: MethodResult, witness: MethodResult, called: str, aircraft: 
     parameter whose two standard errors then exceed its size, by the result or by the `aircraft`, is not significant and
     unestimated. `called`: the witness's name.
     """
-    collinear = worded(MOVES_ALONG)[1]
     known = {
         p.name: p
         for p in witness.parameters
-        if math.isfinite(p.sd) and (p.status is not Status.INVALID or p.why == collinear)
+        if math.isfinite(p.sd) and (p.status is not Status.INVALID or is_wide(p.why))
     }
 
     def wider(p: ParamEstimate) -> ParamEstimate:

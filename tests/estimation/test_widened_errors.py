@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from station.conventions import LONGITUDINAL
+from station.estimation.acceptance import UNEXPLAINED, worded
 from station.estimation.results import MethodResult, not_applicable, widened
 from station.identification.analysis import identify
 from station.identification.identification_json import as_json
@@ -26,6 +27,8 @@ def test_an_error_holds_the_distance_from_the_witness_and_the_witness_s_own() ->
         ParamEstimate("CL_q", 30.0, 4.0, Status.ESTIMATED),
         ParamEstimate("CY_da", -0.042, 0.008, Status.ESTIMATED),
         ParamEstimate("Cm_q", math.nan, math.nan, Status.INVALID, "no iyy"),
+        ParamEstimate("Cl_p", -0.034, 0.021, Status.ESTIMATED),
+        ParamEstimate("Cl_beta", -0.1, 0.02, Status.ESTIMATED),
     )
     theirs = (
         ParamEstimate("CL_alpha", 5.4, 1.2, Status.ESTIMATED),
@@ -35,20 +38,25 @@ def test_an_error_holds_the_distance_from_the_witness_and_the_witness_s_own() ->
         ParamEstimate(
             "CY_da", 0.001, 0.003, Status.UNESTIMATED, "not significant: 2 sigma > estimate and profile value"
         ),
+        ParamEstimate("Cl_p", -0.257, 0.327, *worded(UNEXPLAINED + 12)),
+        ParamEstimate("Cl_beta", 0.3, 0.1, Status.INVALID, "the sideslip vane stands still"),
     )
     found = widened(MethodResult("ok", "", mine), MethodResult("ok", "", theirs), "split")
     assert found.parameters[0].sd == pytest.approx(1.3)  # 0.3, 0.4, 1.2
     assert found.parameters[0].value == 5.0
     # A collinear one has a wide error, and that says so.
     assert found.parameters[1].sd == pytest.approx(math.hypot(4.0, 20.0, 1.0))
-    assert found.statistical == {"CL_alpha": 0.3, "CL_q": 4.0, "CY_da": 0.008}
+    assert found.statistical == {"CL_alpha": 0.3, "CL_q": 4.0, "CY_da": 0.008, "Cl_p": 0.021}
     assert found.parameters[2].sd == pytest.approx(math.hypot(0.008, 0.043, 0.003))
-    assert found.parameters[3:] == mine[3:]
+    assert found.parameters[3] == mine[3]
+    # Gusts that leave the witness next to nothing to explain are why the other is wrong.
+    assert found.parameters[4].sd == pytest.approx(math.hypot(0.021, 0.223, 0.327))
+    assert found.parameters[5] == mine[5]
     # Its status goes by the error that it has then: 2 x 0.044 is more than 0.042.
     judged = widened(MethodResult("ok", "", mine), MethodResult("ok", "", theirs), "split", AIRCRAFT)
     assert [p.status for p in judged.parameters[:3]] == [Status.ESTIMATED, Status.UNESTIMATED, Status.UNESTIMATED]
     assert judged.parameters[2].why == "not significant: 2 sigma > estimate and profile value"
-    alone = widened(MethodResult("ok", "", mine[2:3]), MethodResult("ok", "", theirs[2:]), "split", AIRCRAFT)
+    alone = widened(MethodResult("ok", "", mine[2:3]), MethodResult("ok", "", theirs[2:3]), "split", AIRCRAFT)
     assert (alone.status, alone.why) == ("not_applicable", "not significant: 2 sigma > estimate and profile value")
     assert "distance from split" in found.settings["standard_errors"]
     alone = MethodResult("ok", "", mine)
