@@ -87,6 +87,7 @@ class _Refits:
         self.problem, self.null, self._least = problem, null, least
         self.done: dict[frozenset[str], Estimate] = {}
         self._ended: dict[frozenset[str], Estimate] = {}
+        """As they were when fitted to the end."""
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
 

@@ -127,8 +127,8 @@ def _boom(ready: Prepared) -> tuple[BoomSpectra, ...] | str:
 def _with_doubts(
     results: dict[str, MethodResult], ready: Prepared, instruments: InstrumentTable | str | None, flown: Flown | None
 ) -> tuple[dict[str, MethodResult], str]:
-    """Errors that hold what no residual shows, refusals where nothing is left, and the signals
-    that the others contradict, in words where that matters."""
+    """Errors that hold what no residual shows, refusals where nothing is left, and the signals that the others
+    contradict, in words where that matters."""
     record, axes = ready.record, ready.request.axes
     as_they_are = [n for n, m in METHODS.items() if m.angle == "none" and not m.live]
     shown = by_input(record, axes, longitudinal=not knows_gusts(record))
