@@ -276,9 +276,9 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
             for e in found[:again]:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
-            if again and found and _strained(found[0]):
-                refits.fit_from_profile(found[0].state.values)
-                found = refits.of_size(size)
+            for e in found[: min(again, 1)]:
+                refits.fit_from_profile(e.state.values)
+            found = refits.of_size(size)
     return found
 
 
