@@ -271,8 +271,8 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
         if size == 1:
-            # Constants far from the profile do what an effect would, and leave it no room where the fit begins there: the
-            # best begins at the profile too.
+            # Constants far from the profile do what an effect would, and leave it no room where the fit begins there:
+            # the best begins at the profile too.
             again = MORE if _strained(refits.null) else 1 if cost - best > HUGE else 0
             for e in found[:again]:
                 refits.fit_to_the_end(e)
