@@ -18,11 +18,12 @@ from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
-from station.diagnosis.search import ASKED, Found
+from station.diagnosis.search import ASKED, SIGNIFICANT, Found
 from station.diagnosis.variances import INDEPENDENT, Levels
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 FALSE_ALARM: Final = 2e-4
 """Chance of a false alarm of the residual test, over everything that it looks at."""
@@ -34,7 +35,7 @@ MUCH: Final = 1.3
 """Times the least that any model misses, from which what is missed is told."""
 BANDS: Final = 6
 BLOCK: Final = 8
-RESAMPLES: Final = 400
+"""Neighbouring frequencies, by which it is told how large residuals are there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,45 +148,47 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
     of the day and are fitted to either; the noise is that of the better one."""
     if not held_out:
         return None
-    states = [_settled(craft, held_out) for craft in (before, after)]
+    states = [_settled(craft, held_out, before) for craft in (before, after)]
     _, best = min(states, key=lambda x: x[0].cost(x[1]))
-    powers = []
-    for own, s in states:
-        levelled = own.state(s.values, s.a, best.levels)
-        powers.append([np.abs(w) ** 2 for w in levelled.white])
-    blocks, by_record = [], []
-    for m, one, other in zip(held_out, *powers, strict=True):
-        count = one.size
-        by_record.append((m.record.name, math.sqrt(one.sum() / count), math.sqrt(other.sum() / count)))
-        for a in range(0, len(one), BLOCK):
-            part = slice(a, a + BLOCK)
-            blocks.append((float(one[part].sum()), float(other[part].sum()), float(one[part].size)))
-    table = np.array(blocks)
-
-    def reduction(rows: Array) -> float:
-        total = rows.sum(0)
-        return 1 - math.sqrt(total[1] / total[0])
-
-    rng = np.random.default_rng(2)
-    draws = [reduction(table[rng.integers(0, len(table), len(table))]) for _ in range(RESAMPLES)]
-    low, high = np.quantile(draws, [0.025, 0.975])
-    total = table.sum(0)
-    return Gain(
-        math.sqrt(total[0] / total[2]),
-        math.sqrt(total[1] / total[2]),
-        reduction(table),
-        float(low),
-        float(high),
-        tuple(by_record),
+    one, other = (own.state(s.values, s.a, best.levels).white for own, s in states)
+    reduction, sd = lowered(one, other)
+    by_record = tuple(
+        (m.record.name, _size([w_one]), _size([w_other]))
+        for m, w_one, w_other in zip(held_out, one, other, strict=True)
     )
+    half = SIGNIFICANT * sd
+    return Gain(_size(one), _size(other), reduction, reduction - half, reduction + half, by_record)
 
 
-def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre]) -> tuple[Problem, State]:
-    """An aircraft with what is of the day fitted to the manoeuvres."""
+def _size(white: Sequence[Complex]) -> float:
+    """Root mean square of whitened residuals, by record."""
+    return math.sqrt(sum(float((np.abs(w) ** 2).sum()) for w in white) / sum(w.size for w in white))
+
+
+def lowered(one: Sequence[Complex], other: Sequence[Complex]) -> tuple[float, float]:
+    """The share by which the error of `other` is below that of `one`, both whitened residuals (bins, k) by record, and
+    its standard deviation.
+
+    What was flown is given, and noise is what scatters: where the model changes a residual w by d, its power changes by
+    2 Re(w* d) + |d|2, of variance 2 |d|2 |w|2, with a w as large as those near it.
+    """
+    scatter = 0.0
+    for w_one, w_other in zip(one, other, strict=True):
+        changed, power = np.abs(w_one - w_other) ** 2, np.abs(w_other) ** 2
+        for a in range(0, len(power), BLOCK):
+            part = slice(a, a + BLOCK)
+            scatter += 2 * float(changed[part].sum()) * float(power[part].mean()) / INDEPENDENT
+    before, after = _size(one), _size(other)
+    count = sum(w.size for w in one)
+    return 1 - after / before, math.sqrt(scatter) / (2 * before * after * count)
+
+
+def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre], answering: Aircraft) -> tuple[Problem, State]:
+    """An aircraft with what is of the day fitted to the manoeuvres; for `answering` see Problem."""
     speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
     axis = manoeuvres[0].axis
     frees = [f for f in axis.free_parameters(craft, speed, False) if f.name in axis.day]
-    problem = Problem(manoeuvres, craft, frees)
+    problem = Problem(manoeuvres, craft, frees, answering)
     return problem, problem.null().state
 
 

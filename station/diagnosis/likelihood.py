@@ -54,10 +54,20 @@ class Problem:
     """All manoeuvres of a diagnosis and one base aircraft; candidates are effects on top of it."""
 
     def __init__(
-        self, manoeuvres: Sequence[Manoeuvre], aircraft: Aircraft, frees: Sequence[Free] | None = None
+        self,
+        manoeuvres: Sequence[Manoeuvre],
+        aircraft: Aircraft,
+        frees: Sequence[Free] | None = None,
+        answering: Aircraft | None = None,
     ) -> None:
         self.manoeuvres = tuple(manoeuvres)
         self.aircraft = aircraft
+        self.answering = answering
+        """What answers gusts that nothing measures: the aircraft without effects, once that is fitted, for all
+        candidates alike; until then each itself. Were it always each one's own, what this does to the variance would
+        outweigh what an effect explains."""
+        self._common: Array | None = None
+        """Free parameters and drifts of every candidate's `volume`, for the same reason: those without effects."""
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
@@ -82,7 +92,7 @@ class Problem:
         craft = self.aircraft_at(values, a)
         drifts = a[len(self.frees) :] * self.drift_sd
         spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))
-        responses_ = tuple(m.responses(craft) for m in self.manoeuvres)
+        responses_ = tuple(m.responses(craft, flown=self.answering or craft) for m in self.manoeuvres)
         return self._with_levels(values, a, spectra, responses_, levels or self.prior)
 
     def relevelled(self, s: State, frozen: int | None = None) -> State:
@@ -116,11 +126,15 @@ class Problem:
 
     def volume(self, s: State) -> float:
         """log det Sigma, less log |det A|2 of the responses of the series to the sensors at their heads, and the prior
-        of the variances: with Q the density of what these sensors show, given the others."""
-        levels = s.levels
+        of the variances: with Q the density of what these sensors show, given the others. Of the effects alone: the
+        score that the parameters are at is Q's, and where they are hardly known the volume would move them by tens."""
+        levels, made = s.levels, s.responses
+        if self._common is not None:
+            craft = self.aircraft_at(s.values, self._common)
+            made = tuple(m.responses(craft, flown=self.answering) for m in self.manoeuvres)
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
-        for k, (m, r) in enumerate(zip(self.manoeuvres, s.responses, strict=True)):
+        for k, (m, r) in enumerate(zip(self.manoeuvres, made, strict=True)):
             b = m.columns(r, m.grouped.pick)
             root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
             total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())
@@ -185,7 +199,7 @@ class Problem:
         nothing."""
         out = []
         drifts = s.a[len(self.frees) :] * self.drift_sd
-        flown = self.aircraft_at(s.values, s.a)
+        answering = self.answering or self.aircraft_at(s.values, s.a)
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
@@ -198,7 +212,7 @@ class Problem:
                 there = m.differences(craft, float(drifts[k])).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
-                    response[i] = (m.responses(craft, m.grouped.pick, flown) - r) / h
+                    response[i] = (m.responses(craft, m.grouped.pick, answering) - r) / h
             out.append(Slopes(bins, steady, response))
         return out
 
@@ -272,7 +286,19 @@ class Problem:
 
     def null(self) -> Estimate:
         """Without effects."""
-        return self.from_profile({})
+        found = self.from_profile({})
+        self.answering = self.answering or self.aircraft_at({}, found.state.a)
+        self._common = found.state.a
+        return found
+
+    def answered(self, e: Estimate) -> Estimate:
+        """An estimate fitted on with its own aircraft's answer to gusts that nothing measures; its cost, which is
+        compared with others', stays."""
+        if not self.axis.answers or not e.state.values:
+            return e
+        self.answering = self.aircraft_at(e.state.values, e.state.a)
+        start = self.relevelled(self.state(e.state.values, e.state.a, e.state.levels))
+        return replace(self.estimate(start, ROUNDS, self.whole), cost=e.cost)
 
     def from_profile(self, values: Mapping[str, float]) -> Estimate:
         """Fitted from the profile on, with effects that begin at `values`."""

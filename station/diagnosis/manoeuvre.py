@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,7 @@ from station.conventions import to_si
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
-from station.diagnosis.processing import Setting, bridge_of
+from station.diagnosis.processing import STEP_S, Setting, bridge_of, thinned
 from station.diagnosis.residuals import DOWN, LIFT, NORTH, TAPER, THETA, VANE, Spectra, spectra
 from station.diagnosis.sensor_noise import Trim, answering, responses, trim_of
 from station.numerics.default_noise import DEFAULT_NOISE
@@ -91,6 +91,9 @@ class Manoeuvre:
     """A record, and what is needed to compare it with any candidate."""
 
     record: Record
+    """At the rate at which it is compared, see `at_rate_judged`."""
+    recorded: Record
+    """At its own rate."""
     setting: Setting
     trim: Trim
     loading: tuple[float, float]
@@ -115,9 +118,14 @@ class Manoeuvre:
         """Measured less predicted, in the series judged."""
         return self.axis.spectra_of(self.record.signals, self.loaded(aircraft), self.setting, drift, self.memo)
 
+    @property
+    def thinner(self) -> float:
+        """Standard deviation of white noise at the rate at which it is compared, over that at its own."""
+        return math.sqrt(self.recorded.dt / self.record.dt)
+
     def noise(self, name: str) -> float:
-        """Standard deviation of a sensor's noise as the record shows it, SI."""
-        return white_noise(name, self.record)
+        """Standard deviation of a sensor's noise, SI, as the record shows it, at the rate at which it is compared."""
+        return white_noise(name, self.recorded) * self.thinner
 
     def responses(self, aircraft: Aircraft, pick: Pick = EVERY, flown: Aircraft | None = None) -> Complex:
         """(bins, series, sensors + 1), see sensor_noise.responses, at the bins picked. `flown`: what answers the gusts
@@ -228,8 +236,19 @@ class Manoeuvre:
         return np.array(out)
 
 
-def manoeuvre(record: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -> Manoeuvre:
+def at_rate_judged(record: Record) -> Record:
+    """A record that is sampled more often than STEP_S asks, thinned by its transform: what is judged lies far below,
+    and costs as much at any rate. One that repeats values stays as it is, for these have times of their own."""
+    every = math.floor(STEP_S / record.dt + 1e-6)
+    if every <= 1 or record.held:
+        return record
+    signals = {name: thinned(x, record.dt, every) for name, x in record.signals.items()}
+    return replace(record, dt=every * record.dt, signals=signals)
+
+
+def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -> Manoeuvre:
     """Ready to be compared with candidates about `aircraft`."""
+    record = at_rate_judged(recorded)
     judged = tuple(j for j, name in enumerate(axis.series) if not axis.unjudged(name, record, aircraft))
     x = record.signals
     force = float(np.mean(x["dynamic_pressure"])) * aircraft.geometry.wing_area
@@ -240,7 +259,7 @@ def manoeuvre(record: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -> 
     thrust = float(np.mean(x["thrust"])) if "thrust" in x else max(force * drag, 0.0)
     own = Setting(
         record.dt, record.n, bridge_of(record.dt, record.n), judged, record.imu, thrust,
-        stated_noise(axis.surfaces[0], record), "v_down" not in x, record.held,
+        stated_noise(axis.surfaces[0], record) * math.sqrt(recorded.dt / record.dt), "v_down" not in x, record.held,
     )  # fmt: skip
     f = own.frequencies
     w = 2 * np.pi * f
@@ -254,6 +273,7 @@ def manoeuvre(record: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -> 
     )
     made = Manoeuvre(
         record,
+        recorded,
         own,
         trim_of(record, own, axis),
         loading,
@@ -291,10 +311,10 @@ def late_by_sampling(surface: str, m: Manoeuvre) -> float:
     their rate. Steps behind an actuator of time constant tau are dt2/(12 tau) late where they come with a sample and
     dt2/(24 tau) early between two, over all dt2/(27 tau) (Euler and Maclaurin's sum of the samples less its integral);
     of a flight that is timed they may all be alike."""
-    half, own = 0.5 / m.record.dt, m.setting.frequencies
-    f, power = signal.periodogram(m.record.signals[surface], 2 * half, ("tukey", TAPER), detrend="linear")
+    half, own = 0.5 / m.recorded.dt, m.setting.frequencies
+    f, power = signal.periodogram(m.recorded.signals[surface], 2 * half, ("tukey", TAPER), detrend="linear")
     power = power * half  # white noise of variance 1 is 1
-    there = float(power[f > NEAR_HALF * half].mean()) - stated_noise(surface, m.record) ** 2
+    there = float(power[f > NEAR_HALF * half].mean()) - stated_noise(surface, m.recorded) ** 2
     # Half of what is seen there is folded itself. Beyond, the spectrum of a step falls with the second power, behind a
     # slow actuator with the fourth.
     folded = 0.5 * max(there, 0.0) * (half / (2 * half - own)) ** 3

@@ -5,6 +5,7 @@ All functions take leading axes: series of (..., n).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-from station.numerics.lagrange import cubic
+from station.numerics.lagrange import quintic
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -25,8 +26,11 @@ HIGH_HZ: Final = 3.0
 CUT_S: Final = 2.0
 BRIDGE_S: Final = 3.6
 """The ends are joined over this time, so that filters by Fourier transform see no step."""
-FINE_S: Final = 0.02
-"""Between the samples that a cubic is laid through: it loses 0.05 % at HIGH_HZ."""
+STEP_S: Final = 0.04
+"""Between samples, at most where a record has them: four times HIGH_HZ lie below half of that rate. A quintic laid
+through them loses 0.1 % at HIGH_HZ."""
+THIN_PASS_HZ: Final = (6.0, 12.0)
+"""Passed up to the first and stopped from the second where a record is thinned: nothing judged lies between."""
 ALIKE: Final = 0.02
 """Of a sample: paths that are no further apart are one."""
 
@@ -38,6 +42,7 @@ class Setting:
     dt: float
     n: int
     bridge: int
+    """Samples that join the ends; 0 of periodic signals."""
     judged: tuple[int, ...]
     """The series that can be judged."""
     imu: tuple[float, float, float]
@@ -100,6 +105,16 @@ def _half_cosine(count: int) -> Array:
     return out
 
 
+def thinned(x: Array, dt: float, every: int) -> Array:
+    """Every so many samples of a series (n,), without what these would fold."""
+    kept = math.ceil(len(x) / every)
+    joined = _bridged(x, every * (kept + bridge_of(every * dt, kept)) - len(x))
+    count = len(joined) // every
+    bins = fft.rfft(joined)[: count // 2 + 1]
+    bins *= passed(_omega(count, every * dt), THIN_PASS_HZ) / every
+    return np.asarray(fft.irfft(bins, count)[:kept])
+
+
 def transform(x: Array, s: Setting) -> Complex:
     """Transform of a series with its ends joined."""
     out: Complex = fft.rfft(_bridged(x, s.bridge), axis=-1)
@@ -126,6 +141,10 @@ def rate(x: Array, s: Setting) -> Array:
 
 def integral(x: Array, s: Setting) -> Array:
     """Over time, 0 at the first sample."""
+    if not s.bridge:  # periodic but for its mean, and exact at few samples a period
+        turned = fft.rfft(x, axis=-1)[..., 1:] / (1j * s.omega[1:])
+        swing = fft.irfft(np.concatenate([0 * turned[..., :1], turned], axis=-1), s.n, axis=-1)
+        return np.asarray(swing - swing[..., :1] + x.mean(-1, keepdims=True) * s.dt * np.arange(s.n))
     slope = rate(x, s)
     out = np.zeros_like(x)
     np.cumsum(0.5 * s.dt * (x[..., 1:] + x[..., :-1]), axis=-1, out=out[..., 1:])
@@ -158,25 +177,25 @@ def places_of(speed: Array, v0: Array, s: Setting) -> tuple[Places | None, Place
 
 
 def _split(place: Array, s: Setting) -> Places:
-    finer = max(1, round(s.dt / FINE_S))
+    finer = max(1, round(s.dt / STEP_S))
     place = place * finer
-    whole = np.clip(np.floor(place).astype(np.int64), 1, finer * (s.n - 1) - 2)
+    whole = np.clip(np.floor(place).astype(np.int64), 2, finer * (s.n - 1) - 3)
     return Places(whole, place - whole, finer, s.bridge)
 
 
 def at_places(x: Array, places: Places | None) -> Array:
-    """A series (..., n) at places between its samples: the cubic through the four nearest."""
+    """A series (..., n) at places between its samples: the quintic through the six nearest."""
     if places is None:
         return x
     n, k, f = x.shape[-1], places.whole, places.part
     x = _finer(x, places)
     if x.ndim == k.ndim == 1:
         out = np.empty(n)
-        _cubic(x[None], k[None], f[None], out[None])
+        _quintic(x[None], k[None], f[None], out[None])
         return out
     shape = np.broadcast_shapes(x.shape[:-1], k.shape[:-1])
     out = np.empty((*shape, n))
-    _cubic(_rows(x, shape), _rows(k, shape), _rows(f, shape), out.reshape(-1, n))
+    _quintic(_rows(x, shape), _rows(k, shape), _rows(f, shape), out.reshape(-1, n))
     return out
 
 
@@ -195,11 +214,11 @@ def _finer(x: Array, places: Places) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _cubic(x: Array, whole: NDArray[np.int64], part: Array, out: Array) -> None:
+def _quintic(x: Array, whole: NDArray[np.int64], part: Array, out: Array) -> None:
     for i in range(x.shape[0]):
         for j in range(out.shape[1]):
             k, f = whole[i, j], part[i, j]
-            out[i, j] = cubic(x[i, k - 1], x[i, k], x[i, k + 1], x[i, k + 2], f)
+            out[i, j] = quintic(x[i, k - 2], x[i, k - 1], x[i, k], x[i, k + 1], x[i, k + 2], x[i, k + 3], f)
 
 
 def sinking_line(altitude: Array, down: Array, s: Setting) -> Array:

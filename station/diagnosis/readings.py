@@ -60,7 +60,7 @@ class Readings:
 def readings_of(found: Diagnosis) -> Readings:
     """From a diagnosis against the simulation."""
     after, before = diagnosed_qualities(found)
-    records = [m.record for m in (*found.problem.manoeuvres, *found.held_out)]
+    records = [m.recorded for m in (*found.problem.manoeuvres, *found.held_out)]
     flown = qualified(records, found.aircraft, found.after)
     over_time = misfits(found)
     return Readings(after, before, flown, validity(over_time) if over_time else None, found.verdict == "unexplained")

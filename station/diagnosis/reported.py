@@ -100,9 +100,12 @@ def not_accepted(d: Diagnosis) -> list[Alone]:
 
 
 def noise_of(d: Diagnosis) -> list[dict[str, float]]:
-    """Standard deviation of the white noise found for each sensor, SI, by manoeuvre fitted."""
+    """Standard deviation of the white noise found for each sensor, SI, as recorded, by manoeuvre fitted."""
     levels = d.found.accepted.state.levels
     return [
-        of_signals(dict(zip(m.trim.sensors, own, strict=False)), m.record)
+        {
+            name: sd / m.thinner
+            for name, sd in of_signals(dict(zip(m.trim.sensors, own, strict=False)), m.record).items()
+        }
         for m, own in zip(d.problem.manoeuvres, levels.noise.tolist(), strict=True)
     ]

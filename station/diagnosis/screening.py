@@ -117,7 +117,7 @@ def whole_changes(problem: Problem, s: State, terms: Sequence[Term]) -> Array:
 
 def least_judged(problem: Problem, s: State, terms: Sequence[Term], slopes: Sequence[Slopes]) -> dict[str, float]:
     """The sizes below which effects, of `slopes`, are not judged, SI."""
-    tick = LEAST_TIME * max(m.record.dt for m in problem.manoeuvres)
+    tick = LEAST_TIME * max(m.recorded.dt for m in problem.manoeuvres)
     shares = changes(problem, s, slopes).max(-1)
 
     def least(t: Term, share: float) -> float:

@@ -28,8 +28,8 @@ Complex = NDArray[np.complex128]
 
 PERIOD_S: Final = 10.0
 """Of the periodic signal: its lines, 0.1 Hz apart, begin at the lowest frequency judged."""
-STEP_S: Final = 0.04
-"""Its time step: 25 Hz are enough for lines up to 3 Hz."""
+STEP_S: Final = 0.1
+"""Its time step: 10 Hz are enough for lines to 3.5 Hz."""
 SMALL: Final = 1e-4
 """Its size, relative to 1 rad, 1 rad/s, or g and the speed: small enough to be linear, far above rounding."""
 

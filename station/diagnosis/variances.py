@@ -80,20 +80,20 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
     rows = []
     for m in manoeuvres:
         sensors, axis = m.trim.sensors, m.axis
-        known = dict(axis.always) | (air_noise(m.record) if "pitot" in sensors else {})
+        known = dict(axis.always) | (air_noise(m.recorded) if "pitot" in sensors else {})
         if "thrust" not in m.record.signals:
             known["thrust"] = THRUST_SHARE * max(m.setting.thrust, 1.0)
-        sd = np.array([known.get(s) or white_noise(s, m.record) for s in sensors])
-        slow = SLOW_SHARE * sd**2
+        sd = np.array([known.get(s) or white_noise(s, m.recorded) for s in sensors])
+        white, slow = (sd * m.thinner) ** 2, SLOW_SHARE * sd**2
         if "thrust" in m.record.signals and "thrust" in sensors:
             # What an engine's deck gives is smooth, and no righter for that.
-            slow[sensors.index("thrust")] = SLOW_SHARE * stated_noise("thrust", m.record) ** 2
+            slow[sensors.index("thrust")] = SLOW_SHARE * stated_noise("thrust", m.recorded) ** 2
         for i, name in enumerate(sensors):
             if (x := m.record.signals.get(name)) is not None:
-                slow[i] = min(slow[i], max(_slow_shown(m, x, sd[i] ** 2), LEAST_SLOW * sd[i] ** 2))
+                slow[i] = min(slow[i], max(_slow_shown(m, x, float(white[i])), LEAST_SLOW * sd[i] ** 2))
         if alone := _of_air(sensors):
-            slow[alone] = _slow_apart(m, sd[alone] ** 2)
-        rows.append(np.concatenate([sd**2, slow]))
+            slow[alone] = np.maximum(_slow_apart(m, white[alone]), LEAST_SLOW * sd[alone] ** 2)
+        rows.append(np.concatenate([white, slow]))
     least = manoeuvres[0].axis.least_missed
     return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(least), np.square(ZERO_SD))
 
@@ -129,7 +129,7 @@ def _slow_apart(m: Manoeuvre, white: Array) -> Array:
     x, slope = m.record.signals, _pressure_slope(m.record)
     apart = x["airspeed"] - x["airspeed"].mean() * np.sqrt(x["dynamic_pressure"] / x["dynamic_pressure"].mean())
     both = float((white / np.array([1.0, slope**2])).sum())
-    return np.asarray(white * max(_slow_shown(m, apart, both) / both, LEAST_SLOW))
+    return np.asarray(white / both * _slow_shown(m, apart, both))
 
 
 def _slow_shown(m: Manoeuvre, x: Array, white: float) -> float:
@@ -159,7 +159,7 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
     made: Array = np.full(prior.noise.shape, 1 / LEVEL_SD**2)
     for k, m in enumerate(manoeuvres):
         n = len(m.trim.sensors)
-        if m.record.dt <= FAST_S:
+        if m.recorded.dt <= FAST_S:
             made[k, :n] = 1 / SEEN_SD**2
         made[k, [n + i for i in _of_air(m.trim.sensors)]] = 1 / SEEN_SD**2
         unstated = [i for i, s in enumerate(m.trim.sensors) if m.axis.always.get(s)]

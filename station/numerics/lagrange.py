@@ -30,6 +30,21 @@ def cubic(a: Quantity, b: Quantity, c: Quantity, d: Quantity, f: Quantity) -> Qu
 
 
 @register_jitable
+def quintic(a: Quantity, b: Quantity, c: Quantity, d: Quantity, e: Quantity, g: Quantity, f: Quantity) -> Quantity:
+    """At the place f of the quintic through a, b, c, d, e and g at -2, -1, 0, 1, 2 and 3."""
+    inner = (f + 1.0) * f * (f - 1.0) * (f - 2.0)
+    left, right = (f + 2.0) * (f + 1.0), (f - 2.0) * (f - 3.0)
+    return (
+        -a * inner * (f - 3.0) / 120.0
+        + b * (f + 2.0) * f * (f - 1.0) * right / 24.0
+        - c * left * (f - 1.0) * right / 12.0
+        + d * left * f * right / 12.0
+        - e * left * f * (f - 1.0) * (f - 3.0) / 24.0
+        + g * (f + 2.0) * inner / 120.0
+    )
+
+
+@register_jitable
 def cubic_slope(a: Quantity, b: Quantity, c: Quantity, d: Quantity, f: Quantity) -> Quantity:
     """Slope of `cubic` per place."""
     return (

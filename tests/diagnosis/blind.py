@@ -38,30 +38,47 @@ BIASES = {"theta": 0.1 * DEG, "az": 0.005 * G0, "ax": 0.003 * G0, "q": 0.05 * DE
 MODEL_BIASES = {"CL_0": 0.01, "Cm_0": 0.005, "CD_0": 0.003}
 
 DETECTABLE = {
-    "alpha_vane.delay": (22e-3, 21e-3, 21e-3), "alpha_vane.scale": (0.112, 0.122, 0.121),
-    "alpha_vane.position": (5.2 * FT, 5.2 * FT, 5.1 * FT), "alpha_vane.bias": (0.75 * DEG, 1.6 * DEG, 1.75 * DEG),
-    "alpha_vane.dynamics": (1.17, 1.15, 1.06), "alpha_vane.upwash_memory": (2.0, 1.04, 0.99),
-    "boom.flexure": (0.59 * DEG / G0, 0.52 * DEG / G0, 0.39 * DEG / G0),
-    "boom.mode": (0.24 * DEG / G0, 0.26 * DEG / G0, 0.25 * DEG / G0), "gust.lead": (math.inf, 0.28, 0.27),
-    "accelerometer.position": (0.51 * FT, 0.51 * FT, 0.50 * FT), "accelerometer.scale": (0.0109, 0.0103, 0.0095),
-    "accelerometer.bias": (0.022 * G0, 0.022 * G0, 0.022 * G0), "accelerometer.delay": (5.3e-3, 4.5e-3, 3.9e-3),
-    "q.delay": (1.7e-3, 1.8e-3, 1.8e-3), "q.scale": (0.0068, 0.0071, 0.0070), "imu.delay": (2.0e-3, 2.2e-3, 2.1e-3),
-    "theta.bias": (0.55 * DEG, 0.59 * DEG, 0.57 * DEG), "theta.scale": (0.0068, 0.0070, 0.0068),
-    "elevator.lag": (2.2e-3, 2.5e-3, 2.5e-3), "elevator.delay": (2.2e-3, 2.5e-3, 2.5e-3),
-    "elevator.scale": (0.43, 0.43, 0.42),
-    "elevator.backlash": (0.054 * DEG, 0.055 * DEG, 0.055 * DEG), "elevator.nonlinearity": (0.077, 0.090, 0.091),
-    "dynamic_pressure.scale": (0.056, 0.128, 0.125), "dynamic_pressure.lag": (0.032, 0.016, 0.010),
-    "mass.scale": (0.17, 0.18, 0.17), "inertia.scale": (0.30, 0.29, 0.28),
-    "cg.shift": (0.41 * FT, 0.41 * FT, 0.40 * FT),
-    "aero.icing": (2.1, 2.2, 2.2), "aero.alpha_squared": (1.8, 2.2, 1.85), "aero.speed_terms": (0.38, 0.15, 0.11),
-    "aero.unsteady_lift": (1.5, 1.05, 0.86), "aero.downwash_lag": (94e-3, 108e-3, 83e-3),
-    "thrust.moment": (1.7 * FT, 0.58 * FT, 0.36 * FT), "velocity.delay": (5.5e-3, 5.0e-3, 4.4e-3),
-    "gust.tail_penetration": (math.inf, 0.80, 0.60),
+    "alpha_vane.delay": (0.029, 0.025, 0.025),
+    "alpha_vane.scale": (0.13, 0.14, 0.13),
+    "alpha_vane.position": (1.9, 1.8, 1.7),
+    "alpha_vane.bias": (0.016, 0.028, 0.032),
+    "alpha_vane.dynamics": (1.9, 1.2, 1.1),
+    "alpha_vane.upwash_memory": (2, 1.2, 1.3),
+    "boom.flexure": (0.0012, 0.0011, 0.00087),
+    "boom.mode": (0.00053, 0.00061, 0.00057),
+    "gust.lead": (math.inf, 0.41, 0.44),
+    "accelerometer.position": (0.19, 0.19, 0.2),
+    "accelerometer.scale": (0.018, 0.018, 0.017),
+    "accelerometer.bias": (0.24, 0.24, 0.24),
+    "accelerometer.delay": (0.0068, 0.0064, 0.0054),
+    "q.delay": (0.0032, 0.0031, 0.003),
+    "q.scale": (0.015, 0.015, 0.015),
+    "imu.delay": (0.0032, 0.0032, 0.0029),
+    "theta.bias": (0.012, 0.012, 0.012),
+    "theta.scale": (0.011, 0.013, 0.015),
+    "elevator.lag": (0.0033, 0.0035, 0.0036),
+    "elevator.delay": (0.0033, 0.0035, 0.0035),
+    "elevator.scale": (0.5, 0.52, 0.51),
+    "elevator.backlash": (0.00099, 0.0011, 0.0011),
+    "elevator.nonlinearity": (0.12, 0.13, 0.13),
+    "dynamic_pressure.scale": (0.12, 0.28, 0.3),
+    "dynamic_pressure.lag": (0.13, 0.1, 0.095),
+    "mass.scale": (0.29, 0.38, 0.34),
+    "inertia.scale": (0.38, 0.42, 0.42),
+    "cg.shift": (0.15, 0.15, 0.15),
+    "aero.icing": (2.7, 2.7, 2.7),
+    "aero.alpha_squared": (2.2, 2.8, 2.4),
+    "aero.speed_terms": (0.57, 0.27, 0.18),
+    "aero.unsteady_lift": (1.9, 1.7, 1.5),
+    "aero.downwash_lag": (0.13, 0.16, 0.16),
+    "thrust.moment": (1, 0.51, 0.33),
+    "velocity.delay": (0.01, 0.0096, 0.0088),
+    "gust.tail_penetration": (math.inf, 0.73, 0.63),
 }  # fmt: skip
-"""Size found nine times in ten with doublets and a 3-2-1-1, by SIGMAS: sqrt(search.ASKED) + 1.28 standard deviations
-of the effect beside everything that no profile knows (Fisher information of one flight). Instruments that another one
-contradicts show at a per cent; what acts as mass, inertia, ice, a stronger elevator or a slightly wrong vane does shows
-only beyond what the profile itself does not know, some times larger than where the profile was taken as right."""
+"""Size found nine times in ten with doublets and a 3-2-1-1, SI, by SIGMAS (detectable_sizes of one flight):
+sqrt(search.ASKED) + 1.28 standard deviations of the effect beside everything that no profile knows. Instruments that
+another one contradicts show at a per cent or two; what acts as mass, inertia, ice, a stronger elevator or a slightly
+wrong vane does shows only beyond what the profile itself does not know."""
 
 ONE_SIGN = {
     "elevator.backlash": 1, "aero.icing": 1, "elevator.scale": 1, "alpha_vane.dynamics": -1, "dynamic_pressure.lag": 1,
@@ -309,10 +326,17 @@ def planted(name: str, times: float, sigma: float, sign: int) -> float:
     return min(max(x, 0.9 * catalogue.BY_ID[name].low), 0.9 * catalogue.BY_ID[name].high)
 
 
+def reached(name: str, times: float, sigma: float) -> bool:
+    """Whether so many times its detectable size is physical, whichever its sign."""
+    most = max(abs(planted(name, times, sigma, sign)) for sign in (-1, 1))
+    lag = -1 / (1 + times * size(name, sigma)) + 1 if name == "alpha_vane.dynamics" else times * size(name, sigma)
+    return math.isfinite(size(name, sigma)) and most > 0.8 * lag
+
+
 def draw(seed: int, count: int, times: float, sigma: float, among: Sequence[str] | None = None) -> dict[str, float]:
     """Random effects at a multiple of their detectable size, either sign where both are possible."""
     rng = np.random.default_rng([seed, 3])
-    names = [n for n in (among or DETECTABLE) if math.isfinite(size(n, sigma))]
+    names = [n for n in (among or DETECTABLE) if reached(n, times, sigma)]
     picked = [names[i] for i in rng.permutation(len(names))[:count]]
     return {n: planted(n, times, sigma, int(rng.choice([-1, 1]))) for n in picked}
 

@@ -18,6 +18,7 @@ from scipy.signal import lfilter
 
 from station.diagnosis import effects as catalogue
 from station.diagnosis.measured_record import Record
+from station.diagnosis.procedure import Diagnosis, diagnose
 from station.diagnosis.residuals import _vane_response
 from station.numerics.indicial import frequency_response, response
 from station.profile import Aircraft, load_aircraft
@@ -211,3 +212,28 @@ def _stroke(knots: float) -> tuple[np.ndarray, np.ndarray]:
             sim.run()
         stands.append(sim["fcs/elevator-pos-rad"])
     return commands, np.array(stands)
+
+
+TWO_SPEEDS = (("doublets", 100.0), ("3-2-1-1", 125.0))
+
+
+def diagnosed(case: Case, card=TWO_SPEEDS) -> Diagnosis:
+    made = [flown(case, kind, knots, k) for k, (kind, knots) in enumerate((*card, card[0]))]
+    return diagnose(made[:-1], made[-1:], profile())
+
+
+def named(d: Diagnosis) -> dict[str, tuple[str, ...]]:
+    """What is named that is not the aircraft's model, and its rivals."""
+    return {e.term.id: e.alternatives for e in d.effects if not e.term.aerodynamic}
+
+
+def score(case: Case, d: Diagnosis) -> str:
+    true, found = set(case.effects), named(d)
+    if not true:
+        return "blamed" if found else "clean"
+    if set(found) == true:
+        return "group" if any(found.values()) else "exact"
+    if not found:
+        return "none"
+    possible = set(found) | {r for alternatives in found.values() for r in alternatives}
+    return "companion" if true < set(found) else "group" if true <= possible and len(found) == 1 else "wrong"

@@ -1,20 +1,19 @@
-"""The blind matrices: which cases are flown, and how their scores are told."""
+"""The blind matrices of tests/benchmarks/blind_matrices.py: which cases are flown."""
 
 from __future__ import annotations
 
 import math
-import os
-import secrets
-from collections import Counter, defaultdict
-from collections.abc import Sequence
+from dataclasses import replace
 
+import lateral_blind
 import numpy as np
-from blind import DETECTABLE, KINDS, SIGMAS, Case, covered, draw, planted, score, size
+from blind import DETECTABLE, KINDS, SIGMAS, Case, draw, planted, reached, size
+from foreign import Scene, flying, sizes
 
-from station.diagnosis.procedure import Diagnosis
+from station.diagnosis.effects import BY_ID
 
-SEED = int(os.environ.get("BLIND_SEED", secrets.randbelow(1 << 24))) * 1000
-"""Of the slow matrices: fresh each time, printed with the result; BLIND_SEED repeats one."""
+SEED = 1000
+"""Of the first case."""
 
 OUTSIDE = (
     {"periodic": 0.002}, {"periodic": 0.004}, {"g_sensitivity": 0.006}, {"g_sensitivity": -0.008},
@@ -44,8 +43,8 @@ def singles(each: int, times: float, noise: float = 1.0) -> list[Case]:
     cases = []
     for j, name in enumerate(DETECTABLE):
         for k in range(each):
-            sigma = SIGMAS[k % 3]
-            if math.isfinite(size(name, sigma)):
+            sigma = SIGMAS[(j + k) % 3]
+            if reached(name, times, sigma):
                 value = planted(name, times, sigma, 1 if (k // 3 + k) % 2 else -1)
                 cases.append(
                     Case(seed=SEED + 100_000 + 100 * j + k, sigma=sigma, effects={name: value}, fit_on=pair(j + k // 3),
@@ -92,26 +91,68 @@ def held_out(count: int) -> list[Case]:
     return cases
 
 
-def confusion(found: Sequence[tuple[Case, Diagnosis]]) -> str:
-    """One line an effect: how often it was named alone, in a group or otherwise, and as what; and how often its
-    interval held the planted value."""
-    rows: dict[str, list[str]] = defaultdict(list)
-    held: dict[str, list[bool]] = defaultdict(list)
-    for case, d in found:
-        key = " + ".join(case.effects) or " ".join(f"{n} {v:g}" for n, v in case.outside.items()) or "nothing"
-        reported = score(case, d)
-        if reported not in ("exact", "clean", "unexplained"):
-            reported += " {" + ", ".join(" = ".join((e.term.id, *e.alternatives)) for e in d.effects) + "}"
-        rows[key].append(reported)
-        for name, inside, _ in covered(case, d):
-            held[name].append(inside)
-    lines = []
-    for key, row in rows.items():
-        cover = f"  covered {sum(held[key])} of {len(held[key])}" if held.get(key) else ""
-        lines.append(f"{key:40s} {', '.join(f'{n} {c}' for n, c in Counter(row).most_common())}{cover}")
-    everything = [inside for hits in held.values() for inside in hits]
-    total = Counter(score(c, d) for c, d in found)
-    lines.append(f"seed {SEED // 1000}: " + ", ".join(f"{n} {c}" for n, c in total.most_common()))
-    if everything:
-        lines.append(f"intervals hold {sum(everything)} of {len(everything)} ({np.mean(everything):.3f})")
-    return "\n".join(lines)
+PAIRS = tuple(
+    (lateral_blind.KINDS[j], lateral_blind.KINDS[(j + 1) % 3], lateral_blind.KINDS[(j + 2) % 3]) for j in range(3)
+)
+"""Two lateral manoeuvres to fit, one held out, in turn."""
+
+
+def lateral_case(seed: int, number: int, **given: object) -> lateral_blind.Case:
+    one, other, kept = PAIRS[number % 3]
+    return replace(lateral_blind.Case(seed=seed, fit_on=(one, other), hold_out=(kept,)), **given)
+
+
+def lateral_clean(count: int) -> list[lateral_blind.Case]:
+    return [lateral_case(SEED + i, i // 3, sigma=lateral_blind.SIGMAS[i % 3]) for i in range(count)]
+
+
+def lateral_singles(times: float) -> list[lateral_blind.Case]:
+    """Every lateral effect in every air."""
+    cases = []
+    for j, name in enumerate(lateral_blind.DETECTABLE):
+        for k, sigma in enumerate(lateral_blind.SIGMAS):
+            value = lateral_blind.planted(name, times, sigma, 1 if (j + k) % 2 else -1)
+            if np.isfinite(value):
+                given = {"sigma": sigma, "effects": {name: value}}
+                cases.append(lateral_case(SEED + 100_000 + 10 * j + k, j + k, **given))
+    return cases
+
+
+def scene_clean(scene: Scene) -> list[Case]:
+    return [Case(seed=SEED + i, sigma=scene.sigmas[i % 3], fit_on=KINDS) for i in range(6)]
+
+
+def scene_singles(scene: Scene) -> list[Case]:
+    """Each effect in one air, at twice the size that this aircraft's own card detects, within what is physical."""
+    cases = []
+    for i, sigma in enumerate(scene.sigmas):
+        with flying(scene):
+            found = sizes(scene, sigma)
+        for j, (effect, least) in enumerate(sorted(found.items())):
+            term = BY_ID[effect]
+            physical = math.isfinite(least) and 2 * least < 0.9 * min(-term.low or term.high, term.high)
+            if j % 3 == i and physical and effect != "boom.mode":
+                sign = 1 if term.low == 0 or j % 2 == 0 else -1
+                value = min(max(2 * sign * least, 0.9 * term.low), 0.9 * term.high)
+                cases.append(Case(seed=SEED + 100 + j, sigma=sigma, effects={effect: value}, fit_on=KINDS))
+    return cases
+
+
+ON_JSBSIM = (
+    "alpha_vane.delay", "alpha_vane.scale", "alpha_vane.position", "boom.flexure", "accelerometer.position",
+    "accelerometer.scale", "accelerometer.delay", "q.delay", "q.scale", "imu.delay", "elevator.lag",
+    "elevator.backlash", "velocity.delay",
+)  # fmt: skip
+
+
+def jsbsim_clean(count: int) -> list[Case]:
+    return [Case(seed=SEED + i, sigma=SIGMAS[i % 3]) for i in range(count)]
+
+
+def jsbsim_singles(times: float) -> list[Case]:
+    cases = []
+    for i, name in enumerate(ON_JSBSIM):
+        sigma = SIGMAS[i % 3]
+        sign = 1 if name == "elevator.backlash" else (-1) ** (i // 7)
+        cases.append(Case(seed=SEED + 70_000 + i, sigma=sigma, effects={name: times * sign * size(name, sigma)}))
+    return cases

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 import pytest
 from blind import DETECTABLE, SIGMAS, Case, aircraft, covered, diagnosed, planted, prepared, records, score, size
-from matrices import clean, confusion, held_out, large, outside, pairs, singles
+from matrices import held_out
 
 from station.diagnosis import judge
 from station.diagnosis.detectable import detectable_sizes
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.procedure import diagnose
-
-
-def reported(cases: Sequence[Case]) -> list[str]:
-    """Scores, printed by case."""
-    found = [(c, diagnosed(c)) for c in cases]
-    print(confusion(found))
-    return [score(c, d) for c, d in found]
 
 
 @pytest.mark.parametrize(
@@ -114,61 +107,13 @@ def test_noise_other_than_stated_changes_no_verdict():
 
 
 @pytest.mark.slow
-def test_detectable_sizes_are_those_that_are_found():
-    problem = Problem(prepared(Case(seed=961, sigma=SIGMAS[0])), aircraft())
+@pytest.mark.parametrize("sigma", SIGMAS)
+def test_the_sizes_planted_are_multiples_of_those_that_the_engine_says_it_finds(sigma):
+    problem = Problem(prepared(Case(seed=961, sigma=sigma)), aircraft())
     found = {d.id: d for d in detectable_sizes(problem, problem.null())}
-    for name in ("alpha_vane.delay", "q.scale", "accelerometer.position", "mass.scale"):
-        assert found[name].found == pytest.approx(size(name, 0.0), rel=0.5)
+    for name in (n for n in DETECTABLE if np.isfinite(size(n, sigma))):
+        assert found[name].found == pytest.approx(size(name, sigma), rel=0.2), name
         assert found[name].named >= found[name].found
-
-
-@pytest.mark.slow
-def test_matrix_of_clean_flights():
-    assert reported(clean(200)).count("clean") >= 0.99 * 200
-
-
-@pytest.mark.slow
-def test_matrix_of_single_effects_at_twice_their_detectable_size():
-    found = [(c, diagnosed(c)) for c in singles(9, 2.0)]
-    print(confusion(found))
-    scores = [score(c, d) for c, d in found]
-    assert scores.count("exact") >= 0.94 * len(scores)
-    assert scores.count("exact") + scores.count("group") + scores.count("suspect") >= 0.97 * len(scores)
-    inside = [hit for c, d in found for _, hit, _ in covered(c, d)]
-    assert 0.90 <= np.mean(inside) <= 0.98
-
-
-@pytest.mark.slow
-def test_matrix_of_single_effects_at_half_their_detectable_size():
-    # Most are too small to be found: what is named nevertheless must be true.
-    scores = reported(singles(3, 0.5))
-    assert scores.count("wrong") + scores.count("companion") + scores.count("left over") <= 0.03 * len(scores)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [1.5, 0.7])
-def test_matrix_with_noise_other_than_stated(noise):
-    assert reported(clean(30, noise)).count("clean") >= 29
-    scores = reported(singles(1, 2.5, noise))
-    assert scores.count("exact") + scores.count("group") >= 0.94 * len(scores)
-
-
-@pytest.mark.slow
-def test_matrix_of_pairs():
-    scores = reported(pairs(60))
-    assert scores.count("exact") + scores.count("group") >= 0.92 * len(scores)
-
-
-@pytest.mark.slow
-def test_matrix_outside_the_catalogue():
-    scores = reported(outside(80))
-    assert scores.count("unexplained") >= 0.95 * len(scores)
-
-
-@pytest.mark.slow
-def test_matrix_of_large_effects():
-    scores = reported(large(60))
-    assert scores.count("companion") <= 0.03 * len(scores)
 
 
 @pytest.mark.slow
@@ -178,8 +123,11 @@ def test_gain_is_that_of_a_third_flight():
         fit, (kept, fresh) = records(case)
         d = diagnose(fit, [kept], aircraft())
         if d.gain is not None:
-            again = judge.gain(d.before, d.after, [manoeuvre(fresh, aircraft())])
-            hits.append(d.gain.low <= again.reduction <= d.gain.high)
-    print(f"{sum(hits)} of {len(hits)} gains within their interval")
+            first, again = (judge.gain(d.before, d.after, [manoeuvre(r, aircraft())]) for r in (kept, fresh))
+            # Two flights, each with its own noise.
+            hits.append(
+                abs(again.reduction - first.reduction) < math.hypot(*(x.high - x.reduction for x in (first, again)))
+            )
+    print(f"{sum(hits)} of {len(hits)} gains as far from another flight's as their intervals say")
     assert len(hits) >= 40
     assert np.mean(hits) >= 0.93

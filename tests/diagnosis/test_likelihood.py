@@ -8,7 +8,7 @@ from dataclasses import replace
 import another_simulation as flown
 import numpy as np
 import pytest
-from blind import Case, aircraft, fly_case
+from blind import Case, aircraft, fly_case, prepared
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from test_sensor_noise import level_flight
@@ -229,3 +229,18 @@ def test_leftovers_are_as_unlikely_as_told_with_an_estimated_level(count: int) -
     reported = np.exp([_log_p(float(t), count) for t in totals])
     for chance in (0.5, 0.01):
         assert np.mean(reported < chance) == pytest.approx(chance, abs=4 * np.sqrt(chance / 20000))
+
+
+def test_what_the_data_do_not_tell_moves_the_cost_of_a_candidate_by_its_prior_alone():
+    """A constant that no residual shows is where its prior has it; were the volume taken there, half a standard
+    deviation would outweigh what is asked of an effect, and the same candidate cost more by one way than by another."""
+    problem = Problem(prepared(Case(seed=961)), aircraft())
+    null = problem.null()
+    known = np.sqrt(np.diag(null.solved.covariance))
+    here, unknown = problem.cost(null.state), [i for i, sd in enumerate(known[: len(problem.frees)]) if sd > 0.9]
+    assert len(unknown) > 3
+    for i in unknown:
+        a = null.state.a.copy()
+        a[i] += 0.5 if a[i] < problem.ends[1, i] - 0.5 else -0.5
+        told = problem.cost(problem.state({}, a, null.state.levels)) - here
+        assert told == pytest.approx(a[i] ** 2 - null.state.a[i] ** 2, abs=2.0), problem.frees[i].name

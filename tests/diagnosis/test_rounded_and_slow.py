@@ -1,14 +1,16 @@
-"""What a record's rounding and its rate do to noise, groups of bins, and rates."""
+"""What a record's rounding and its rate do to noise, groups of bins, and rates; fast records thinned."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from blind import Case, aircraft, fly_case
 
-from station.diagnosis.manoeuvre import groups_of, quantum
-from station.diagnosis.processing import Setting, bridge_of, integral, rate
+from station.diagnosis.manoeuvre import at_rate_judged, groups_of, manoeuvre, quantum
+from station.diagnosis.processing import Setting, bridge_of, integral, rate, thinned
 
 
 def test_the_step_of_a_rounded_signal_is_told_and_of_a_noisy_one_none() -> None:
@@ -41,3 +43,28 @@ def test_rates_and_integrals_of_ten_samples_a_second_are_exact(frequency: float)
     turned = swell * (w * np.cos(w * t) - 2 * (t - 20.0) / 25.0 * np.sin(w * t))
     np.testing.assert_allclose(rate(x, s) / w, turned / w, atol=1e-5)
     np.testing.assert_allclose(integral(turned, s), x, atol=1.2 * (w * dt) ** 4 / 720 + 1e-5)
+
+
+@pytest.mark.parametrize(("dt", "every"), [(0.02, 2), (0.01, 4), (0.004, 10)])
+def test_a_thinned_signal_has_what_is_judged_and_none_of_what_would_fold(dt: float, every: int) -> None:
+    t = dt * np.arange(round(40.0 / dt))
+    inside = slice(round(2.0 / dt / every), -round(2.0 / dt / every))
+    slow = np.sin(2 * np.pi * 0.3 * t) + 0.2 * np.cos(2 * np.pi * 3.0 * t)
+    kept = thinned(slow + np.sin(2 * np.pi * 23.0 * t), dt, every)
+    assert len(kept) == math.ceil(len(t) / every)
+    np.testing.assert_allclose(kept[inside], slow[::every][inside], atol=2e-3)
+
+
+def test_a_record_is_compared_as_at_its_own_rate_and_no_oftener_than_25_times_a_second() -> None:
+    """At 50 Hz by a record that repeats a value somewhere, which is not thinned: series, noise, and its prior alike."""
+    record = fly_case(Case(seed=7, sigma=1.5), "3-2-1-1", 0)
+    made, own = manoeuvre(record, aircraft()), manoeuvre(replace(record, held={"none": np.arange(3)}), aircraft())
+    assert (made.record.dt, own.record.dt) == (2 * record.dt, record.dt)
+    assert at_rate_judged(made.record) is made.record
+    here, there = (m.differences(aircraft()) for m in (made, own))
+    for row, at_own_rate in zip(here.bins, there.bins, strict=True):
+        size = math.sqrt(float((np.abs(at_own_rate) ** 2).mean()))
+        # Noise beyond the rate that is left is not there to be turned into what is judged.
+        apart = np.abs(row / made.thinner - at_own_rate)
+        assert math.sqrt(float((apart**2).mean())) < 0.02 * size
+    assert made.noise("q") == pytest.approx(own.noise("q") * math.sqrt(0.5))

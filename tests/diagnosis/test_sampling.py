@@ -56,7 +56,9 @@ def test_a_surface_seems_late_by_its_samples_as_euler_and_maclaurin_have_it(dt: 
             x += way * np.where(t > at, 1 - np.exp(-np.maximum(t - at, 0) / tau), 0)
             at, way = at + rng.uniform(0.4, 3), -way
         record = SimpleNamespace(dt=dt, signals={"elevator": x}, stated={"elevator": 3e-4})
-        own: Any = SimpleNamespace(record=record, setting=SimpleNamespace(frequencies=np.arange(0.1, 0.3 / dt, 1 / 60)))
+        own: Any = SimpleNamespace(
+            recorded=record, setting=SimpleNamespace(frequencies=np.arange(0.1, 0.3 / dt, 1 / 60))
+        )
         found.append(late_by_sampling("elevator", own))
     # The spectrum beyond half the rate is not known: it is taken to fall as a quick and a slow actuator's does.
     assert math.sqrt(float(np.mean(np.square(found)))) == pytest.approx(dt**2 / tau / math.sqrt(720), rel=0.5)

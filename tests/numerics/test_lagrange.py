@@ -1,11 +1,11 @@
-"""Cubic interpolation: exact for cubics, and its error for a sine."""
+"""Interpolation: exact for polynomials of its degree, and its error for a sine."""
 
 import math
 
 import numpy as np
 import pytest
 
-from station.numerics.lagrange import cubic, cubic_slope, delayed, uneven_cubic
+from station.numerics.lagrange import cubic, cubic_slope, delayed, quintic, uneven_cubic
 
 
 def polynomial(x):
@@ -17,6 +17,23 @@ def test_a_cubic_is_met_exactly_with_its_slope():
     four = [polynomial(x) for x in (-1.0, 0.0, 1.0, 2.0)]
     np.testing.assert_allclose(cubic(*four, f), polynomial(f), atol=1e-14)
     np.testing.assert_allclose(cubic_slope(*four, f), -3.0 + f + 2.1 * f**2, atol=1e-13)
+
+
+def test_a_quintic_is_met_exactly_wherever_it_is_asked():
+    f = np.linspace(-2.0, 3.0, 21)
+
+    def polynomial(x):
+        return 2.0 - 3.0 * x + 0.5 * x**2 + 0.7 * x**3 - 0.4 * x**4 + 0.1 * x**5
+
+    six = [polynomial(x) for x in (-2.0, -1.0, 0.0, 1.0, 2.0, 3.0)]
+    np.testing.assert_allclose(quintic(*six, f), polynomial(f), atol=1e-12)
+
+
+def test_a_quintic_loses_a_thousandth_of_three_hertz_at_twenty_five():
+    """The remainder of Lagrange's quintic in the middle is 225/46080 (omega dt)^6."""
+    turn = 2 * math.pi * 3.0 * 0.04
+    six = [math.cos(turn * (k - 0.5)) for k in range(-2, 4)]
+    assert abs(quintic(*six, 0.5) - 1.0) < 225 / 46080 * turn**6 < 1e-3
 
 
 def test_uneven_times():
