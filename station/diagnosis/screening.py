@@ -24,6 +24,11 @@ LEAST_TIME: Final = 0.05
 """Delays and lags below this share of the sampling interval are not judged: large corrections leave such traces."""
 
 
+ALIKE: Final = 0.98
+"""Correlation of two effects' slopes beside all else, from which one may stand in the other's place: it then costs a
+twenty-fifth of what the other explains."""
+
+
 Start = tuple[float, tuple[str, ...], dict[str, float], Array]
 """Reduction of the linear model, effects, their values, and the free parameters then."""
 
@@ -70,6 +75,32 @@ def screened(
         found[2] = _best(start((i, j)) for i, j in couples if every[i].id != every[j].id)
     singles = [(gain, ids[-1], there[ids[-1]]) for gain, ids, there, _ in found[1]]
     return singles, found
+
+
+def substitutes(
+    problem: Problem, about: Estimate, terms: Sequence[Term], made: Sequence[Slopes]
+) -> list[tuple[tuple[str, ...], dict[str, float], Array]]:
+    """An estimate's effects with one of them replaced by another that acts as it does beside the rest, by the linear
+    model there; with values and free parameters. `made` as of `screened`."""
+    s = about.state
+    every = own_first(s, terms)
+    m, n = len(s.values), len(every)
+    matrix, _ = _regular(
+        problem.normal(s, [f.after(e) for f, e in zip(free_slopes_of(about), made, strict=True)]), s, n
+    )
+    out = []
+    for i in range(m):
+        rest = np.array([*(k for k in range(m) if k != i), *range(n, len(matrix))])
+        both = np.array([i, *range(m, n)])
+        beside = np.linalg.solve(matrix[np.ix_(rest, rest)], matrix[np.ix_(rest, both)])
+        alone = matrix[np.ix_(both, both)] - matrix[np.ix_(both, rest)] @ beside
+        for j, t in enumerate(every[m:], 1):
+            if t.probes or alone[0, j] ** 2 < ALIKE**2 * alone[0, 0] * alone[j, j]:
+                continue
+            values = {k: v for k, v in s.values.items() if k != every[i].id}
+            values[t.id] = t.null + (s.values[every[i].id] - every[i].null) * float(alone[0, j] / alone[j, j])
+            out.append((tuple(values), values, s.a))
+    return out
 
 
 def hopeful(starts: Sequence[Start], count: int) -> list[Start]:

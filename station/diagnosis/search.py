@@ -20,6 +20,7 @@ from station.diagnosis.screening import (
     least_judged,
     own_first,
     screened,
+    substitutes,
     whole_changes,
 )
 from station.diagnosis.term import Term
@@ -207,7 +208,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     singles = _one_and_two(problem, refits, terms, slopes, progress)
     accepted = _settled(problem, refits, _several(problem, refits, terms, progress), progress)
     if accepted.state.values:
-        accepted = _rivalled(problem, refits, accepted, progress)
+        accepted = _rivalled(problem, refits, accepted, terms, progress)
     alternatives = tuple(e for e in _others(refits, accepted) if e.cost - accepted.cost < _apart(refits, accepted))
     beyond = refits.beyond(accepted)
     accepted = problem.answered(accepted)
@@ -308,13 +309,29 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
     return refits.null
 
 
-def _rivalled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
-    """The accepted, or what is better when those that few steps left near it are fitted to the end too."""
-    near = max(SHORT, _apart(refits, accepted))
-    for e in [e for e in _others(refits, accepted) if e.cost - accepted.cost < near][:MORE]:
-        refits.fit_to_the_end(e)
-    best = min(_others(refits, accepted), key=lambda e: e.cost, default=accepted)
-    return _settled(problem, refits, best, progress) if best.cost < accepted.cost else accepted
+def _rivalled(
+    problem: Problem,
+    refits: _Refits,
+    accepted: Estimate,
+    terms: Sequence[Term],
+    progress: Callable[[str], None],
+) -> Estimate:
+    """The accepted, or what is better when what acts as its effects do is put in their place, and those that few steps
+    left near it are fitted to the end too."""
+    for _ in range(MOST):
+        made = problem.effect_slopes(accepted.state, own_first(accepted.state, terms))
+        for ids, values, a in substitutes(problem, accepted, terms, made):
+            refits.add(ids, values, a, again=True)
+        near = max(SHORT, _apart(refits, accepted))
+        for e in [e for e in _others(refits, accepted) if e.cost - accepted.cost < near][:MORE]:
+            refits.fit_to_the_end(e)
+        best = min(_others(refits, accepted), key=lambda e: e.cost, default=accepted)
+        if best.cost >= accepted.cost:
+            break
+        accepted = _settled(problem, refits, best, progress)
+        if not accepted.state.values:
+            break
+    return accepted
 
 
 def _apart(refits: _Refits, accepted: Estimate) -> float:
