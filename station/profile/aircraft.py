@@ -184,13 +184,13 @@ class Unsteady(Frozen):
     longest. Of diagnosis: simulations take 0."""
     gust_span_tail: Metres = Field(default=0.0, ge=0)
     """The same of the tail."""
-    turned_at_once: float = 0.5
+    turned_at_once: float = Field(default=0.5, ge=0, le=1)
     """Share of the mean angle of attack that a gust along the path turns at once, at wing and tail when it meets them;
     the rest is followed as a gust across the path is, late and averaged. Of diagnosis."""
-    gust_speed: float = 1.0
+    gust_speed: float = Field(default=1.0, ge=0, le=1)
     """How the angle of a gust across the path follows the airspeed from vane to wing: 1 as that of a velocity which
     stays the same, 0 not at all. Of diagnosis."""
-    tail_speed: float = 1.0
+    tail_speed: float = Field(default=1.0, ge=0, le=2)
     """How the tail's lift in gusts follows the speed of the air there in place of that at the CG: 2 with the square of
     it over the other, as a surface alone in that air would; 0 not at all. Of diagnosis."""
     gust_turning: float = 0.375

@@ -109,6 +109,14 @@ def message(tmp_path, load, text):
         ("CL_alpha = {", "Cm_alphadot = { value = -5.2 }\nCL_alpha = {", "[unsteady] describes the tail"),
         ("upwash_body = 0.070", "upwash_body = 7.0", "upwash_body"),
         ('time_constant = "0.08 s"', 'time_constant = "0 s"', "elevator.time_constant: input should be greater than 0"),
+        *(
+            (
+                "memory = true",
+                f"memory = true\n{share} = -0.5",
+                f"unsteady.{share}: input should be greater than or equal",
+            )
+            for share in ("turned_at_once", "gust_speed", "tail_speed", "convection")
+        ),
         ("[geometry]", "[geometry", "not valid TOML"),
         ('name = "twin_otter"', "name = 3", "name"),
     ],
