@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes on two cores
+os.environ.setdefault("JSBSIM_DEBUG", "0")  # whose banner would stand in the table
 sys.path.insert(0, str(Path(__file__).parents[1] / "diagnosis"))
 
 import blind
