@@ -43,7 +43,7 @@ NOTABLE_GUST: Final = 0.1
 """m/s of standard deviation from which turbulence is told: a calm real flight (PH-LAB) shows 0.02 to 0.06."""
 INERTIAL: Final = frozenset(("p", "q", "r", "phi", "theta", "psi", "v_north", "v_east", "v_down"))
 """Signals that are compared with each other without aerodynamics, and without the air."""
-OF_THE_DAY: Final = frozenset(("accelerometer.bias",))
+OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias"))
 """Zeros that these signals contradict, and that what is held out cannot confirm: its own zero is fitted to it."""
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
@@ -156,9 +156,14 @@ def _diagnosed(
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)
     progress("gain on what is held out")
-    whole = found
-    found, effects, gain, not_named = _proved(found, problem, kept, judged)
-    if found is not whole:
+    effects, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
+    not_named: tuple[Effect, ...] = ()
+    if not confirmed:
+        # What does not lower the error of data held out is no finding, but where instruments contradict each other.
+        every = effects
+        found, effects, gain = _confirmed(found, problem, kept, effects)
+        named = {e.term.id for e in effects}
+        not_named = tuple(e for e in every if e.term.id not in named)
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
@@ -245,38 +250,6 @@ def _measured(
     fitted = [problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted)]
     gain = _gain((problem.aircraft, fitted[0]), (_with(problem.aircraft, effects), fitted[1]), kept)
     return effects, gain, gain is not None and gain.low > 0
-
-
-def _proved(
-    found: Found, problem: Problem, kept: Sequence[Manoeuvre], judged: bool
-) -> tuple[Found, tuple[Effect, ...], Gain | None, tuple[Effect, ...]]:
-    """The outcome with what is named, the gain of that, and what is not named though the fitted manoeuvres ask for it:
-    what does not lower the error of data held out is no finding, but where instruments contradict each other."""
-    every, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
-    effects, left = every, _needed(found, problem, kept) if confirmed else found
-    if left is not found:
-        effects, gain, confirmed = _measured(left, problem, kept)
-    if not confirmed:
-        left, effects, gain = _confirmed(left, problem, kept, effects)
-    named = {e.term.id for e in effects}
-    return left, effects, gain, tuple(e for e in every if e.term.id not in named)
-
-
-def _needed(found: Found, problem: Problem, kept: Sequence[Manoeuvre]) -> Found:
-    """Of several effects, without those, one after the other, whose absence does not raise the error of what is held
-    out; but for what instruments say of each other."""
-    while len(found.accepted.state.values) > 1:
-        whole = problem.aircraft_at(found.accepted.state.values, found.accepted.state.a)
-        sure = {e.term.id for e in _effects(found, problem) if _contradicts(e)}
-        low = {}
-        for name in [i for i in found.accepted.state.values if i not in sure]:
-            fewer = _less(found, problem, [name]).accepted
-            gain = judge.gain(problem.aircraft_at(fewer.state.values, fewer.state.a), whole, kept)
-            low[name] = gain.low if gain else 1.0
-        if min(low.values(), default=1.0) > 0:
-            break
-        found = _less(found, problem, [min(low, key=lambda name: low[name])])
-    return found
 
 
 def _confirmed(

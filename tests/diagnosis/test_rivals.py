@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 from blind import Case, aircraft, diagnosed, prepared, score
 
-from station.diagnosis import judge, procedure, search
+from station.diagnosis import search
 from station.diagnosis.candidate import Estimate, State
-from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.effects import judged_effects
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.screening import own_first, substitutes
@@ -73,34 +71,3 @@ def test_what_may_be_instead_of_one_of_two_is_told() -> None:
     d = diagnosed(case)
     assert score(case, d) in ("exact", "group")
     assert {e.term.id: e.alternatives for e in d.effects}["cg.shift"] == ()
-
-
-def test_of_several_each_has_to_lower_the_error_of_what_is_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two of three do nothing there, one of these only once the other is gone; one alone needs nobody beside it."""
-
-    def found(*ids: str) -> Any:
-        return SimpleNamespace(accepted=at(0.0, *ids))
-
-    def gain(before: set[str], after: set[str], _: object) -> Gain:
-        (missing,) = after - before
-        low = {"q.scale": 0.05, "boom.flexure": -0.02, "alpha_vane.scale": 0.01 if len(after) > 2 else -0.01}[missing]
-        return Gain(1.0, 0.9, 0.1, low, 0.2)
-
-    def less(whole: Any, _: object, names: list[str]) -> Any:
-        return found(*(i for i in whole.accepted.state.ids if i not in names))
-
-    problem = cast("Any", SimpleNamespace(aircraft_at=lambda values, _: set(values)))
-    monkeypatch.setattr(judge, "gain", gain)
-    monkeypatch.setattr(procedure, "_less", less)
-    monkeypatch.setattr(procedure, "_effects", lambda *_: ())
-    left = procedure._needed(found("q.scale", "boom.flexure", "alpha_vane.scale"), problem, [])
-    assert left.accepted.state.ids == ("q.scale",)
-    alone = found("boom.flexure")
-    assert procedure._needed(alone, problem, []) is alone
-
-
-@pytest.mark.slow
-def test_where_the_model_s_structure_is_wrong_no_instrument_is_named_beside_it() -> None:
-    """Beside flow that leaves the wing a potentiometer was, by 0.06 +- 0.02."""
-    jsbsim = pytest.importorskip("jsbsim_flights")
-    assert jsbsim.named(jsbsim.diagnosed(Case(seed=1002, sigma=1.524))) == {}
