@@ -46,7 +46,7 @@ def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
         ("r.scale", -0.03, 13128969062, 8, 2),
         ("ay.position", 0.132, 177161, 17, 1),
         pytest.param("beta_vane.delay", 0.052, 177001, 1, 1, marks=pytest.mark.slow),
-        ("ay.scale", 0.036, 177132, 15, 2),
+        pytest.param("ay.scale", 0.036, 177132, 15, 2, marks=pytest.mark.slow),
     ],
 )
 def test_what_gusts_hide_is_named_or_a_rival(name, value, seed, number, air):
