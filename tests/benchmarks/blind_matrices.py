@@ -89,22 +89,16 @@ def rows() -> Iterator[Row]:
     yield Row("JSBSim's DHC-6: one, three times", matrices.jsbsim_singles(3.0), NAMED, 0.85, **own)
 
 
-_ROWS: dict[str, Row] = {}
-
-
-def scored(name: str, i: int) -> tuple[str, list[bool]]:
+def scored(row: Row, i: int) -> tuple[str, list[bool]]:
     """Score of one case, and whether the intervals of what is named rightly hold it."""
-    if not _ROWS:
-        _ROWS.update((row.name, row) for row in rows())
-    row = _ROWS[name]
-    d = row.diagnosed(row.cases[i])
-    found = row.score(row.cases[i], d)
+    case = row.cases[i]
+    d = row.diagnosed(case)
+    found = row.score(case, d)
     of_axis = d.lateral if row.score is lateral_blind.score and d.lateral else d
-    held = [inside for _, inside, _ in blind.covered(row.cases[i], of_axis)]
+    held = [inside for _, inside, _ in blind.covered(case, of_axis)]
     told = [(e.term.id, round(e.value, 5), round(e.sd, 5), e.alternatives) for e in of_axis.effects]
     if found not in (*row.of, "clean") or not all(held) or row.most:
-        case = row.cases[i]
-        shown = f"{name}: seed {case.seed}, {case.sigma:.3g}, {dict(case.effects)}: {found} {told}"
+        shown = f"{row.name}: seed {case.seed}, {case.sigma:.3g}, {dict(case.effects)}: {found} {told}"
         print(shown, file=sys.stderr, flush=True)
     return found, held
 
@@ -117,12 +111,11 @@ def main() -> None:
     parser.add_argument("--share", type=float, default=1.0)
     given = parser.parse_args()
     matrices.SEED = 1000 * given.seed
-    _ROWS.update((row.name, row) for row in rows())
-    told = [row for row in _ROWS.values() if given.only in row.name]
+    told = [row for row in rows() if given.only in row.name]
     print("| hidden | flights | as asked | asked | intervals that hold | scores |\n|---|---|---|---|---|---|")
     with ProcessPoolExecutor(given.workers) as pool:
         jobs = {
-            row.name: [pool.submit(scored, row.name, i) for i in range(max(1, round(given.share * len(row.cases))))]
+            row.name: [pool.submit(scored, row, i) for i in range(max(1, round(given.share * len(row.cases))))]
             for row in told
         }
         for row in told:

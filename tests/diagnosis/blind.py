@@ -329,8 +329,10 @@ def planted(name: str, times: float, sigma: float, sign: int) -> float:
 def reached(name: str, times: float, sigma: float) -> bool:
     """Whether so many times its detectable size is physical, whichever its sign."""
     most = max(abs(planted(name, times, sigma, sign)) for sign in (-1, 1))
-    lag = -1 / (1 + times * size(name, sigma)) + 1 if name == "alpha_vane.dynamics" else times * size(name, sigma)
-    return math.isfinite(size(name, sigma)) and most > 0.8 * lag
+    asked = times * size(name, sigma)
+    if name == "alpha_vane.dynamics":  # as planted: its lag goes with the reciprocal of its frequency
+        asked = 1 - 1 / (1 + asked)
+    return math.isfinite(asked) and most > 0.8 * asked
 
 
 def draw(seed: int, count: int, times: float, sigma: float, among: Sequence[str] | None = None) -> dict[str, float]:
