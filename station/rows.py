@@ -202,7 +202,8 @@ class AlphaEstimate(Row, frozen=True, gc=False):
     """Angle of attack at the CG and how it came about; rad, m/s.
 
     `instrument`, `zero`, `upwash`, `rate`, `lag` and `gust` are the corrections added in turn to `vane`, which is as
-    measured; their sum with it is `alpha`. `instrument` is what the profile's errors of the vane come to; `lag` is what
+    measured; their sum with it is `alpha`, of standard error `alpha_sd`: a zero that no calibration flight has told is
+    not in it. `instrument` is what the profile's errors of the vane come to; `lag` is what
     the vane's dynamics and the wing's memory add; `gust` is what the gust's later arrival at the CG adds. A valid
     estimate with a `why` is degraded: it says what is lacking.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -53,4 +54,16 @@ def about_air(rig: Rig, aircraft: Aircraft) -> list[str]:
     return [
         f"rig {rig.name}: neither dynamic_pressure, static_pressure with air_temperature, nor altitude: no\n"
         "derivatives with no air density; give one of them, or air_density in the aircraft's profile"
+    ]
+
+
+def about_vane(aircraft: Aircraft) -> list[str]:
+    """What the error of the angle of attack leaves out: a vane's zero that no calibration flight has told."""
+    boom = aircraft.boom
+    if boom is None or (aircraft.calibrated is not None and aircraft.calibrated.vane_zero_sd is not None):
+        return []
+    rigged = boom.steady_calibration * aircraft.uncertainty.vane_zero
+    return [
+        f"vane zero {math.degrees(boom.zero):.2f} deg by the profile, not by a calibration flight: beside the error\n"
+        f"shown the angle of attack may be {math.degrees(rigged):.2f} deg off (1 sd); station calibrate tells it"
     ]

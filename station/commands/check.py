@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from station.clock import SystemClock
-from station.commands.cards import about_air, load
+from station.commands.cards import about_air, about_vane, load
 from station.commands.common import CardName, FlownAircraft, finite
 from station.commands.process import stop_on_signals
 from station.commands.run import emulated_flight, surface_tap
@@ -34,7 +34,7 @@ def check(
 
     profiles = load(card, aircraft)
     check_devices(profiles.rig, profiles.rig_file)
-    for words in about_air(profiles.rig, profiles.aircraft):
+    for words in (*about_air(profiles.rig, profiles.aircraft), *about_vane(profiles.aircraft)):
         say(words)
     clock, bus, stop = SystemClock(), Bus(), threading.Event()
     board = Board(profiles, clock)

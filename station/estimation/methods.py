@@ -23,9 +23,12 @@ from station.estimation.method_table import LIVE, LIVE_LATERAL, MEASURED, METHOD
 from station.estimation.physical_method import Physical
 from station.estimation.published.cross_spectra import VaneSpectra
 from station.numerics.default_noise import DEFAULT_NOISE
+from station.numerics.gusts_at_vane import Shown
 from station.numerics.named_state import blank
-from station.numerics.turbulence import BOUND, TURBULENCE_LENGTH, Turbulence, gust_sigma
+from station.numerics.second_order import vane_lag
+from station.numerics.turbulence import BOUND, Sharp, Turbulence, gust_sigma
 from station.profile import Aircraft, Card
+from station.profile.aircraft import NO_BOOM
 from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Quality, UsageError
 
 GAP_TICKS: Final = round(BRIDGED_S * TICK_HZ)
@@ -42,8 +45,6 @@ WARMED: Final = tuple(dict.fromkeys((*cond.INPUTS, *lateral.MEASURED)))
 WARM_CARD: Final = {"warm_up": 0.0, "low": 0.5, "high": 5.5, "step": 1.0}
 WARM_TICKS: Final = 300
 """Of the flight that compiles: on the grid of WARM_CARD, Hz, every method closes a segment of its transforms in it."""
-GUST_LEFT: Final = 0.4
-"""What the split leaves in the angle of attack, as a share of the gusts' incidence at 2-7 Hz (simulated flights)."""
 LATE_S: Final = 0.025
 """A vane that shows gusts later than this after the CG has met them is told of."""
 FRESH_TICKS: Final = 3
@@ -90,7 +91,6 @@ class Estimator:
         # White noise of fewer samples is as strong in every line as more noise of all of them.
         coarse = math.sqrt(max(TICK_HZ / recorded_hz, 1.0))
         self._noise = {name: coarse * sd for name, sd in {**DEFAULT_NOISE, **given}.items()}
-        self._sees_gusts = recorded_hz > SEEN_HZ
         self._methods = methods
         self._force = force
         names = self._names = LONGITUDINAL if axes == "wind" else LONGITUDINAL_BODY
@@ -101,7 +101,17 @@ class Estimator:
         self.filters = blank(tick.State)
         """What the filters know."""
         tick.restart(self.filters)
-        self._turbulence = Turbulence(dt, self._noise["alpha_vane"])
+        boom = aircraft.boom or NO_BOOM
+        self._boom, self._known = boom, aircraft.uncertainty
+        self._zero_sd = (aircraft.calibrated and aircraft.calibrated.vane_zero_sd) or 0.0
+        ticks = max(round(TICK_HZ / recorded_hz), 1)
+        self._shown = Shown(boom.vane_frequency, boom.vane_damping, 1 / recorded_hz if recorded_hz < TICK_HZ else 0.0)
+        sharp = Sharp(ticks, self._shown.sharpness(ticks * dt), self._shown.white)
+        self._vane_noise = self._noise["alpha_vane"] / coarse
+        sees = recorded_hz > SEEN_HZ
+        noise_there = self._noise["alpha_vane"] if sees else self._vane_noise
+        self._turbulence = Turbulence(dt, noise_there, sharp=sharp, sees_band=sees)
+        self._vane_lag = vane_lag(boom.vane_frequency, boom.vane_damping)
         self._sides = Sides(aircraft, place, dt, axes == "body")
         simple = tuple(name for name in methods if name != "physical")
         self._derivatives = Derivatives(aircraft, card, self._noise, simple, names, dt, forgetting_s, spectra)
@@ -113,11 +123,7 @@ class Estimator:
             if card.asks_lateral and set(LIVE_LATERAL) & set(methods)
             else None
         )
-        boom = aircraft.boom
-        self._zero = boom.zero if boom else 0.0
-        self._scale = boom.steady_calibration if boom else 1.0
-        self._upwash = 1.0 + boom.upwash_body if boom else 1.0
-        self._arm = boom.vane_x if boom else 0.0
+        self._zero, self._scale, self._arm = boom.zero, boom.steady_calibration, boom.vane_x
         self._body = (aircraft.air_density if aircraft.air_density is not None else math.nan, aircraft.inertia.mass)
         self._before = np.zeros(len(cond.INPUTS))
         self._of_vane, self._of_motion = self.filters["vane"]["seen"], self.filters["inertial"]["flow"]
@@ -270,9 +276,7 @@ class Estimator:
         seen = self._seen = Seen(*self._of_vane.item())
         self._flow = Flow(*self._of_motion.item())
         speed = float(u[cond.AIRSPEED])
-        if not self._sees_gusts:
-            pass  # the turbulence stays unknown
-        elif math.isfinite(seen.boom_gust):
+        if math.isfinite(seen.boom_gust):
             self._turbulence.step(seen.boom_gust, speed, True)
         elif self._ticks > WAIT_TICKS:
             self._turbulence.step(seen.steady, speed, False)
@@ -313,14 +317,15 @@ class Estimator:
         gust = BOUND * gust_sigma(self._turbulence.level, speed, noise, self._dt) / max(speed, 1.0)
         return UNEXPLAINED**2 + noise**2 + gust**2
 
-    def _unseen(self, late_s: float, speed: float) -> float:
-        """Standard deviation, rad, of what a gust changes by while the vane has not seen it: of MIL-F-8785C's vertical
-        gusts, whose variance grows by 3 V t/L of the whole in a short time t."""
-        level = self._turbulence.level
-        if not (late_s > 0.0 and math.isfinite(level)):
+    def _gust_error(self, late_s: float, speed: float) -> float:
+        """Standard deviation, rad, of what the vane's dynamics, and doubt of them and of when a gust arrives, leave in
+        its angle, moved by its lag and `late_s` late."""
+        known, gust = self._known, self._turbulence.gust
+        if not math.isfinite(gust):
             return 0.0
-        gust = gust_sigma(level, speed, self._noise["alpha_vane"], self._dt) / max(speed, 1.0)
-        return gust * math.sqrt(3.0 * late_s * speed / TURBULENCE_LENGTH)
+        late_sd = math.hypot(known.vane_x, known.vane_delay)
+        dynamics_sd = known.vane_frequency, known.vane_damping
+        return self._shown.left(round(late_s, 3), late_sd, dynamics_sd) * gust / max(speed, 1.0)
 
     def _late(self, late_s: float) -> str:
         """A word on a vane that shows gusts much later than they are at the CG."""
@@ -339,26 +344,20 @@ class Estimator:
         upwash = (self._scale - 1.0) * (vane - self._zero)
         rate = seen.rate
         steady = vane + zero + upwash + rate
-        noise = self._noise
-        by_rate = self._arm * noise["q"] / speed
-        band = (level if level == level else 0.0) / speed
+        noise, shown = self._noise, self._turbulence.noise_shown / max(speed, 1.0)
+        # Of what the vane shows but for its rate, and the zero as a calibration flight found it.
+        parts = [self._known.vane_scale * (steady - rate), self._scale * self._zero_sd, self._arm * noise["q"] / speed]
         if seen.is_ready:
             fast, gust = seen.fast, seen.gust
             alpha, lag, arrival = seen.split, fast - steady, seen.split - fast
-            inertial = flow.alpha
-            # Streams smoothed over half a second; 5 % of the gust, and what its way from boom to CG leaves of the band.
-            parts = [
-                noise["alpha_vane"] / self._upwash,
-                0.2 * noise["theta"],
-                0.2 * noise["v_down"] / speed,
-                math.hypot(0.05 * gust, GUST_LEFT * band),
-                self._unseen(seen.behind, speed),
-            ]
+            inertial, late = flow.alpha, seen.behind
+            # Streams smoothed over half a second.
+            parts += [0.2 * noise["theta"], 0.2 * noise["v_down"] / speed]
+            stated = self._vane_noise / (1.0 + self._boom.upwash_body)
         else:
             alpha, lag, arrival, inertial, gust = steady, 0.0, 0.0, math.nan, math.nan
-            # Twice the band's gust for what the delays make of it.
-            parts = [noise["alpha_vane"] * self._scale, by_rate, 2.0 * band]
-        parts.append(0.01 * steady)
+            late, stated = self._vane_lag - self._boom.gust_x / max(speed, 1.0), self._scale * self._vane_noise
+        parts += [max(stated, shown) if shown == shown else stated, self._gust_error(late, speed)]
         return AlphaEstimate(
             t_ns=t_ns,
             alpha=alpha,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -79,10 +79,11 @@ def gust_sigma(level: float, speed: float, noise: float, dt: float) -> float:
 
 
 @njit(cache=True)
-def step(sos: Array, z: Array, ring: Array, state: Array, gust: float) -> float:
-    """One tick of the vertical gust at the vane, m/s -> its running standard deviation in the band, m/s.
+def step(sos: Array, z: Array, squares: Array, sums: Array, past: Array, gust: float) -> None:
+    """One tick of the vertical gust at the vane, m/s: the sums of `squares` in the band, and of its second difference
+    over half of `past`.
 
-    Edits `z` (sections, 2), `ring` (window,) of squares, `state` (count, sum).
+    Edits `z` (sections, 2), `squares` (2, window), `sums` (3,) with the count first, and `past` (2 n,) of gusts.
     """
     x = gust
     for k in range(sos.shape[0]):
@@ -90,46 +91,89 @@ def step(sos: Array, z: Array, ring: Array, state: Array, gust: float) -> float:
         z[k, 0] = sos[k, 1] * x - sos[k, 4] * y + z[k, 1]
         z[k, 1] = sos[k, 2] * x - sos[k, 5] * y
         x = y
-    at = int(state[0]) % ring.shape[0]
-    state[1] += x * x - ring[at]
-    ring[at] = x * x
-    state[0] += 1.0
-    return math.sqrt(max(state[1], 0.0) / min(state[0], ring.shape[0]))
+    count = int(sums[0])
+    n = past.shape[0] // 2
+    old = count % (2 * n)
+    second = gust - 2.0 * past[(count + n) % (2 * n)] + past[old] if count >= 2 * n else 0.0
+    past[old] = gust
+    at = count % squares.shape[1]
+    for i, new in enumerate((x * x, second * second)):
+        sums[1 + i] += new - squares[i, at]
+        squares[i, at] = new
+    sums[0] += 1.0
+
+
+class Sharp(NamedTuple):
+    """What second differences over so many ticks show, over variances in the ticks: of gusts (those in the band) and of
+    white noise."""
+
+    ticks_apart: int
+    gusts: float
+    white: float
+
+
+FRESH: Final = Sharp(1, 0.0, 6.0)
+"""Of ticks that have a measurement each, gusts left out."""
 
 
 class Turbulence:
-    """Running level and class. `noise`: the vane's, rad; what it adds is not called turbulence."""
+    """Running level and class, and what of it is noise. What a vane's `noise` (rad) adds is not called turbulence.
 
-    def __init__(self, dt: float, noise: float, thresholds: Thresholds | None = None) -> None:
+    `level`, `gust` and `noise_shown` in m/s, NaN before the filter has settled: standard deviations in the band of all
+    that is there, of gusts alone, and of the noise of each tick, told by what is sharper than gusts are.
+    """
+
+    def __init__(
+        self,
+        dt: float,
+        noise: float,
+        thresholds: Thresholds | None = None,
+        sharp: Sharp = FRESH,
+        sees_band: bool = True,
+    ) -> None:
+        """Without `sees_band`, of a record too slow for it, level and class stay unknown, and of what is sharper than
+        the noise that is stated all is gusts."""
         self._sos = butter(4, [LOW_HZ, HIGH_HZ], "bandpass", fs=1.0 / dt, output="sos")
         self._z = np.zeros((len(self._sos), 2))
-        self._ring = np.zeros(round(WINDOW_S / dt))
-        self._state = np.zeros(2)
+        self._squares = np.zeros((2, round(WINDOW_S / dt)))
+        self._sums = np.zeros(3)
+        self._past = np.zeros(2 * sharp.ticks_apart)
         self._settled = round(SETTLED_S / dt)
         self._thresholds = thresholds or Thresholds()
-        self._noise, self._dt = noise, dt
+        self._noise, self._dt, self._sharp, self._sees_band = noise, dt, sharp, sees_band
         self._is_gust, self._start = True, 0.0
-        self.level = math.nan
+        self.level = self.gust = self.noise_shown = math.nan
         self.name = "unknown"
 
     def restart(self) -> None:
         """Let the filter settle anew."""
-        self._z[:] = 0.0
-        self._ring[:] = 0.0
-        self._state[:] = 0.0
-        self.level, self.name = math.nan, "unknown"
+        for of in (self._z, self._squares, self._sums, self._past):
+            of[:] = 0.0
+        self.level = self.gust = self.noise_shown = math.nan
+        self.name = "unknown"
 
     def step(self, angle: float, speed: float, is_gust: bool = True) -> None:
         """One tick: the gust's incidence at the vane, rad, and the true airspeed, m/s.
 
         Without inertial data all of the vane's angle has to do, `is_gust` false; a change of kind starts anew.
         """
-        if self._state[0] > 0 and is_gust != self._is_gust:
+        if self._sums[0] > 0 and is_gust != self._is_gust:
             self.restart()
-        if self._state[0] == 0:
+        if self._sums[0] == 0:
             self._is_gust, self._start = is_gust, angle
-        level = step(self._sos, self._z, self._ring, self._state, (angle - self._start) * speed)
-        if self._state[0] < self._settled:
+        step(self._sos, self._z, self._squares, self._sums, self._past, (angle - self._start) * speed)
+        count, *sums = self._sums.tolist()
+        if count < self._settled:
             return
-        self.level = level
-        self.name = classified(level, speed, self._noise, self._dt, self._thresholds)
+        band, second = (max(x, 0.0) / min(count, self._squares.shape[1]) for x in sums)
+        _, sharp, white = self._sharp
+        if not self._sees_band:
+            self.gust = math.sqrt(max(second - white * (self._noise * speed) ** 2, 0.0) / sharp)
+            return
+        self.level = math.sqrt(band)
+        self.name = classified(self.level, speed, self._noise, self._dt, self._thresholds)
+        # Gusts and white noise, each by its share of both.
+        share = NOISE_SHARE * self._dt / white
+        gust = max((band - share * second) / (1.0 - share * sharp), 0.0)
+        self.gust = math.sqrt(gust)
+        self.noise_shown = math.sqrt(max(second - sharp * gust, 0.0) / white)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from identification.glider import AIRCRAFT, DT, TRUTH, flight, record
 
-from station.commands.cards import about_air
+from station.commands.cards import about_air, about_vane
 from station.identification.analysis import identify
 from station.identification.identification_json import as_json
 from station.identification.request import Request
 from station.log import Table
 from station.profile import Aircraft, Card, Doublet, Flight, load_aircraft, load_rig
+from station.profile.told_by_flight import Calibrated
 from station.rows import UsageError
 from station.simulation.sortie import fly
 
@@ -177,6 +178,16 @@ def test_a_rig_without_air_density_is_remarked_on() -> None:
     boom = bench.model_copy(update={"devices": bench.devices[:1]})
     assert "with no air density" in about_air(boom, aircraft)[0]
     assert about_air(boom, aircraft.model_copy(update={"air_density": 1.1})) == []
+
+
+def test_a_vane_zero_that_no_calibration_flight_has_told_is_remarked_on() -> None:
+    aircraft = load_aircraft("twin_otter")
+    (words,) = about_vane(aircraft)
+    assert "0.13 deg off" in words  # 0.15 deg by a protractor, 1/1.177 of the flow's angle
+    of = {"date": "unknown", "recordings": ["a"], "lowest_speed": "50 m/s", "highest_speed": "70 m/s"}
+    told = Calibrated.model_validate({**of, "vane_zero_sd": "0.1 deg"})
+    assert about_vane(aircraft.model_copy(update={"calibrated": told})) == []
+    assert about_vane(aircraft.model_copy(update={"boom": None})) == []
 
 
 def test_the_level_of_turbulence_is_one_of_four_or_null() -> None:
