@@ -31,9 +31,9 @@ from station.diagnosis.residuals import VANE
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import (
     ASKED,
-    SIGNIFICANT,
     WHOLE,
     Found,
+    is_told,
     rivals_of_constant,
     search,
 )
@@ -271,16 +271,11 @@ def _confirmed(
             rest = _less(found, problem, idle)
             named, gain, confirmed = _measured(rest, problem, kept)
             sound = rest.reduction > ASKED * len(rest.accepted.state.values)
-            if confirmed and sound and all(_told(e) for e in named):
+            if confirmed and sound and all(is_told(e.term, e.value, e.sd) for e in named):
                 return rest, named, gain
     found = _less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
     named, gain, _ = _measured(found, problem, kept, _contradicts)
     return found, named, gain
-
-
-def _told(e: Effect) -> bool:
-    """Whether it is significant, and of a size that is physical."""
-    return abs(e.value - e.term.null) > SIGNIFICANT * e.sd and not e.term.at_end(e.value)
 
 
 def _contradicts(e: Effect) -> bool:

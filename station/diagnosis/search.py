@@ -284,6 +284,13 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
     return found
 
 
+def is_told(term: Term, value: float, sd: float) -> bool:
+    """Whether an effect's own error says what its deviance does, which is asked of it too: where noise that passes
+    through the constants widens the error, the deviance has none of that. And whether it is of a size that is
+    physical."""
+    return (value - term.null) ** 2 > ASKED * sd**2 and not term.at_end(value)
+
+
 def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
     """With all slopes made anew; without the effects that are not needed, or not significant, then."""
     while accepted.state.values:
@@ -301,7 +308,7 @@ def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Ca
         for value, (name, error) in zip(
             whole.state.values.values(), zip(whole.state.ids, sd, strict=False), strict=True
         ):
-            if abs(value - BY_ID[name].null) < SIGNIFICANT * error or BY_ID[name].at_end(value):
+            if not is_told(BY_ID[name], value, error):
                 weakest, least = name, 0.0
         if least > ASKED:
             return whole

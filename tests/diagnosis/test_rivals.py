@@ -71,3 +71,19 @@ def test_what_may_be_instead_of_one_of_two_is_told() -> None:
     d = diagnosed(case)
     assert score(case, d) in ("exact", "group")
     assert {e.term.id: e.alternatives for e in d.effects}["cg.shift"] == ()
+
+
+def test_an_effect_s_own_error_has_to_say_what_its_deviance_does() -> None:
+    """A CG found at 2.3 standard deviations gained 20 in deviance beside a late gyro, and was named with it."""
+    case = Case(seed=104300, sigma=0.9144, fit_on=("3-2-1-1", "multisine"), effects={"q.delay": -0.0062})
+    d = diagnosed(case)
+    assert score(case, d) == "exact"
+    assert all((e.value - e.term.null) ** 2 > search.ASKED * e.sd**2 for e in d.effects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "sigma"), [(1002, 1.524), (1004, 0.9144), (1005, 1.524)])
+def test_where_the_model_s_structure_is_wrong_no_instrument_is_named_beside_it(seed: int, sigma: float) -> None:
+    """Beside lift that bends, a potentiometer was, by 0.06 +- 0.02, or a vane's scale, by 0.08 +- 0.02."""
+    jsbsim = pytest.importorskip("jsbsim_flights")
+    assert jsbsim.named(jsbsim.diagnosed(Case(seed=seed, sigma=sigma))) == {}
