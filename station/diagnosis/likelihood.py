@@ -46,6 +46,8 @@ SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
 well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
 LEAST_KNOWN: Final = 0.5
+TOLD: Final = 2.0
+"""Prior standard deviations: constants that far off without effects are no noise, and may be what an effect is."""
 UNSEEN: Final = 1e-9
 """Information of an effect that shows nowhere, per its unit squared: that the equations can be solved."""
 
@@ -67,7 +69,9 @@ class Problem:
         candidates alike; until then each itself. Were it always each one's own, what this does to the variance would
         outweigh what an effect explains."""
         self._common: Array | None = None
-        """Free parameters and drifts of every candidate's `volume`, for the same reason: those without effects."""
+        """Free parameters and drifts of every candidate's `volume`, for the same reason: those without effects, but for
+        those that are far off there, of which each candidate has its own: with an effect's place taken by them, they
+        would count beside it."""
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
@@ -130,7 +134,7 @@ class Problem:
         score that the parameters are at is Q's, and where they are hardly known the volume would move them by tens."""
         levels, made = s.levels, s.responses
         if self._common is not None:
-            craft = self.aircraft_at(s.values, self._common)
+            craft = self.aircraft_at(s.values, np.where(np.abs(self._common) > TOLD, s.a, self._common))
             made = tuple(m.responses(craft, flown=self.answering) for m in self.manoeuvres)
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())

@@ -285,10 +285,9 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
 
 
 def is_told(term: Term, value: float, sd: float) -> bool:
-    """Whether an effect's own error says what its deviance does, which is asked of it too: where noise that passes
-    through the constants widens the error, the deviance has none of that. And whether it is of a size that is
-    physical."""
-    return (value - term.null) ** 2 > ASKED * sd**2 and not term.at_end(value)
+    """Whether an effect is clearly off by its own error too, which knows how its constants may move where the deviance
+    knows how well the variances suit; and of a size that is physical."""
+    return abs(value - term.null) > BEYOND * sd and not term.at_end(value)
 
 
 def _settled(problem: Problem, refits: _Refits, accepted: Estimate, progress: Callable[[str], None]) -> Estimate:
@@ -363,5 +362,6 @@ def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...
 
 
 def _strained(e: Estimate) -> bool:
-    """Whether its constants are farther from the profile's, all together, than its doubt lets expect."""
-    return bool(e.state.a @ e.state.a > len(e.state.a))
+    """Whether its constants, or one of them, are farther from the profile's than its doubt lets expect."""
+    a = e.state.a
+    return bool(a @ a > len(a) or np.abs(a).max() > BEYOND)
