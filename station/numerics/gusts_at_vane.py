@@ -83,6 +83,6 @@ class Shown:
 def _splined(theta: Array) -> Array:
     """Energy of the cubic spline through samples of a wave that turns by `theta` from one to the next, over the wave's,
     on average over a spacing: the sampled autocorrelation of the cubic B-spline over the square of its samples (Unser
-    1999, IEEE Signal Processing Magazine 16(6), equations 4 and 14)."""
+    1999, IEEE Signal Processing Magazine 16(6))."""
     waves = 2416.0 + 2382.0 * np.cos(theta) + 240.0 * np.cos(2 * theta) + 2.0 * np.cos(3 * theta)
     return np.asarray(waves / 5040.0 * 9.0 / (2.0 + np.cos(theta)) ** 2)
