@@ -257,6 +257,7 @@ def test_over_tcp_an_autopilot_flies_goes_and_comes_back() -> None:
         other.close()
         first.hang_up()
         until(lambda: any("fading to trim" in words for words in events(said, "STALE")))
+        until(lambda: any(s.get("event") == "DISCONNECT" for s in said))  # told by another thread
         assert sum(s.get("event") == "DISCONNECT" for s in said) == 1
         flies_on = len(heard)
         until(lambda: len(heard) > flies_on + 100)
