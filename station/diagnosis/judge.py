@@ -18,8 +18,9 @@ from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
-from station.diagnosis.search import ASKED, SIGNIFICANT, Found
+from station.diagnosis.search import ASKED, Found
 from station.diagnosis.variances import INDEPENDENT, Levels
+from station.numerics.random_effects import NORMAL_95
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -156,7 +157,7 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
         (m.record.name, _size([w_one]), _size([w_other]))
         for m, w_one, w_other in zip(held_out, one, other, strict=True)
     )
-    half = SIGNIFICANT * sd
+    half = NORMAL_95 * sd
     return Gain(_size(one), _size(other), reduction, reduction - half, reduction + half, by_record)
 
 

@@ -54,7 +54,6 @@ WHOLE: Final = 4
 """Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
 HOPEFUL: Final = 0.5
 """Share of the deviance asked of a second effect that a pair's linear model must reach to be refitted."""
-SIGNIFICANT: Final = 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,8 +284,8 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
 
 
 def is_told(term: Term, value: float, sd: float) -> bool:
-    """Whether an effect is clearly off by its own error too, which knows how its constants may move where the deviance
-    knows how well the variances suit; and of a size that is physical."""
+    """Whether an effect is clearly off by its own standard error too, for the deviance counts what the variances gain
+    as well; and of a size that is physical."""
     return abs(value - term.null) > BEYOND * sd and not term.at_end(value)
 
 
