@@ -21,6 +21,7 @@ from station.conventions import G0, to_si
 from station.diagnosis.measured_record import Record
 from station.diagnosis.oscillation import LEAST_SHOWN, apart, oscillation
 from station.diagnosis.vane_gust import as_the_gust, inertial_angle, inputs_of, undone
+from station.numerics.secant_fit import secant_fit
 from station.profile import Aircraft
 from station.rows import ProfileError
 from station.simulation.measured_inputs import MeasuredFlight, Start
@@ -41,11 +42,6 @@ _SPREADS: Final = {
     "cl_0": 0.3, "cm_0": 0.1, "cd_0": 0.05,
 }  # fmt: skip
 """Prior standard deviations of what is fitted, SI: they decide only what a manoeuvre does not show."""
-_STEP: Final = 0.01
-"""Over what share of them slopes are taken."""
-_ROUNDS: Final = 6
-_DONE: Final = 0.01
-"""Share of the sum of squares by which a round must lower it."""
 _BEGIN_S: Final = 0.2
 """Of a record, whose mean is where its simulation begins."""
 _ALONE: Final = to_si(0.5, "deg")
@@ -98,7 +94,7 @@ def flown_beside(record: Record, aircraft: Aircraft) -> Flown:
     """One manoeuvre beside one aircraft, and what the short period's tolerances say. Raises ProfileError for one
     that cannot be flown."""
     t, measured = _measured(record)
-    shown = simulated(record, _loaded(aircraft, record, *_loading(record, aircraft))).shown
+    shown, _ = simulated(record, _loaded(aircraft, record, *_loading(record, aircraft)))
     return Flown(record.name, t, measured, shown, shown, (_short_period(t, measured, shown, shown),))
 
 
@@ -116,11 +112,10 @@ def _flown(record: Record, before: Aircraft, after: Aircraft) -> Flown:
     t, measured = _measured(record)
     mass, iyy = _loading(record, before)
     try:
-        first = simulated(record, _loaded(before, record, mass, iyy))
-        second = simulated(record, _loaded(after, record, mass, iyy), first)
+        other, slopes = simulated(record, _loaded(after, record, mass, iyy))  # whose trim is near
+        one, _ = simulated(record, _loaded(before, record, mass, iyy), slopes)
     except ProfileError as error:
         return Flown(record.name, t, measured, {}, {}, (), str(error).splitlines()[0])
-    one, other = first.shown, second.shown
     elevator, speed = record.signals["elevator"], float(record.signals["airspeed"].mean())
     entries = [_short_period(t, measured, one, other), *_phugoid(t, elevator, speed, (measured, one, other))]
     return Flown(record.name, t, measured, one, other, tuple(entries))
@@ -136,18 +131,10 @@ def _loaded(aircraft: Aircraft, record: Record, mass: float, iyy: float) -> Airc
     return aircraft.model_copy(update={"air_density": record.density, "inertia": inertia, "unsteady": lag})
 
 
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """A manoeuvre as simulated, what of _SPREADS was moved, and what moving it does to the differences."""
-
-    shown: Mapping[str, Array]
-    moved: Array
-    slopes: Array
-
-
-def simulated(record: Record, aircraft: Aircraft, like: _Fitted | None = None) -> _Fitted:
-    """COMPARED as the aircraft's instruments would have shown them, trim and initial state fitted; `like`: begun as
-    another aircraft's were. Raises ProfileError for an aircraft that cannot be flown."""
+def simulated(record: Record, aircraft: Aircraft, slopes: Array | None = None) -> tuple[Mapping[str, Array], Array]:
+    """COMPARED as the aircraft's instruments would have shown them, trim and initial state fitted, and what moving
+    these does to the differences; `slopes`: the same of an aircraft like it. Raises ProfileError for one that cannot be
+    flown."""
     flight = MeasuredFlight(aircraft, inputs_of(record, aircraft), record.height, record.imu)
     x = {name: undone(v, aircraft.instruments.get(name), record.dt) for name, v in record.signals.items()}
     first = slice(0, max(2, round(_BEGIN_S / record.dt)))
@@ -161,33 +148,13 @@ def simulated(record: Record, aircraft: Aircraft, like: _Fitted | None = None) -
         shown = flight.fly(Start(**made))
         return {name: shown[name] for name in COMPARED}
 
-    def differences(shown: Mapping[str, Array]) -> Array:
+    def differences(moved: Array) -> Array:
+        shown = fly(moved)
         parts = [(shown[n] - record.signals[n])[::every] / s for n, s in _SCALES.items()]
         return np.nan_to_num(np.concatenate(parts), nan=_LOST, posinf=_LOST, neginf=-_LOST)
 
-    unit = np.eye(len(_SPREADS))
-    moved = np.zeros(len(unit)) if like is None else like.moved
-    shown = fly(moved)
-    here = differences(shown)
-
-    def slopes_here() -> Array:
-        return np.stack([(differences(fly(moved + _STEP * row)) - here) / _STEP for row in unit], axis=1)
-
-    slopes, fresh = (slopes_here(), True) if like is None else (like.slopes, False)
-    for _ in range(_ROUNDS):
-        cost = float(here @ here + moved @ moved)
-        step = -np.linalg.solve(slopes.T @ slopes + unit, slopes.T @ here + moved)
-        trial = fly(moved + step)
-        there = differences(trial)
-        if float(there @ there + (moved + step) @ (moved + step)) < cost:
-            moved, shown, here, fresh = moved + step, trial, there, False
-            if float(there @ there + moved @ moved) > (1 - _DONE) * cost:
-                break
-        elif fresh:
-            break
-        else:
-            slopes, fresh = slopes_here(), True
-    return _Fitted(shown, moved, slopes)
+    moved, slopes = secant_fit(differences, len(_SPREADS), slopes)
+    return fly(moved), slopes
 
 
 def _short_period(

@@ -50,6 +50,21 @@ def test_the_right_aircraft_stays_inside_and_a_wrong_one_does_not(navion: Aircra
     assert "outside from" in qualification_lines([found])[1]
 
 
+@pytest.mark.parametrize("sigma", [0.0, 1.5])
+def test_a_trim_that_is_wrong_is_taken_up_by_the_fit(navion: Aircraft, sigma: float) -> None:
+    """CL_0, Cm_0 and CD_0 are fitted: an aircraft whose own are far off is the same aircraft."""
+    record = flown(navion, Case(seed=11, sigma=sigma, seconds=80.0), 1)
+    off = {"CL_0": 0.25, "Cm_0": -0.05}
+    wrong = {
+        name: d.model_copy(update={"value": d.value + off.get(name, 0.0)}) for name, d in navion.derivatives.items()
+    }
+    assert navion.drag is not None
+    drag = navion.drag.model_copy(update={"zero_lift": navion.drag.zero_lift + 0.02})
+    (found,) = qualified([record], navion.model_copy(update={"derivatives": wrong, "drag": drag}), navion)
+    assert found.entries[0].after < 0.8
+    assert found.entries[0].before == pytest.approx(found.entries[0].after, abs=0.05)
+
+
 def test_the_gust_that_the_vane_shows_is_the_one_that_was_met(navion: Aircraft) -> None:
     """Against the gust flown, in the band that it is passed in and without trend: what remains is the vane's noise, 0.1
     deg of 55 m/s, and the pitot's and GPS's in the inertial angle."""
