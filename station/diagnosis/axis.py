@@ -19,7 +19,8 @@ from station.diagnosis.free_parameters import Free
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting
-from station.diagnosis.residuals import LIFT, VANE, Signals, Spectra
+from station.diagnosis.residuals import LIFT, VANE, Signals
+from station.diagnosis.series_spectra import Spectra
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.residuals import Spectra
+from station.diagnosis.free_parameters import BEYOND
+from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.variances import Levels
 
 Array = NDArray[np.float64]
@@ -90,3 +91,9 @@ class Estimate:
     slopes: list[Slopes]
     normal: Normal
     cost: float
+
+    @property
+    def strained(self) -> bool:
+        """Whether its constants, or one of them, are farther from the profile's than its doubt lets expect."""
+        a = self.state.a
+        return bool(a @ a > len(a) or np.abs(a).max() > BEYOND)

@@ -35,7 +35,8 @@ from station.diagnosis.processing import (
     transform,
     without_line,
 )
-from station.diagnosis.residuals import GUST_PASS_HZ, Signals, Spectra, both_spectra
+from station.diagnosis.residuals import GUST_PASS_HZ, Signals, both_spectra
+from station.diagnosis.series_spectra import Spectra
 from station.model import coefficients
 from station.numerics.second_order import second_order_response
 from station.profile import NO_BOOM, Aircraft

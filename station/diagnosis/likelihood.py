@@ -21,7 +21,7 @@ from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust, late_by_sampling
-from station.diagnosis.residuals import Spectra
+from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.term import Term
 from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
 from station.profile import Aircraft
@@ -46,8 +46,6 @@ SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
 """Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
 well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
 LEAST_KNOWN: Final = 0.5
-TOLD: Final = 2.0
-"""Prior standard deviations: constants that far off without effects are no noise, and may be what an effect is."""
 UNSEEN: Final = 1e-9
 """Information of an effect that shows nowhere, per its unit squared: that the equations can be solved."""
 
@@ -69,9 +67,8 @@ class Problem:
         candidates alike; until then each itself. Were it always each one's own, what this does to the variance would
         outweigh what an effect explains."""
         self._common: Array | None = None
-        """Free parameters and drifts of every candidate's `volume`, for the same reason: those without effects, but for
-        those that are far off there, of which each candidate has its own: with an effect's place taken by them, they
-        would count beside it."""
+        """Free parameters and drifts of every candidate's `volume`, for the same reason: those without effects. Where
+        these have taken an effect's place, and would count beside it, each candidate has its own."""
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
@@ -134,7 +131,7 @@ class Problem:
         score that the parameters are at is Q's, and where they are hardly known the volume would move them by tens."""
         levels, made = s.levels, s.responses
         if self._common is not None:
-            craft = self.aircraft_at(s.values, np.where(np.abs(self._common) > TOLD, s.a, self._common))
+            craft = self.aircraft_at(s.values, self._common)
             made = tuple(m.responses(craft, flown=self.answering) for m in self.manoeuvres)
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
@@ -292,7 +289,7 @@ class Problem:
         """Without effects."""
         found = self.from_profile({})
         self.answering = self.answering or self.aircraft_at({}, found.state.a)
-        self._common = found.state.a
+        self._common = None if found.strained else found.state.a
         return found
 
     def answered(self, e: Estimate) -> Estimate:
@@ -304,14 +301,21 @@ class Problem:
         start = self.relevelled(self.state(e.state.values, e.state.a, e.state.levels))
         return replace(self.estimate(start, ROUNDS, self.whole), cost=e.cost)
 
-    def from_profile(self, values: Mapping[str, float]) -> Estimate:
-        """Fitted from the profile on, with effects that begin at `values`."""
+    def from_profile(self, values: Mapping[str, float], beaten: float = math.inf) -> Estimate:
+        """Fitted from the profile on, with effects that begin at `values`; for `beaten` see `estimate`."""
         # A zero that all manoeuvres share is looked for before zeros are let wander.
         self._zeros_wander = False
         start = self.relevelled(self.state(values, np.zeros(len(self.frees) + len(self.manoeuvres))))
-        near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
+        near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR, beaten)
         self._zeros_wander = True
-        return self.estimate(near.state, ROUNDS, self.whole)
+        return self.estimate(near.state, ROUNDS, self.whole, beaten=beaten)
+
+    def at_profile(self) -> Estimate:
+        """The profile's aircraft as it is, with the variances fitted to it."""
+        s = self.relevelled(self.state({}, np.zeros(len(self.frees) + len(self.manoeuvres))))
+        made, _ = self.whole(s)
+        normal = self.normal(s, made)
+        return Estimate(s, self.solve(s, normal, 0), made, normal, self.cost(s))
 
     def rough(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
         """The free parameters' slopes, as if the noise did not depend on them: for half of the time."""

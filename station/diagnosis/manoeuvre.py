@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -12,20 +12,24 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 
 from station.conventions import to_si
+from station.diagnosis.air_data import share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
+from station.diagnosis.corrections import all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
-from station.diagnosis.processing import STEP_S, Setting, bridge_of, thinned
-from station.diagnosis.residuals import DOWN, LIFT, NORTH, TAPER, THETA, VANE, Spectra, spectra
+from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
+from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of
 from station.diagnosis.sensor_noise import Trim, answering, responses, trim_of
+from station.diagnosis.series_spectra import TAPER, Spectra, spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SLOW_S: Final = 0.3
-"""Correlation time of the slow part of a sensor's noise."""
+AIR_DATA: Final = ("airspeed", "dynamic_pressure")
+SLOW_SHARE: Final = 0.25
+"""Of a sensor's variance, slow where nothing is known."""
 FAST_S: Final = 0.025
 """Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
 REPEATED: Final = 0.2
@@ -103,6 +107,9 @@ class Manoeuvre:
     missed: Array
     """(Axis.missed, bins) spectra of the coefficients and signals of which the model may miss a share."""
     grouped: Groups
+    left: Array
+    """(sensors, bins) variance of what is not known of what a sensor shows, over that of its noise in what it is taken
+    for, which is smoothed: see air_data."""
     axis: Axis = LONGITUDINAL
     memo: Memo = field(default_factory=Memo, repr=False)
 
@@ -143,7 +150,7 @@ class Manoeuvre:
         sensor white, per sensor slow, the gust, what the model misses; of a response at all bins, at those picked."""
         white, slow, gust = (x[pick] for x in self.shapes)
         response = response[pick]
-        sensors = response[..., :-1]
+        sensors = response[..., :-1] * np.sqrt(self.left.T[pick])[:, None, :]
         return np.concatenate(
             [
                 sensors * np.sqrt(white)[:, None, None],
@@ -177,7 +184,8 @@ class Manoeuvre:
         return sd, np.sqrt(variances[2 * n + 1 :])
 
     def scaled(self, response: Complex, variances: Array) -> Complex:
-        """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups."""
+        """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups; of
+        the noise alone that is in the signals, for nothing else is in slopes."""
         sd, missing = self._deviations(variances)
         shown = self._missing(response, np.abs(response), self.grouped.pick)
         return np.concatenate([response * sd[:, None, :], shown * missing], axis=-1)
@@ -261,12 +269,13 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         record.dt, record.n, bridge_of(record.dt, record.n), judged, record.imu, thrust,
         stated_noise(axis.surfaces[0], record) * math.sqrt(recorded.dt / record.dt), "v_down" not in x, record.held,
     )  # fmt: skip
+    shares = {} if axis.lateral else _air_shares(record, recorded, aircraft, own)
+    own = replace(own, airspeed_share=shares.get("airspeed"), pressure_share=shares.get("dynamic_pressure"))
     f = own.frequencies
-    w = 2 * np.pi * f
-    decay = math.exp(-record.dt / SLOW_S)
-    slow = (1 - decay**2) / (1 - 2 * decay * np.cos(w * record.dt) + decay**2)
-    reach = w * GUST_SCALE_M / float(np.mean(x["airspeed"]))
+    slow = slow_spectrum(f, record.dt)
+    reach = 2 * np.pi * f * GUST_SCALE_M / float(np.mean(x["airspeed"]))
     gust = (1 + 3 * reach**2) / (1 + reach**2) ** 2
+    trim = trim_of(record, own, axis)
     loading = (
         mass / aircraft.inertia.mass,
         (record.iyy or aircraft.inertia.iyy or 1.0) / (aircraft.inertia.iyy or 1.0),
@@ -275,16 +284,38 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         record,
         recorded,
         own,
-        trim_of(record, own, axis),
+        trim,
         loading,
         (np.ones(len(f)), slow, gust / gust.mean()),
         np.ones((len(axis.missed), len(f))),
         groups_of(f),
+        _left(trim.sensors, {name: share.at(f) for name, share in shares.items()}, np.ones(len(f))),
         axis,
     )
     made.missed[:] = _motion(made, aircraft)
     made.memo._kept.clear()
     return made
+
+
+def _left(sensors: Sequence[str], shares: Mapping[str, Array], whole: Array) -> Array:
+    """(sensors, bins) of Manoeuvre.left."""
+    if len(shares) == len(AIR_DATA):
+        shares = {**shares, "pitot": np.maximum(*shares.values())}
+    return np.stack([1 / shares.get(name, whole) for name in sensors])
+
+
+def _air_shares(record: Record, recorded: Record, aircraft: Aircraft, s: Setting) -> dict[str, Share]:
+    """Of airspeed and dynamic pressure, where they do not repeat their values, see air_data."""
+    _, x = all_corrected(record.signals, aircraft, s, Memo())
+    own, found = motion_of(x, aircraft, s).own, {}
+    beyond = {"airspeed": x["airspeed"] - own, "dynamic_pressure": x["dynamic_pressure"] / own**2}
+    units = {"airspeed": 1.0, "dynamic_pressure": float(np.mean(own)) ** 2}
+    for name, values in beyond.items():
+        if name not in record.held:
+            gain = getattr(instrument_of(aircraft, name), "gain", 1.0)
+            shown = (white_noise(name, recorded) / (gain * units[name])) ** 2
+            found[name] = share_of(values, record.dt, shown * recorded.dt / record.dt, SLOW_SHARE * shown)
+    return found
 
 
 def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:

@@ -31,8 +31,21 @@ STEP_S: Final = 0.04
 through them loses 0.1 % at HIGH_HZ."""
 THIN_PASS_HZ: Final = (6.0, 12.0)
 """Passed up to the first and stopped from the second where a record is thinned: nothing judged lies between."""
+SLOW_S: Final = 0.3
+"""Correlation time of the slow part of a sensor's noise."""
 ALIKE: Final = 0.02
 """Of a sample: paths that are no further apart are one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Share:
+    """By frequency, Hz, from 0 to 1."""
+
+    frequencies: Array
+    values: Array
+
+    def at(self, frequencies: Array) -> Array:
+        return np.asarray(np.interp(frequencies, self.frequencies, self.values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +66,9 @@ class Setting:
     """The vertical speed is integrated from the accelerations."""
     held: Mapping[str, NDArray[np.int64]]
     """Signals that repeat their values, and the samples at which they are fresh."""
+    airspeed_share: Share | None = None
+    pressure_share: Share | None = None
+    """What of them, beyond the motion, is no noise: see air_data; None where they are taken as they are."""
 
     @property
     def omega(self) -> Array:
@@ -85,6 +101,12 @@ def _judged(n: int, dt: float) -> tuple[NDArray[np.int64], Array]:
     f = fft.rfftfreq(n, dt)
     bins = np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= min(HIGH_HZ, 0.35 / dt)))
     return bins, f[bins]
+
+
+def slow_spectrum(frequencies: Array, dt: float) -> Array:
+    """Of noise of variance 1 and correlation time SLOW_S, at frequencies in Hz."""
+    decay = math.exp(-dt / SLOW_S)
+    return np.asarray((1 - decay**2) / (1 - 2 * decay * np.cos(2 * np.pi * frequencies * dt) + decay**2))
 
 
 def bridge_of(dt: float, n: int) -> int:

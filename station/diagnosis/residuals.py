@@ -14,17 +14,14 @@ All functions take leading axes: signals of (..., n) give series of (..., 7, n).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, signal
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
+from station.diagnosis.air_data import air_data, own_motion
 from station.diagnosis.attached_flow import attached_along
 from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
@@ -43,6 +40,7 @@ from station.diagnosis.processing import (
     transform,
     without_line,
 )
+from station.diagnosis.series_spectra import Spectra, spectra
 from station.diagnosis.span_lags import span_response
 from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
@@ -56,7 +54,6 @@ Signals = Mapping[str, Any]
 
 SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "drag")
 THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
-TAPER: Final = 0.25
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
 SPEED_PASS_HZ: Final = (0.3, 0.6)
@@ -80,6 +77,9 @@ class _Motion(NamedTuple):
     over_ground: bool
     mean_speed: Array
     airspeed: Array
+    pressure: Array
+    own: Array
+    """The speed on the path by the accelerations, m/s."""
 
 
 class _Path(NamedTuple):
@@ -124,7 +124,9 @@ class _Flow(NamedTuple):
     """The difference VANE."""
 
 
-_OF_MOTION: Final = ("theta", "q", "ax", "az", "airspeed", "phi", "p", "r", "v_down", "v_along", "altitude")
+_OF_MOTION: Final = (
+    *("theta", "q", "ax", "az", "airspeed", "dynamic_pressure", "phi", "p", "r", "v_down", "v_along", "altitude"),
+)
 
 
 def series(
@@ -173,7 +175,7 @@ def _stages(
     """Corrected signals, motion and flow, and what they were made from."""
     found, x = all_corrected(signals, aircraft, s, memo)
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
-    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s))
+    motion = memo.get("motion", first, lambda: motion_of(x, aircraft, s))
     of_drift = drift if isinstance(drift, float) else id(drift)
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
     on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once)
@@ -186,8 +188,9 @@ def _stages(
     return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s)), seen
 
 
-def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
-    theta, q, v = x["theta"], x["q"], x["airspeed"]
+def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
+    """What instruments say of the motion, of signals (..., n) without their errors."""
+    theta, q = x["theta"], x["q"]
     imu = aircraft.imu_at(s.imu)
     qdot = rate(q, s)
     p, r = x.get("p", 0.0), x.get("r", 0.0)
@@ -204,6 +207,8 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
         down = without_line(climb) if "altitude" not in x else climb - sinking_line(x["altitude"], climb, s)
     else:
         down = between_fresh(x["v_down"], climb, s.held.get("v_down"))
+    own = own_motion(x["airspeed"], along, down, s)
+    v, pressure = air_data(x["airspeed"], x["dynamic_pressure"], own, s)
     out = np.zeros((*q.shape[:-1], 3, s.n))
     out[..., THETA, :] = theta - integral(turned, s)
     out[..., DOWN, :] = down - climb
@@ -212,7 +217,7 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
         out[..., NORTH, :] = ground - along
     base = own_speed(v, along, s) if ground is None else ground
     base, mean = base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True)
-    return _Motion(q, qdot, ax, az, out, theta, down, base, ground is not None, mean, v)
+    return _Motion(q, qdot, ax, az, out, theta, down, base, ground is not None, mean, v, pressure, own)
 
 
 def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
@@ -297,7 +302,7 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
     """Lift, moment and drag (..., 3, n): the coefficients measured less those of the model."""
-    q, ax, az, de, v, qbar = motion.q, motion.ax, motion.az, x["elevator"], x["airspeed"], x["dynamic_pressure"]
+    q, ax, az, de, v, qbar = motion.q, motion.ax, motion.az, x["elevator"], motion.airspeed, motion.pressure
     value, unsteady = aircraft.value, aircraft.unsteady
     area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
     mass, inertia = aircraft.inertia.mass, aircraft.inertia.iyy or 1.0
@@ -362,39 +367,3 @@ def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
         return np.full(len(omega), boom.mode_turn, dtype=complex)
     bent = second_order_response(boom.mode_frequency, boom.mode_damping, 1j * omega)
     return np.asarray(bent * (boom.mode_turn - 1j * omega * boom.mode_length / speed), dtype=complex)
-
-
-@dataclass(frozen=True, slots=True)
-class Spectra:
-    """`bins` (..., k, m): transforms at m frequencies of the k series judged, scaled so that a white series of variance
-    s2 has a mean |bin|2 of s2; `steady` (..., k): what the transform leaves out, slope times length for the integrated
-    series, mean for the others."""
-
-    bins: Complex
-    steady: Array
-
-    def minus(self, other: Spectra) -> Spectra:
-        return Spectra(self.bins - other.bins, self.steady - other.steady)
-
-
-def spectra(differences: Array, s: Setting, rows: tuple[int, ...] | None = None, integrated: bool = True) -> Spectra:
-    """Of series (..., 7, n): ends cut, line removed, tapered, transformed. `rows` in place of the setting's judged
-    ones; `integrated` tells whether the first three are integrals."""
-    c = s.cut
-    rows = s.judged if rows is None else rows
-    y = differences[..., list(rows), c : s.n - c]
-    n = y.shape[-1]
-    t, window, square = _window(n)
-    mean = y.mean(-1)
-    slope = (y @ t) / float(t @ t)
-    y = y - mean[..., None] - slope[..., None] * t
-    bins = fft.rfft(y * window, axis=-1)[..., s.bins] / math.sqrt(square)
-    sums = np.array([integrated and j in (THETA, DOWN, NORTH) for j in rows], dtype=bool)
-    return Spectra(bins, np.where(sums, slope, mean))
-
-
-@lru_cache(maxsize=16)
-def _window(n: int) -> tuple[Array, Array, float]:
-    """Time from -1/2 to 1/2, the taper, and the sum of its squares."""
-    window = signal.windows.tukey(n, TAPER)
-    return np.linspace(-0.5, 0.5, n), window, float((window**2).sum())

@@ -88,6 +88,7 @@ class _Refits:
         self.done: dict[frozenset[str], Estimate] = {}
         self._ended: dict[frozenset[str], Estimate] = {}
         """As they were when fitted to the end."""
+        self._from_profile: set[frozenset[str]] = set()
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
 
@@ -157,13 +158,18 @@ class _Refits:
             self.done[key] = self._ended[key] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, values: Mapping[str, float]) -> None:
-        """A candidate fitted from the profile on, from these values, in place of the one there if it is better."""
+        """A candidate fitted from the profile on, from these values, in place of the one there if it is better; each
+        but once, and left where it promises to be neither better than none nor a rival."""
+        key = frozenset(values)
+        if key in self._from_profile:
+            return
+        self._from_profile.add(key)
         start = {i: min(max(x, BY_ID[i].low), BY_ID[i].high) for i, x in values.items()}
+        beaten = min((e.cost + CONFOUNDED for e in self.of_size(len(key))), default=math.inf)
         try:
-            found = self._judged(self.problem.from_profile(start))
+            found = self._judged(self.problem.from_profile(start, min(beaten, self.null.cost)))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
-        key = frozenset(values)
         if key not in self.done or found.cost < self.done[key].cost:
             self.done[key] = found
 
@@ -228,9 +234,11 @@ def _one_and_two(
     singles, starts = screened(problem, null, terms, slopes)
     for _, ids, values, a in hopeful(starts[1], SINGLES):
         refits.add(ids, values, a)
-    for gain, _, values, _ in starts[1][:1]:
-        if gain > ASKED and _strained(null) and refits.done[frozenset(values)].cost == math.inf:
-            # Derivatives that have taken an effect's place do not give it back step by step.
+    if null.strained:
+        # Constants that have taken an effect's place do not give it back step by step, and hide which one it is.
+        there = problem.at_profile()
+        own = screened(problem, there, terms, problem.effect_slopes(there.state, terms))[1][1]
+        for _, _, values, _ in {s[1]: s for s in (*own[:MORE], *starts[1][:1])}.values():
             refits.fit_from_profile(values)
     likely = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if likely:
@@ -273,7 +281,7 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
         if size == 1:
             # Constants far from the profile do what an effect would, and leave it no room where the fit begins there:
             # the best begins at the profile too.
-            again = MORE if _strained(refits.null) else 1 if cost - best > HUGE else 0
+            again = MORE if refits.null.strained else 1 if cost - best > HUGE else 0
             for e in found[:again]:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
@@ -358,9 +366,3 @@ def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...
     far = float(e.state.a[i]) ** 2
     singles = screened(problem, e, found.terms, made)[1][1]
     return tuple(ids[-1] for _, ids, _, a in singles if abs(a[i]) < BEYOND and far - a[i] ** 2 > CONFOUNDED)
-
-
-def _strained(e: Estimate) -> bool:
-    """Whether its constants, or one of them, are farther from the profile's than its doubt lets expect."""
-    a = e.state.a
-    return bool(a @ a > len(a) or np.abs(a).max() > BEYOND)

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
-from station.diagnosis.manoeuvre import FAST_S, Manoeuvre, stated_noise, white_noise
+from station.diagnosis.manoeuvre import AIR_DATA, FAST_S, SLOW_SHARE, Manoeuvre, stated_noise, white_noise
 from station.diagnosis.measured_record import Record
-from station.diagnosis.residuals import LIFT, Spectra, spectra
+from station.diagnosis.residuals import LIFT
+from station.diagnosis.series_spectra import Spectra, spectra
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 INDEPENDENT: Final = 0.87
 """Independent values per frequency: the taper makes neighbours alike. (sum w2)2 / (n sum w4) of a 25 % Tukey window."""
-SLOW_SHARE: Final = 0.25
-"""Of a sensor's variance, slow where nothing is known."""
 THRUST_SHARE: Final = 0.05
 """Where thrust is not recorded: by how much of its trim it changes unseen. A propeller's changes with the speed by
 about as much, and so do small corrections by hand."""
@@ -29,7 +28,6 @@ SEEN_SD: Final = 0.25
 """Prior standard deviation of the logarithm of the variance of white noise that the samples show."""
 LEVEL_SD: Final = 1.5
 """The same where only a rig states it, and of the slow part: half or twice the noise is nothing unusual."""
-AIR_DATA: Final = ("airspeed", "dynamic_pressure")
 LEAST_SLOW: Final = 0.05
 """Of their white variance, slow at least: a fifth of SLOW_SHARE."""
 LEAST_OWN: Final = 0.1

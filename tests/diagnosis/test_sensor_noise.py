@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import another_simulation as flown
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record
+from station.diagnosis.memo import Memo
 from station.diagnosis.residuals import SERIES, SPEED_PASS_HZ
 from station.profile import Aircraft, load_aircraft
 
@@ -53,8 +54,12 @@ class Shown:
         return self.responses[:, row, column]
 
 
-def shown(subject: Aircraft) -> Shown:
+def shown(subject: Aircraft, smoothed: bool = False) -> Shown:
+    """Responses with the air data as they are; `smoothed`: of a record whose air data show nothing but motion."""
     m = manoeuvre(level_flight(), subject)
+    if not smoothed:
+        plain, trim = (replace(s, airspeed_share=None, pressure_share=None) for s in (m.setting, m.trim.setting))
+        m = replace(m, setting=plain, trim=replace(m.trim, setting=trim, memo=Memo()))
     return Shown(m, m.responses(subject), 2j * np.pi * m.setting.frequencies)
 
 
@@ -136,6 +141,23 @@ def test_lift_and_moment(navion: tuple[Aircraft, Shown]) -> None:
     close(of("lift", "theta"), 0.0, d["CL_alpha"])
     close(of("moment", "alpha_vane"), -d["Cm_alpha"] / vane(of.jw), 0.0)
     close(of("moment", "theta"), 0.0, abs(d["Cm_alpha"]))
+
+
+def test_air_data_without_gusts_are_what_the_accelerations_say(navion: tuple[Aircraft, Shown]) -> None:
+    """Nothing of the pitot's noise is left in lift; that of the acceleration along the path is in the pressure, as its
+    integral."""
+    subject, of = navion
+    smooth = shown(subject, smoothed=True)
+    force, mass = PRESSURE * subject.geometry.wing_area, subject.inertia.mass
+    lift = (mass * G - 1500.0 * math.sin(PITCH)) / force
+    fast = of.jw.imag > 2 * np.pi * SPEED_PASS_HZ[1]
+    close(smooth("lift", "pitot")[fast], 0.0, 2 * lift / SPEED)
+    integrated = -2 * lift / SPEED * math.cos(PITCH) / of.jw
+    close((smooth("lift", "ax") - of("lift", "ax"))[fast], integrated[fast], 2 * lift / SPEED)
+    # What is not known of it is the share's root, a hundredth here, of its noise.
+    at = smooth.of.trim.sensors.index("pitot")
+    left = smooth("lift", "pitot") * np.sqrt(smooth.of.left[at])
+    np.testing.assert_allclose(np.abs(left[fast]), 0.01 * 2 * lift / SPEED, rtol=0.05)
 
 
 def test_a_boom_carries_the_noise_of_the_rate_to_the_vane(tmp_path: Path) -> None:

@@ -1,0 +1,87 @@
+"""Airspeed and dynamic pressure without the noise that their spectra show."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blind import SIGMAS, Case, diagnosed, score
+from scipy.signal import lfilter
+
+from station.diagnosis.air_data import air_data, own_motion, share_of
+from station.diagnosis.processing import CUT_S, LOW_HZ, SLOW_S, Setting, Share, bridge_of
+
+DT, N = 0.04, 1500
+SETTING = Setting(DT, N, bridge_of(DT, N), (0,), (0.0, 0.0, 0.0), 0.0, 0.0, False, {})
+T = DT * np.arange(N)
+INNER = slice(round(CUT_S / DT), -round(CUT_S / DT))
+"""Series lose their ends."""
+
+
+def gust(decay: float, rng: np.random.Generator) -> np.ndarray:
+    """First-order autoregression of variance 1."""
+    start = 500
+    white = np.sqrt(1 - decay**2) * rng.standard_normal(N + start)
+    return lfilter([1.0], [1.0, -decay], white)[start:]
+
+
+def heard(beyond: np.ndarray, own: np.ndarray, share: Share) -> np.ndarray:
+    """The smoothed airspeed."""
+    return air_data(own + beyond, own**2, own, replace(SETTING, airspeed_share=share))[0]
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5, 2.0])
+def test_share_and_error_are_wiener_s(noise: float) -> None:
+    """Closed form: of an autoregression of known spectrum S in white noise n the share is S / (S + n), the mean square
+    error that of the best linear estimate, the mean of S n / (S + n); below what is judged, of all the noise."""
+    rng = np.random.default_rng(8)
+    decay, own = 0.98, np.full(N, 60.0)
+    off, shares = [], []
+    for _ in range(20):
+        true = gust(decay, rng)
+        shown = true + noise * rng.standard_normal(N)
+        share = share_of(shown, DT, noise**2, 0.0)
+        off.append(np.mean((heard(shown, own, share) - own - true)[INNER] ** 2))
+        shares.append(share.values)
+    f = share.frequencies
+    spectrum = (1 - decay**2) / (1 - 2 * decay * np.cos(2 * np.pi * f * DT) + decay**2)
+    known = np.where(f < LOW_HZ, 1.0, spectrum / (spectrum + noise**2))
+    least = noise**2 * np.mean(known)
+    assert 0.9 * least < np.mean(off) < 1.5 * least
+    told = (f > 0.2) & (f < 5.0)
+    assert np.abs(np.mean(shares, axis=0) - known)[told].max() < 0.12
+
+
+def test_slow_noise_is_taken_out_where_quiet_frequencies_show_it() -> None:
+    """The same slow noise stated, there and not: where it is not, what is as slow is no noise."""
+    rng = np.random.default_rng(10)
+    white, drift = 0.05 * rng.standard_normal(N), 0.1 * gust(math.exp(-DT / SLOW_S), rng)
+    there, unstated = (share_of(white + drift, DT, 0.05**2, slow) for slow in (0.1**2, 0.0))
+    between = (there.frequencies > 0.3) & (there.frequencies < 1.5)
+    assert there.values[between].mean() < 0.2
+    assert unstated.values[between].mean() > 0.5
+    swing = 0.1 * np.sin(2 * np.pi * 0.3 * T)
+    not_there = share_of(white + swing, DT, 0.05**2, 0.1**2)
+    assert not_there.at(np.array([0.3])) > 0.95
+
+
+def test_motion_stays_as_it_is_whatever_is_taken_out() -> None:
+    """A short period of the path's speed, climbing and sinking, in calm air: the accelerations tell it, and where
+    nothing is passed of the noise, nothing is lost of the motion. By the horizontal speed alone 0.1 m/s would be."""
+    along, down = 2.0 * np.sin(3.0 * T) + 0.05 * T, 5.0 * np.cos(2.0 * T)
+    true = np.hypot(60.0 + along, down)
+    noise = 0.2 * np.random.default_rng(11).standard_normal(N)
+    own = own_motion(true + noise, along, down, SETTING)
+    nothing = Share(np.array([0.0, 0.05, 0.06, 20.0]), np.array([1.0, 1.0, 1e-4, 1e-4]))
+    s = replace(SETTING, airspeed_share=nothing, pressure_share=nothing)
+    speed, pressure = air_data(true + noise, 0.5 * (true + noise) ** 2, own, s)
+    assert np.sqrt(np.mean((speed - true)[INNER] ** 2)) < 0.03
+    assert np.sqrt(np.mean((pressure - 0.5 * true**2)[INNER] ** 2)) < 0.03 * 60.0
+
+
+def test_air_data_that_lag_in_light_gusts_are_found() -> None:
+    """To undo the lag raises the noise of what is not smoothed, and was weighed against it."""
+    case = Case(seed=103401, sigma=SIGMAS[1], effects={"dynamic_pressure.lag": 0.2}, fit_on=("3-2-1-1", "multisine"))
+    assert score(case, diagnosed(case)) in ("exact", "group")
