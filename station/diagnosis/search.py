@@ -158,11 +158,9 @@ class _Refits:
             self.done[key] = self._ended[key] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, values: Mapping[str, float]) -> None:
-        """A candidate fitted from the profile on, from these values, in place of the one there if it is better; each
-        but once, and left where it promises to be neither better than none nor a rival."""
+        """A candidate fitted from the profile on, from these values, in place of the one there if it is better; left
+        where it promises to be neither better than none nor a rival."""
         key = frozenset(values)
-        if key in self._from_profile:
-            return
         self._from_profile.add(key)
         start = {i: min(max(x, BY_ID[i].low), BY_ID[i].high) for i, x in values.items()}
         beaten = min((e.cost + CONFOUNDED for e in self.of_size(len(key))), default=math.inf)
@@ -172,6 +170,10 @@ class _Refits:
             return
         if key not in self.done or found.cost < self.done[key].cost:
             self.done[key] = found
+
+    def was_from_profile(self, e: Estimate) -> bool:
+        """Whether a candidate was fitted from the profile on."""
+        return frozenset(e.state.values) in self._from_profile
 
     def beyond(self, accepted: Estimate) -> tuple[tuple[str, float], ...]:
         """Effects at an end of their range that explain clearly more than what is accepted: whatever that is, it is not
@@ -238,7 +240,7 @@ def _one_and_two(
         # Constants that have taken an effect's place do not give it back step by step, and hide which one it is.
         there = problem.at_profile()
         own = screened(problem, there, terms, problem.effect_slopes(there.state, terms))[1][1]
-        for _, _, values, _ in {s[1]: s for s in (*own[:MORE], *starts[1][:1])}.values():
+        for _, _, values, _ in (*own[:MORE], *starts[1][:1]):
             refits.fit_from_profile(values)
     likely = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if likely:
@@ -286,7 +288,8 @@ def _contended(refits: _Refits, size: int, cost: float) -> list[Estimate]:
                 refits.fit_to_the_end(e)
             found = refits.of_size(size)
             for e in found[: min(again, 1)]:
-                refits.fit_from_profile(e.state.values)
+                if not refits.was_from_profile(e):
+                    refits.fit_from_profile(e.state.values)
             found = refits.of_size(size)
     return found
 
