@@ -301,14 +301,14 @@ class Problem:
         start = self.relevelled(self.state(e.state.values, e.state.a, e.state.levels))
         return replace(self.estimate(start, ROUNDS, self.whole), cost=e.cost)
 
-    def from_profile(self, values: Mapping[str, float], beaten: float = math.inf) -> Estimate:
-        """Fitted from the profile on, with effects that begin at `values`; for `beaten` see `estimate`."""
+    def from_profile(self, values: Mapping[str, float]) -> Estimate:
+        """Fitted from the profile on, with effects that begin at `values`."""
         # A zero that all manoeuvres share is looked for before zeros are let wander.
         self._zeros_wander = False
         start = self.relevelled(self.state(values, np.zeros(len(self.frees) + len(self.manoeuvres))))
-        near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR, beaten)
+        near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         self._zeros_wander = True
-        return self.estimate(near.state, ROUNDS, self.whole, beaten=beaten)
+        return self.estimate(near.state, ROUNDS, self.whole)
 
     def at_profile(self) -> Estimate:
         """The profile's aircraft as it is, with the variances fitted to it."""

@@ -158,14 +158,13 @@ class _Refits:
             self.done[key] = self._ended[key] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
 
     def fit_from_profile(self, values: Mapping[str, float]) -> None:
-        """A candidate fitted from the profile on, from these values, in place of the one there if it is better; left
-        where it promises to be neither better than none nor a rival."""
+        """A candidate fitted from the profile on, from these values, in place of the one there if it is better. To the
+        end: on the way there the truth too promises less than constants that have taken its place."""
         key = frozenset(values)
         self._from_profile.add(key)
         start = {i: min(max(x, BY_ID[i].low), BY_ID[i].high) for i, x in values.items()}
-        beaten = min((e.cost + CONFOUNDED for e in self.of_size(len(key))), default=math.inf)
         try:
-            found = self._judged(self.problem.from_profile(start, min(beaten, self.null.cost)))
+            found = self._judged(self.problem.from_profile(start))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
         if key not in self.done or found.cost < self.done[key].cost:
