@@ -68,9 +68,10 @@ def _passed(x: Array, share: Share, s: Setting) -> Array:
 
 
 def share_of(x: Array, dt: float, white: float, slow: float) -> Share:
-    """Of each frequency of a series (n,) with noise of these variances, white and slow: the share of its spectrum that
-    is no noise; all of what is slower than anything judged. Of the slow noise as much as is shown above QUIET_HZ, were
-    all that is noise."""
+    """The share of the spectrum of a series (n,), `dt` s apart, that is no noise; 1 below the frequencies judged.
+
+    `white`, `slow`: variances of the noise, the second of correlation time SLOW_S. Of the slow, no more is assumed than
+    the spectrum shows above QUIET_HZ."""
     n = len(x)
     window = signal.windows.hann(n, sym=False)
     power = np.abs(fft.rfft(signal.detrend(x) * window)[1:]) ** 2 / (window @ window)

@@ -22,7 +22,7 @@ from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_o
 from station.diagnosis.sensor_noise import Trim, answering, responses, trim_of
 from station.diagnosis.series_spectra import TAPER, Spectra, spectra
 from station.numerics.default_noise import DEFAULT_NOISE
-from station.profile import Aircraft
+from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -108,8 +108,8 @@ class Manoeuvre:
     """(Axis.missed, bins) spectra of the coefficients and signals of which the model may miss a share."""
     grouped: Groups
     left: Array
-    """(sensors, bins) variance of what is not known of what a sensor shows, over that of its noise in what it is taken
-    for, which is smoothed: see air_data."""
+    """(sensors, bins) 1 over the share that is kept of a sensor's signal, see air_data; 1 of those that are not
+    smoothed. A smoothed signal has the share squared of its noise's variance; what is not known of it, the share."""
     axis: Axis = LONGITUDINAL
     memo: Memo = field(default_factory=Memo, repr=False)
 
@@ -312,7 +312,7 @@ def _air_shares(record: Record, recorded: Record, aircraft: Aircraft, s: Setting
     units = {"airspeed": 1.0, "dynamic_pressure": float(np.mean(own)) ** 2}
     for name, values in beyond.items():
         if name not in record.held:
-            gain = getattr(instrument_of(aircraft, name), "gain", 1.0)
+            gain = (instrument_of(aircraft, name) or Instrument()).gain
             shown = (white_noise(name, recorded) / (gain * units[name])) ** 2
             found[name] = share_of(values, record.dt, shown * recorded.dt / record.dt, SLOW_SHARE * shown)
     return found

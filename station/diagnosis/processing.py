@@ -104,7 +104,8 @@ def _judged(n: int, dt: float) -> tuple[NDArray[np.int64], Array]:
 
 
 def slow_spectrum(frequencies: Array, dt: float) -> Array:
-    """Of noise of variance 1 and correlation time SLOW_S, at frequencies in Hz."""
+    """Of noise of variance 1 and correlation time SLOW_S, sampled every `dt` s, at frequencies in Hz; 1 is the spectrum
+    of white noise of variance 1."""
     decay = math.exp(-dt / SLOW_S)
     return np.asarray((1 - decay**2) / (1 - 2 * decay * np.cos(2 * np.pi * frequencies * dt) + decay**2))
 

@@ -25,9 +25,9 @@ def secant_fit(differences: Callable[[Array], Array], n: int, slopes: Array | No
     """Parameters (n,), from 0 on, and slopes (m, n) there, with the least |differences|^2 + |parameters|^2: in standard
     deviations of errors and priors.
 
-    Steps are Levenberg and Marquardt's. Slopes follow each trial by Broyden's update (1965, eq. 4.5), for one
-    evaluation where differences cost n; it ends only where slopes made anew promise no more. `slopes`: near those at 0,
-    of a problem like this one. A trial with differences that are no numbers is one that failed."""
+    Steps are Levenberg and Marquardt's. Slopes (m, n) follow each step taken by Broyden's first update (1965), which
+    needs no evaluation of its own; the fit ends only where slopes made anew promise no more, or after TRIALS. `slopes`:
+    those of a problem like this one, to begin with. A trial whose differences (m,) are no numbers counts as failed."""
     unit, x = np.eye(n), np.zeros(n)
     here = differences(x)
 
