@@ -56,3 +56,11 @@ def test_what_cannot_be_evaluated_is_not_gone_to() -> None:
 
     x, _ = secant_fit(differences, 3)
     assert np.abs(x).max() <= 1.0
+
+
+def test_slopes_that_promise_nothing_are_made_anew_before_it_ends() -> None:
+    true = np.array((0.5, -0.5, 0.3, 0.2, 1.0))
+    mine, alone = Counted(true, 0.05), Counted(true, 0.05)
+    x, _ = secant_fit(mine, 5, np.zeros((len(T), 5)))
+    y, _ = secant_fit(alone, 5)
+    assert np.sum(mine.whole(x) ** 2) == pytest.approx(np.sum(alone.whole(y) ** 2), rel=0.01)
