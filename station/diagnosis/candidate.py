@@ -97,3 +97,9 @@ class Estimate:
         """Whether its constants, or one of them, are farther from the profile's than its doubt lets expect."""
         a = self.state.a
         return bool(a @ a > len(a) or np.abs(a).max() > BEYOND)
+
+
+def numbers(x: Complex) -> Array:
+    """(p, ...) -> (p, n) real and imaginary parts: their products are the real part of one times the other's
+    conjugate."""
+    return x.reshape(len(x), -1).view(np.float64)

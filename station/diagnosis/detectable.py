@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from station.diagnosis.candidate import Estimate, Normal, Slopes
 from station.diagnosis.effects import judged_effects
 from station.diagnosis.likelihood import LEAST_KNOWN, SUBTRACTED, Problem
+from station.diagnosis.refits import ASKED, CONFOUNDED
 from station.diagnosis.screening import least_judged
-from station.diagnosis.search import ASKED, CONFOUNDED
 
 Array = NDArray[np.float64]
 

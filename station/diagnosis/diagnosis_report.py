@@ -24,8 +24,8 @@ from station.diagnosis.pictures import (
     times,
 )
 from station.diagnosis.procedure import NOTABLE_GUST, Diagnosis, gusts
+from station.diagnosis.refits import ASKED
 from station.diagnosis.reported import free_parameters_of, noise_of, not_accepted
-from station.diagnosis.search import ASKED
 from station.identification.html_page import image, text, write_page
 from station.identification.instrument_pages import kinematic_pages
 

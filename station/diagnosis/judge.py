@@ -18,7 +18,8 @@ from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
-from station.diagnosis.search import ASKED, Found
+from station.diagnosis.refits import ASKED
+from station.diagnosis.search import Found
 from station.diagnosis.variances import INDEPENDENT, Levels
 from station.numerics.random_effects import NORMAL_95
 from station.profile import Aircraft

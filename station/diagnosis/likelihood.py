@@ -10,28 +10,27 @@ score). Candidates are compared by the density of what the sensors show: see Pro
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State
+from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
-from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust, late_by_sampling
+from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust
 from station.diagnosis.series_spectra import Spectra
+from station.diagnosis.surface_sampling import of_sampling
 from station.diagnosis.term import Term
 from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
 from station.profile import Aircraft
-from station.profile.profile_changes import delay
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SOONEST: Final = 1e-4
-"""s: no delay is told to as little."""
 ROUNDS: Final = 25
 DONE: Final = 0.2
 NEAR: Final = 10.0
@@ -73,7 +72,7 @@ class Problem:
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
         if frees is None:
-            frees = [*self.axis.free_parameters(aircraft, speed, recorded), *_sampled(self.manoeuvres)]
+            frees = [*self.axis.free_parameters(aircraft, speed, recorded), *of_sampling(self.manoeuvres)]
         self.frees = tuple(frees)
         drift = aircraft.uncertainty.drift
         self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
@@ -224,14 +223,14 @@ class Problem:
         weight = 2 * INDEPENDENT
         for k, (m, own) in enumerate(zip(self.manoeuvres, slopes, strict=True)):
             inverse, w, variances = np.linalg.inv(s.roots[k]), s.white[k], s.levels.of(k)
-            d = _numbers(np.ascontiguousarray((inverse @ own.bins.transpose(2, 1, 0)).transpose(2, 0, 1)))
+            d = numbers(np.ascontiguousarray((inverse @ own.bins.transpose(2, 1, 0)).transpose(2, 0, 1)))
             seen += weight * (d @ d.T)
-            gradient += weight * (d @ _numbers(w[None])[0])
+            gradient += weight * (d @ numbers(w[None])[0])
             pick, count = m.grouped.pick, np.sqrt(m.grouped.count)[:, None, None]
             here = inverse[pick] @ m.scaled(s.responses[k][pick], variances)
             there = inverse[pick] @ m.scaled_slopes(s.responses[k][pick], own.response, variances)
             shown = there @ np.conj(here.swapaxes(-1, -2))
-            flat, said = _numbers(there * count), _numbers(shown * count)
+            flat, said = numbers(there * count), numbers(shown * count)
             of_noise = weight * (flat @ flat.T)
             noise += of_noise
             # What the residuals show of the noise in the slopes is taken out of the score: the rest scatters it.
@@ -301,21 +300,50 @@ class Problem:
         start = self.relevelled(self.state(e.state.values, e.state.a, e.state.levels))
         return replace(self.estimate(start, ROUNDS, self.whole), cost=e.cost)
 
-    def from_profile(self, values: Mapping[str, float]) -> Estimate:
-        """Fitted from the profile on, with effects that begin at `values`."""
-        # A zero that all manoeuvres share is looked for before zeros are let wander.
-        self._zeros_wander = False
-        start = self.relevelled(self.state(values, np.zeros(len(self.frees) + len(self.manoeuvres))))
-        near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
-        self._zeros_wander = True
+    def from_profile(self, values: Mapping[str, float], on_the_way: State | None = None) -> Estimate:
+        """Fitted from the profile on, with effects that begin at `values`; or from a state on the way."""
+        with self._zeros_still():
+            start = on_the_way or self._profile_state(values)
+            near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         return self.estimate(near.state, ROUNDS, self.whole)
 
-    def at_profile(self) -> Estimate:
-        """The profile's aircraft as it is, with the variances fitted to it."""
-        s = self.relevelled(self.state({}, np.zeros(len(self.frees) + len(self.manoeuvres))))
-        made, _ = self.whole(s)
+    def at_profile(self, values: Mapping[str, float]) -> Estimate:
+        """The profile's aircraft with these effects, and the variances fitted to it."""
+        s = self.relevelled(self._profile_state(values))
+        return self._here(s, *self.whole(s))
+
+    def few_steps(self, values: Mapping[str, float], free: Sequence[Slopes], rounds: int) -> Estimate:
+        """From the profile on, by the free parameters' slopes there: of what is nearly right the constants hardly move.
+        With the normal equations of where that ends."""
+        with self._zeros_still():
+            s = self.estimate(self._profile_state(values), rounds, self.with_free(free)).state
+        return self._here(s, *self.with_free(free)(s))
+
+    def _here(self, s: State, made: list[Slopes], terms: Sequence[Term]) -> Estimate:
         normal = self.normal(s, made)
-        return Estimate(s, self.solve(s, normal, 0), made, normal, self.cost(s))
+        return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
+
+    def _profile_state(self, values: Mapping[str, float]) -> State:
+        return self.relevelled(self.state(values, np.zeros(len(self.frees) + len(self.manoeuvres))))
+
+    @contextmanager
+    def _zeros_still(self) -> Iterator[None]:
+        """A zero that all manoeuvres share is looked for before zeros are let wander."""
+        self._zeros_wander = False
+        try:
+            yield
+        finally:
+            self._zeros_wander = True
+
+    def with_free(self, free: Sequence[Slopes]) -> Callable[[State], tuple[list[Slopes], Sequence[Term]]]:
+        """All slopes of a state, of which the free parameters' are these."""
+
+        def slopes(s: State) -> tuple[list[Slopes], Sequence[Term]]:
+            terms = [BY_ID[i] for i in s.values]
+            own = self.renewed(s, free)
+            return [f.after(e) for f, e in zip(own, self.effect_slopes(s, terms), strict=True)], terms
+
+        return slopes
 
     def rough(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
         """The free parameters' slopes, as if the noise did not depend on them: for half of the time."""
@@ -324,11 +352,8 @@ class Problem:
     def whole(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
         """All slopes of a state, its effects first."""
         terms = [BY_ID[i] for i in s.values]
-        free = self.free_slopes(s)
-        if not terms:
-            return free, terms
-        effects = self.effect_slopes(s, terms)
-        return [f.after(e) for f, e in zip(free, effects, strict=True)], terms
+        own = zip(self.free_slopes(s), self.effect_slopes(s, terms), strict=True)
+        return [f.after(e) for f, e in own], terms
 
     def estimate(
         self,
@@ -372,19 +397,3 @@ class Problem:
                     break
                 long, damping = True, 0.0
         return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
-
-
-def _sampled(manoeuvres: Sequence[Manoeuvre]) -> list[Free]:
-    """How late the surfaces seem by their samples alone: nothing, where these are fast."""
-    found = []
-    for name in manoeuvres[0].axis.surfaces:
-        sd = math.sqrt(float(np.mean([late_by_sampling(name, m) ** 2 for m in manoeuvres])))
-        if sd > SOONEST:
-            found.append(Free(f"{name} sampling", sd, delay(name)))
-    return found
-
-
-def _numbers(x: Complex) -> Array:
-    """(p, ...) -> (p, n) real and imaginary parts: their products are the real part of one times the other's
-    conjugate."""
-    return x.reshape(len(x), -1).view(np.float64)

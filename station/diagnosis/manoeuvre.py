@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from station.conventions import to_si
 from station.diagnosis.air_data import share_of
@@ -20,7 +20,7 @@ from station.diagnosis.memo import Memo
 from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
 from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of
 from station.diagnosis.sensor_noise import Trim, answering, responses, trim_of
-from station.diagnosis.series_spectra import TAPER, Spectra, spectra
+from station.diagnosis.series_spectra import Spectra, spectra
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft, Instrument
 
@@ -44,8 +44,6 @@ SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
 
-NEAR_HALF: Final = 0.8
-"""Of half the sampling rate, from which a spectrum is that there: a few dozen frequencies."""
 GROUP_HZ: Final = 0.07
 GROUP_SHARE: Final = 0.2
 """Frequencies, and share of the frequency, over which the responses to noise change in proportion to it, at most: those
@@ -335,22 +333,6 @@ def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:
             power = np.abs(spectra(x, m.setting, (VANE,), False).bins[0]) ** 2
         out[k] = ndimage.gaussian_filter1d(power, SPREAD_BINS, mode="nearest")
     return out
-
-
-def late_by_sampling(surface: str, m: Manoeuvre) -> float:
-    """Standard deviation of how late a surface may seem, s: its samples show as slow what it does faster than half
-    their rate. Steps behind an actuator of time constant tau are dt2/(12 tau) late where they come with a sample and
-    dt2/(24 tau) early between two, over all dt2/(27 tau) (Euler and Maclaurin's sum of the samples less its integral);
-    of a flight that is timed they may all be alike."""
-    half, own = 0.5 / m.recorded.dt, m.setting.frequencies
-    f, power = signal.periodogram(m.recorded.signals[surface], 2 * half, ("tukey", TAPER), detrend="linear")
-    power = power * half  # white noise of variance 1 is 1
-    there = float(power[f > NEAR_HALF * half].mean()) - stated_noise(surface, m.recorded) ** 2
-    # Half of what is seen there is folded itself. Beyond, the spectrum of a step falls with the second power, behind a
-    # slow actuator with the fourth.
-    folded = 0.5 * max(there, 0.0) * (half / (2 * half - own)) ** 3
-    moves = np.interp(own, f, power) * (2 * np.pi * own) ** 2
-    return math.sqrt(0.5 * float(folded.sum() / max(moves.sum(), 1e-30)))
 
 
 def lasting_gust(record: Record) -> float:

@@ -16,9 +16,9 @@ from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.processing import HIGH_HZ, back, transform, without_line
+from station.diagnosis.refits import ASKED
 from station.diagnosis.reported import alone
 from station.diagnosis.residuals import SERIES, series
-from station.diagnosis.search import ASKED
 from station.diagnosis.series_spectra import Spectra
 from station.identification.html_page import BLUE, FAINT, INK, ORANGE
 from station.profile import Aircraft

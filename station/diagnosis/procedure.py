@@ -27,16 +27,10 @@ from station.diagnosis.measured_record import (
     was_moved,
     why_not_lateral,
 )
+from station.diagnosis.refits import ASKED, WHOLE
 from station.diagnosis.residuals import VANE
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
-from station.diagnosis.search import (
-    ASKED,
-    WHOLE,
-    Found,
-    is_told,
-    rivals_of_constant,
-    search,
-)
+from station.diagnosis.search import Found, is_told, rivals_of_constant, search
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1

@@ -76,7 +76,7 @@ DETECTABLE = {
     "gust.tail_penetration": (math.inf, 0.73, 0.63),
 }  # fmt: skip
 """Size found nine times in ten with doublets and a 3-2-1-1, SI, by SIGMAS (detectable_sizes of one flight):
-sqrt(search.ASKED) + 1.28 standard deviations of the effect beside everything that no profile knows. Instruments that
+sqrt(refits.ASKED) + 1.28 standard deviations of the effect beside everything that no profile knows. Instruments that
 another one contradicts show at a per cent or two; what acts as mass, inertia, ice, a stronger elevator or a slightly
 wrong vane does shows only beyond what the profile itself does not know."""
 

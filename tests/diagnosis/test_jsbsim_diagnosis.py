@@ -6,7 +6,7 @@ import pytest
 from blind import SIGMAS, Case, size
 from jsbsim_flights import diagnosed, named, score
 
-from station.diagnosis.search import CONFOUNDED
+from station.diagnosis.refits import CONFOUNDED
 
 
 @pytest.mark.parametrize("sigma", [SIGMAS[0], pytest.param(SIGMAS[1], marks=pytest.mark.slow)])

@@ -12,8 +12,9 @@ from station.diagnosis import search
 from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.effects import judged_effects
 from station.diagnosis.likelihood import Problem
+from station.diagnosis.refits import CONFOUNDED, Refits
 from station.diagnosis.screening import own_first, substitutes
-from station.diagnosis.search import CONFOUNDED, SHORT, _others, _Refits, _rivalled
+from station.diagnosis.search import SHORT, _others, _rivalled
 
 
 def at(cost: float, *ids: str) -> Estimate:
@@ -41,7 +42,7 @@ def test_what_few_steps_left_near_is_fitted_before_it_is_no_rival(monkeypatch: p
     """One candidate was stopped 17 short of where it ends, which is 2 from what is accepted; one is too far to be."""
     accepted, stopped, far = at(-100.0, "q.delay"), at(-81.0, "q.scale"), at(-99.0 + SHORT, "q.bias")
     problem = cast("Problem", FittedTo(q__scale=-98.0))
-    refits = _Refits(problem, at(0.0), {})
+    refits = Refits(problem, at(0.0), {})
     refits.done = {frozenset(e.state.ids): e for e in (accepted, stopped, far)}
     monkeypatch.setattr(search, "substitutes", lambda *_: [])
     assert _rivalled(problem, refits, accepted, [], lambda _: None) is accepted

@@ -14,9 +14,10 @@ from scipy import integrate
 
 from station.conventions import to_si
 from station.diagnosis.likelihood import Problem
-from station.diagnosis.manoeuvre import late_by_sampling, manoeuvre
+from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.measured_record import Record
 from station.diagnosis.procedure import gusts
+from station.diagnosis.surface_sampling import late_by_sampling
 
 SIGMA, SCALE = to_si(5, "ft/s"), to_si(1750, "ft")
 

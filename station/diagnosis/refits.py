@@ -1,0 +1,202 @@
+"""Candidates refitted: from the linear model's start, from the profile on, to the end, and without one effect."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.diagnosis.candidate import Estimate, State
+from station.diagnosis.effects import BY_ID
+from station.diagnosis.likelihood import Problem
+from station.diagnosis.screening import LEAST_SHARE, Start, free_slopes_of, own_first, screened, whole_changes
+from station.diagnosis.term import Term
+
+Array = NDArray[np.float64]
+
+ASKED: Final = 13.4
+"""Deviance reduction asked of each effect: by chance one of some forty that are about independent gains as much in one
+clean flight of a hundred; what is named must besides lower the error of data held out."""
+CONFOUNDED: Final = 6.0
+"""Candidates of one size within this deviance of the best are confounded with it, at least."""
+SINGLES: Final = 5
+MORE: Final = 3
+"""Candidates that the linear model puts first, of one effect and of more: the true one is rarely further down."""
+LEADING: Final = 2
+"""Of these, fitted to the end: a few steps from the profile promise the true one most, or all but one."""
+REFITS: Final = 4
+WHOLE: Final = 4
+"""Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
+
+
+class Refits:
+    """Candidates refitted so far, each once; those of a size that is not judged, or not physical, cost infinitely
+    much."""
+
+    def __init__(self, problem: Problem, null: Estimate, least: Mapping[str, float]) -> None:
+        self.problem, self.null, self._least = problem, null, least
+        self.done: dict[frozenset[str], Estimate] = {}
+        self._ended: dict[frozenset[str], Estimate] = {}
+        """As they were when fitted to the end."""
+        self._from_profile: set[frozenset[str]] = set()
+        self._at_end: dict[str, tuple[float, int, float]] = {}
+        """Cost, effects in all, and value of those at an end of their range, each at its best."""
+
+    def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
+        """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
+        key = frozenset(ids)
+        before = self.done.get(key) if ids else self.null
+        if before is not None and not again:
+            return before
+        p = self.problem
+        terms = [BY_ID[i] for i in ids]
+        start = _physical({i: values[i] for i in ids})
+
+        # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
+        rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
+        beaten = min(rivals, default=math.inf) + CONFOUNDED
+        here = self._start(terms, start, a)
+        if here is None:
+            if before is None:
+                before = self.done[key] = replace(self.null, cost=math.inf)
+            return before
+        return self._better(self._judged(p.estimate(here, REFITS, p.with_free(self.null.slopes), beaten=beaten)))
+
+    def _start(self, terms: Sequence[Term], values: Mapping[str, float], a: Array) -> State | None:
+        """The linear model's state; or where that is worse than the best with fewer of the effects, that, from which
+        steps are damped as far as they must be; None where neither can be had."""
+        p, ids = self.problem, {t.id for t in terms}
+        fewer = min(
+            (e for e in (self.null, *self.done.values()) if ids > set(e.state.ids)), key=lambda e: e.cost, default=None
+        )
+        try:
+            here = p.relevelled(p.state(values, a, self.null.state.levels))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            here = None
+        if fewer is None or (here is not None and p.cost(here) < fewer.cost):
+            return here
+        added = [t for t in terms if t.id not in fewer.state.values]
+        if any(t.probes for t in added):  # at nothing, a bent effect has no slope
+            return here
+        there = {t.id: fewer.state.values.get(t.id, t.null) for t in terms}
+        return p.state(there, fewer.state.a, fewer.state.levels)
+
+    def _better(self, found: Estimate) -> Estimate:
+        """Of a candidate and the same one fitted before."""
+        key = frozenset(found.state.ids)
+        before = self.done.get(key) if key else self.null
+        if before is None or found.cost <= before.cost:
+            before = found
+        if key:
+            self.done[key] = before
+        return before
+
+    def without(self, name: str, whole: Estimate) -> Estimate:
+        """A candidate fitted without one of its effects, and without those that are nothing then."""
+        left = tuple(i for i in whole.state.ids if i != name)
+        while True:
+            fewer = self.add(left, dict(whole.state.values), whole.state.a, again=True)
+            fewer = min(fewer, self._beside(whole, left), key=lambda e: e.cost)
+            if math.isfinite(fewer.cost):
+                return fewer
+            left = tuple(i for i in fewer.state.ids if not self._is_nothing(BY_ID[i], fewer.state))
+
+    def _beside(self, whole: Estimate, left: Sequence[str]) -> Estimate:
+        """Some of a candidate's effects fitted from its constants on, by its own slopes: those of no effect may be far
+        from there."""
+        p, s = self.problem, whole.state
+        try:
+            here = p.relevelled(p.state({i: s.values[i] for i in left}, s.a, s.levels))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            return replace(self.null, cost=math.inf)
+        return self._better(self._judged(p.estimate(here, REFITS, p.with_free(free_slopes_of(whole)))))
+
+    def fit_to_the_end(self, e: Estimate) -> None:
+        """A candidate again from where it is, all slopes made anew, but once."""
+        key = frozenset(e.state.ids)
+        if self._ended.get(key) is not e:
+            self.done[key] = self._ended[key] = self._judged(self.problem.estimate(e.state, WHOLE, self.problem.whole))
+
+    def fit_from_profile(self, values: Mapping[str, float], on_the_way: State | None = None) -> None:
+        """A candidate fitted from the profile on, in place of the one there if it is better. To the end: on the way
+        there the truth too promises less than constants that have taken its place."""
+        key = frozenset(values)
+        self._from_profile.add(key)
+        try:
+            found = self._judged(self.problem.from_profile(_physical(values), on_the_way))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            return
+        self._better(found)
+
+    def begin_at_profile(self, about: Estimate, terms: Sequence[Term], starts: Mapping[int, Sequence[Start]]) -> None:
+        """Further effects on top of an estimate, begun where its constants are still the profile's: constants that have
+        taken an effect's place do not give it back step by step, and hide which one it is. A few steps, from where the
+        linear models there and at the estimate, `starts`, see them, tell the hopeful."""
+        p = self.problem
+        there = p.at_profile(about.state.values)
+        made = p.effect_slopes(there.state, own_first(there.state, terms))
+        own, free = screened(p, there, terms, made)[1], free_slopes_of(there)
+        for size, first, second in ((1, SINGLES, MORE), (2, MORE, 1)):
+            tried: dict[frozenset[str], Estimate] = {}
+            for _, ids, values, _ in (*starts[size][:first], *own[size][:second]):
+                try:
+                    e = p.few_steps(_physical(values), free, REFITS)
+                except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+                    continue
+                if not any(self._is_nothing(BY_ID[i], e.state) for i in ids):
+                    tried[frozenset(ids)] = min(e, tried.get(frozenset(ids), e), key=_promised)
+            for e in sorted(tried.values(), key=_promised)[:LEADING]:
+                if not self.was_from_profile(e):
+                    self.fit_from_profile(e.state.values, e.state)
+                if self.at_ease(size + len(about.state.values), about.cost):
+                    return
+
+    def at_ease(self, size: int, cost: float) -> bool:
+        """Whether the best of a size, which gains what is asked on `cost`, has constants that its doubt lets expect:
+        then nothing has taken an effect's place any more."""
+        return any(cost - e.cost > ASKED and not e.strained for e in self.of_size(size)[:1])
+
+    def was_from_profile(self, e: Estimate) -> bool:
+        """Whether a candidate was fitted from the profile on."""
+        return frozenset(e.state.values) in self._from_profile
+
+    def beyond(self, accepted: Estimate) -> tuple[tuple[str, float], ...]:
+        """Effects at an end of their range that explain clearly more than what is accepted: whatever that is, it is not
+        what the data hold."""
+        size = len(accepted.state.values)
+        return tuple(
+            (name, value)
+            for name, (cost, more, value) in sorted(self._at_end.items())
+            if accepted.cost - cost > CONFOUNDED + ASKED * max(more - size, 0)
+        )
+
+    def _judged(self, found: Estimate) -> Estimate:
+        for i, value in found.state.values.items():
+            if BY_ID[i].at_end(value) and found.cost < self._at_end.get(i, (math.inf,))[0]:
+                self._at_end[i] = found.cost, len(found.state.values), value
+        if any(self._is_nothing(BY_ID[i], found.state) for i in found.state.ids):
+            return replace(found, cost=math.inf)
+        return found
+
+    def _is_nothing(self, t: Term, s: State) -> bool:
+        """Whether an effect is of a size that is not judged."""
+        value = s.values[t.id]
+        small = abs(value - t.null) < self._least.get(t.id, 0.0)
+        return small or t.at_end(value) or bool(t.probes and whole_changes(self.problem, s, [t]).max() < LEAST_SHARE)
+
+    def of_size(self, size: int) -> list[Estimate]:
+        found = [e for ids, e in self.done.items() if len(ids) == size and math.isfinite(e.cost)]
+        return sorted(found, key=lambda e: (e.cost, e.state.ids))
+
+
+def _promised(e: Estimate) -> float:
+    """The cost a step further, if all is linear."""
+    return e.cost - e.solved.gained
+
+
+def _physical(values: Mapping[str, float]) -> dict[str, float]:
+    return {i: min(max(x, BY_ID[i].low), BY_ID[i].high) for i, x in values.items()}
