@@ -30,8 +30,11 @@ MOST_LOST: Final = 0.025
 """Share of the draws without a quantity up to which its interval is that of the others."""
 DRAG_SHARE: Final = 0.10
 """Standard deviation of a profile's drag, as diagnosis takes it for a derivative without one."""
+_GROWING: Final = (0.25, 0.5, 0.75)
+_FOLLOWING: Final = 2
+"""Shares of the lags on the way to the whole, and steps of Newton's method at each: enough to stay with a root."""
 _STEPS: Final = 30
-"""Of Newton's method, from the quasi-steady root: it needs about six."""
+"""Of Newton's method with the whole lags: it needs about five."""
 _CLOSE: Final = 1e-9
 """Step, as a share of the root, at which it ends."""
 _SETTLED: Final = 1e-4
@@ -110,6 +113,12 @@ class Late(NamedTuple):
     delay: float
     """s, of the downwash beyond tail_arm/V."""
 
+    def grown(self, share: float, speed: float) -> Late:
+        """With this share of its lags."""
+        on_the_way = self.tail_arm / speed
+        delay = share * (on_the_way + self.delay) - on_the_way
+        return self._replace(wing=self.wing._replace(a=share * self.wing.a), delay=delay)
+
 
 def late_of(aircraft: Aircraft) -> Late | None:
     """As the profile has it; None for a quasi-steady aircraft."""
@@ -178,21 +187,24 @@ def modes(c: Coefficients, at: Condition, area: float, chord: float, late: Late 
 def _late_root(
     c: Coefficients, at: Condition, size: tuple[float, float], start: NDArray[Any], late: Late, other: Complex | None
 ) -> Complex:
-    """The root of the characteristic equation with lags, by Newton's method, with `other` divided out of it; NaN where
-    it does not settle."""
+    """What a root becomes as the lags grow: of the characteristic equation, by Newton's method, with `other` divided
+    out of it; NaN where it does not settle. Sought with all lags at once it may be another's: the phugoid's, or a
+    lag's own."""
 
-    def determinant(s: Complex) -> Complex:
-        return np.asarray(np.linalg.det(characteristic(c, at, *size, s, late)))
+    def newton(s: Complex, lags: Late) -> Complex:
+        small = 1e-6 * np.abs(s) + 1e-12
+        here, ahead, behind = (np.linalg.det(characteristic(c, at, *size, x, lags)) for x in (s, s + small, s - small))
+        slope = (ahead - behind) / (2 * small)
+        return np.asarray(here / (slope if other is None else slope - here / (s - other)))
 
-    s = np.array(start, dtype=complex)
-    step = s
     # Where a draw has no such root the steps lead anywhere; it is left out.
     with np.errstate(all="ignore"):
+        s = np.array(start, dtype=complex)
+        for share in _GROWING:
+            for _ in range(_FOLLOWING):
+                s = s - newton(s, late.grown(share, at.speed))
         for _ in range(_STEPS):
-            small = 1e-6 * np.abs(s) + 1e-12
-            here = determinant(s)
-            slope = (determinant(s + small) - determinant(s - small)) / (2 * small)
-            step = here / (slope if other is None else slope - here / (s - other))
+            step = newton(s, late)
             s = s - step
             if (np.abs(step) < _CLOSE * np.abs(s)).all():
                 break

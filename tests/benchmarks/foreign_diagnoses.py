@@ -5,7 +5,9 @@
 `foreign`: the 20 cases of tests/records.toml. `second`: cases of tests/second_simulation, drawn wider than the station
 assumes; every fifth hides nothing, every tenth two or three things. Each is imported and diagnosed with the command
 line against the shipped profile, which is not that aircraft's. A name is false where nothing like it is hidden, among
-its rivals either, unless it is a true difference from the profile and its interval holds it.
+its rivals either, unless it is a true difference from the profile and its interval holds it. Of the second simulation
+the derived quantities (short period, phugoid, load factor per angle of attack, elevator per g) are held against how
+that aircraft flies when left alone and pulled up, at the speed that the diagnosis states.
 """
 
 from __future__ import annotations
@@ -13,22 +15,31 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
+import math
 import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from tests.records import record
-from tests.second_simulation.aircraft import BOOM_X, DEG, FT, LONGITUDINAL, TAIL_ARM, G
+from tests.second_simulation.aircraft import BOOM_X, DEG, FT, LONGITUDINAL, TAIL_ARM, Drawn, G
 from tests.second_simulation.flights import diagnose_cases, write
+from tests.second_simulation.hidden import of_motion
+from tests.second_simulation.modes import qualities
+from tests.second_simulation.motion import Hidden, constants
 from tests.second_simulation.scoring import Score, score, table, totals
 
 FACTORS: Final = ("alpha_vane.scale", "q.scale", "mass.scale", "inertia.scale", "dynamic_pressure.scale")
 """That the foreign answers give as a ratio."""
 UNJUDGED: Final = ("aero.icing", "cg.shift", "pot_cubic", "slosh", "elevator.delay")
 """Sizes of theirs whose definition is not stated, or not the catalogue's."""
+BENT: Final = {"elevator.backlash", "aero.separation", "slosh"}
+"""With these no small motion says how the aircraft flies."""
 MANOEUVRES: Final = ("a", "b", "h")
 
 
@@ -96,6 +107,36 @@ def counted(flights: Path, folder: Path, foreign: bool, workers: int) -> list[Sc
         return list(pool.map(one, cases))
 
 
+def derived(answers: dict[str, Any], folder: Path) -> str:
+    """Of diagnoses that do not call themselves suspect: how often 95 % intervals of derived quantities hold the true
+    one, how wide they are, and how far off their middle is."""
+    found: dict[str, list[tuple[bool, float, float]]] = {}
+    for page in sorted(folder.glob("diagnose_*.json")):
+        told, given = json.loads(page.read_text()).get("derived", {}), answers[f"{page.stem}_a"]
+        if told.get("status") != "ok" or told["suspect"] or BENT & given["hidden"].keys():
+            continue
+        aircraft = replace(Drawn(**given["constants"]), speed=told["condition"]["airspeed_mps"])
+        true = qualities(aircraft, of_motion(aircraft, constants(aircraft, Hidden()).alpha, given["hidden"]))
+        for name, value in true.items():
+            row = told["quantities"][name]
+            if row["status"] == "estimated" and math.isfinite(value):
+                low, high = row["ci95"]
+                found.setdefault(name, []).append(
+                    (low <= value <= high, (high - low) / 2 / abs(value), row["estimate"] / value - 1)
+                )
+    lines = [
+        "| derived quantity | flights | intervals that hold | half width | off (mean, rms) |",
+        "|---|---|---|---|---|",
+    ]
+    for name, rows in found.items():
+        held, half, off = map(np.array, zip(*rows, strict=True))
+        lines.append(
+            f"| {name} | {len(rows)} | {held.sum()} | {100 * np.median(half):.1f} % |"
+            f" {100 * off.mean():+.1f} %, {100 * np.sqrt((off**2).mean()):.1f} % |"
+        )
+    return "\n".join(lines)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=("foreign", "second"))
@@ -108,14 +149,17 @@ def main() -> None:
     pages = {}
     if given.only != "second":
         pages["foreign"] = counted(record("flights/answers.json").parent, folder / "foreign", True, given.workers)
+    flights = folder / f"flights_{given.seed}"
     if given.only != "foreign":
-        flights = folder / f"flights_{given.seed}"
         if not (flights / "answers.json").exists():
             write([c for i in range(given.count) for c in diagnose_cases(given.seed, i)], flights)
         pages["second simulation"] = counted(flights, folder / f"second_{given.seed}", False, given.workers)
     for scores in pages.values():
         print(totals(scores), end="\n\n")
         print(table(scores), end="\n\n")
+    if "second simulation" in pages:
+        answers = json.loads((flights / "answers.json").read_text())
+        print(derived(answers, folder / f"second_{given.seed}"))
 
 
 if __name__ == "__main__":
