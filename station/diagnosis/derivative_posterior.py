@@ -14,6 +14,7 @@ from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone
 from station.model.flying_qualities import Condition, Qualities, qualities
+from station.model.late_lift import constants_of
 from station.numerics.separation import steady
 from station.profile import Aircraft
 
@@ -25,16 +26,16 @@ _BESIDE = 1e-4
 """rad: the lift curve is straight over as little."""
 
 
-def posterior(problem: Problem, e: Estimate, alpha: float) -> Array:
-    """Covariance of the DERIVATIVES (6, 6) at an estimate and an angle of attack: of effects and free parameters
-    together, priors included."""
+def posterior(problem: Problem, e: Estimate, about: Aircraft, alpha: float) -> Array:
+    """Covariance (n, n) of what is `shown` of an aircraft, at an estimate and an angle of attack: of effects and free
+    parameters together, priors included."""
     values, a, covariance = e.state.values, e.state.a, e.solved.covariance
 
     def at(values: Mapping[str, float], a: Array) -> Array:
-        return np.array(list(local(problem.aircraft_at(values, a), alpha).values()))
+        return np.array(list(shown(problem.aircraft_at(values, a), about, alpha).values()))
 
     middle = at(values, a)
-    slopes = np.zeros((len(DERIVATIVES), len(covariance)))
+    slopes = np.zeros((len(middle), len(covariance)))
     for j, (name, value) in enumerate(values.items()):
         step = _STEP * float(np.sqrt(covariance[j, j]))
         slopes[:, j] = (at({**values, name: value + step}, a) - middle) / step
@@ -43,6 +44,11 @@ def posterior(problem: Problem, e: Estimate, alpha: float) -> Array:
         there[j] += _STEP
         slopes[:, len(values) + j] = (at(values, there) - middle) / _STEP
     return np.asarray(slopes @ covariance @ slopes.T)
+
+
+def shown(aircraft: Aircraft, about: Aircraft, alpha: float) -> dict[str, float]:
+    """The DERIVATIVES, and the constants that a motion depends on beside them, see constants_of."""
+    return local(aircraft, alpha) | constants_of(aircraft, about)
 
 
 def local(aircraft: Aircraft, alpha: float) -> dict[str, float]:
@@ -66,10 +72,11 @@ def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | 
         return "the profile gives no iyy", None
     flown = found.problem.manoeuvres
     at, alpha = _condition(aircraft, flown)
-    covariance = posterior(found.problem, found.found.accepted, alpha)
-    after = qualities(aircraft, at, local(aircraft, alpha), covariance)
+    covariance = posterior(found.problem, found.found.accepted, aircraft, alpha)
+    after = qualities(aircraft, at, shown(aircraft, aircraft, alpha), covariance)
     at, alpha = _condition(found.aircraft, flown)
-    before = qualities(found.aircraft, at, local(found.aircraft, alpha), 0.0 * covariance)
+    known = local(found.aircraft, alpha)
+    before = qualities(found.aircraft, at, known, np.zeros((len(known), len(known))))
     return after, before
 
 
@@ -79,13 +86,13 @@ def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> tuple[Conditio
     def mean(of: Callable[[Manoeuvre], float]) -> float:
         return float(np.mean([of(m) for m in flown]))
 
-    def shown(name: str) -> float:
+    def read(name: str) -> float:
         own = aircraft.instruments.get(name)
         return mean(lambda m: float(undone(m.record.signals[name], own, m.record.dt).mean()))
 
-    boom, vane = aircraft.boom, shown("alpha_vane")
+    boom, vane = aircraft.boom, read("alpha_vane")
     at = Condition(
-        speed=shown("airspeed"),
+        speed=read("airspeed"),
         density=mean(lambda m: m.record.density),
         mass=mean(lambda m: m.loaded(aircraft).inertia.mass),
         iyy=mean(lambda m: m.loaded(aircraft).inertia.iyy or 1.0),

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.numerics.indicial import Response, frequency_response, response
+from station.model.late_lift import IYY, MASS, Late, late_of
+from station.numerics.indicial import frequency_response
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ MOST_LOST: Final = 0.025
 """Share of the draws without a quantity up to which its interval is that of the others."""
 DRAG_SHARE: Final = 0.10
 """Standard deviation of a profile's drag, as diagnosis takes it for a derivative without one."""
+_LIGHTEST: Final = 0.1
+"""Of mass and inertia: no draw of a normal distribution may be none."""
 _GROWING: Final = (0.25, 0.5, 0.75)
 _FOLLOWING: Final = 2
 """Shares of the lags on the way to the whole, and steps of Newton's method at each: enough to stay with a root."""
@@ -44,13 +47,13 @@ _SEED: Final = 8785
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Level flight: true airspeed (m/s), density (kg/m3), mass (kg), pitch inertia (kg m2), and the angle of attack
-    (rad) about which a nonlinear lift curve is taken as straight."""
+    """Level flight: true airspeed (m/s), density (kg/m3), mass (kg), pitch inertia (kg m2), these two a number or (d,),
+    and the angle of attack (rad) about which a nonlinear lift curve is taken as straight."""
 
     speed: float
     density: float
-    mass: float
-    iyy: float
+    mass: Any
+    iyy: Any
     alpha: float = 0.0
 
 
@@ -100,35 +103,6 @@ class Coefficients(NamedTuple):
     cm_adot: Any = 0.0
 
 
-class Late(NamedTuple):
-    """What of lift and moment follows late: the wing's indicial response and the downwash at the tail."""
-
-    wing: Response
-    chord: float
-    """m, that the response counts in."""
-    tail_slope: float
-    tail_arm: float
-    """m."""
-    downwash: float
-    delay: float
-    """s, of the downwash beyond tail_arm/V."""
-
-    def grown(self, share: float, speed: float) -> Late:
-        """With this share of its lags."""
-        on_the_way = self.tail_arm / speed
-        delay = share * (on_the_way + self.delay) - on_the_way
-        return self._replace(wing=self.wing._replace(a=share * self.wing.a), delay=delay)
-
-
-def late_of(aircraft: Aircraft) -> Late | None:
-    """As the profile has it; None for a quasi-steady aircraft."""
-    u = aircraft.unsteady
-    if not u.memory:
-        return None
-    chord = u.reference_chord or aircraft.geometry.chord
-    return Late(response(u.lift_motion), chord, u.tail_lift_slope, u.tail_arm, u.downwash, u.downwash_delay)
-
-
 def characteristic(
     c: Coefficients, at: Condition, area: float, chord: float, s: Any = 0.0, late: Late | None = None
 ) -> Complex:
@@ -139,7 +113,7 @@ def characteristic(
     cl_alpha, cm_alpha, cl_q, cm_q = c.cl_alpha, c.cm_alpha, c.cl_q, c.cm_q
     if late is not None:
         share, arm = late.tail_slope, late.tail_arm / chord
-        wing = frequency_response(late.wing, s * late.chord / v)
+        wing = 1.0 + late.amplitude * (frequency_response(late.wing, s * late.chord / (v * late.rate)) - 1.0)
         tail = 1.0 - late.downwash * np.exp(-s * (late.tail_arm / v + late.delay)) * wing
         cl_alpha = (cl_alpha - share * (1 - late.downwash)) * wing + share * tail
         cm_alpha = (cm_alpha + share * arm * (1 - late.downwash)) * wing - share * arm * tail
@@ -353,7 +327,10 @@ def qualities(
     made: dict[str, Array] = {}
     if {f"{force}_alpha", "Cm_alpha"} <= found.keys():
         drawn = {n: cloud[:, k] for k, n in enumerate(names)}
-        made = _quantities(coefficients(aircraft, at, drawn, drag, thrust), at, *size, own)
+        mass, iyy = (np.maximum(drawn.get(n, 1.0), _LIGHTEST) for n in (MASS, IYY))
+        there = replace(at, mass=mass * at.mass, iyy=iyy * at.iyy)
+        own = own.drawn(drawn) if own is not None else None
+        made = _quantities(coefficients(aircraft, there, drawn, drag, thrust), there, *size, own)
     no_drag = aircraft.drag is None and not aircraft.value("CD_0") and not aircraft.value("CD_V")
     out, draws = {}, {}
     for name, (unit, needs, rests) in _ASKED.items():

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from station.model import flying_qualities as theory
-from station.profile import Aircraft, load_aircraft
+from station.model.late_lift import LAGS, constants_of
+from station.profile import Aircraft, load_aircraft, profile_changes
 from station.profile.aircraft import Indicial
 from tests.second_simulation.aircraft import CHORD, Drawn, density, drawn
 from tests.second_simulation.modes import poles, qualities
@@ -63,3 +64,29 @@ def test_lags_of_wing_and_downwash_are_part_of_how_it_flies() -> None:
     for name in ("short_period_frequency", "short_period_damping", "n_per_alpha", "elevator_per_g"):
         assert said[name] == pytest.approx(true[name], rel=0.01), name
     assert abs(quick["short_period_frequency"] / true["short_period_frequency"] - 1) > 0.1
+
+
+@pytest.mark.parametrize("name", LAGS)
+def test_a_lag_that_is_known_by_an_interval_moves_the_short_period_by_one(name: str) -> None:
+    """Drawn beside the derivatives, it does what an aircraft does that has it."""
+    body = load_aircraft("twin_otter")
+    change = {
+        "late tail slope": profile_changes.unsteady("tail_lift_slope"),
+        "late tail arm": profile_changes.unsteady("tail_arm"),
+        "late downwash": profile_changes.unsteady("downwash"),
+        "late delay": profile_changes.unsteady("downwash_delay"),
+        "late amplitude": profile_changes.indicial_amplitude("lift_motion"),
+        "late rate": profile_changes.indicial_rate("lift_motion"),
+    }[name]
+    other = change(body, 0.05)
+    at = theory.Condition(56.6, 1.1, 4960.0, 33400.0)
+    own = {n: body.value(n) for n in ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")}
+    none, period = np.zeros((7, 7)), "short_period_frequency"
+    said = theory.qualities(other, at, own, none[:6, :6]).quantities[period].estimate
+    found = own | {name: constants_of(other, body)[name]}
+    assert theory.qualities(body, at, found, none).quantities[period].estimate == pytest.approx(said, rel=1e-6)
+    assert said != pytest.approx(theory.qualities(body, at, own, none[:6, :6]).quantities[period].estimate, rel=1e-4)
+    wide = none.copy()
+    wide[6, 6] = 0.05**2
+    told = theory.qualities(body, at, own | {name: constants_of(body, body)[name]}, wide).quantities[period]
+    assert told.ci95[1] - told.ci95[0] > abs(said - told.estimate)
