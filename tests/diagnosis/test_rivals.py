@@ -61,6 +61,10 @@ def test_a_lag_may_stand_in_a_delay_s_place_and_a_scale_may_not() -> None:
     found = {ids: values for ids, values, _ in substitutes(problem, at_delay, terms, made)}
     assert set(found) == {("elevator.lag",)}
     assert found["elevator.lag",]["elevator.lag"] == pytest.approx(at_delay.state.values["elevator.delay"], rel=0.05)
+    for own in made:  # an effect that shows nowhere is none's rival, nor a number of any
+        own.bins[-1], own.steady[-1], own.response[-1] = 0, 0, 0
+    with np.errstate(invalid="raise", divide="raise"):
+        assert [ids for ids, *_ in substitutes(problem, at_delay, terms, made)] == list(found)
 
 
 @pytest.mark.slow
