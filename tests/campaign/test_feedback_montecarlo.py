@@ -99,6 +99,7 @@ def covers(found: Counted, count: int) -> bool:
     return bool(found.coverage.min() > LEAST - 3 * sd and found.coverage.mean() > LEAST)
 
 
+@pytest.mark.slow
 def test_a_few_flights_under_altitude_hold() -> None:
     plan = load_plan("feedback")
     found = counted(plan, case_of(plan, 5, "altitude", "multisine"), 6)["physical"]

@@ -81,6 +81,7 @@ def test_motion_stays_as_it_is_whatever_is_taken_out() -> None:
     assert np.sqrt(np.mean((pressure - 0.5 * true**2)[INNER] ** 2)) < 0.03 * 60.0
 
 
+@pytest.mark.slow
 def test_air_data_that_lag_in_light_gusts_are_found() -> None:
     """To undo the lag raises the noise of what is not smoothed, and was weighed against it."""
     case = Case(seed=103401, sigma=SIGMAS[1], effects={"dynamic_pressure.lag": 0.2}, fit_on=("3-2-1-1", "multisine"))

@@ -61,6 +61,7 @@ def test_a_single_effect_is_named_and_its_interval_holds_it(seed, name, air, sig
     assert d.gain.low > 0
 
 
+@pytest.mark.slow
 def test_an_accelerometers_zero_is_named_though_nothing_held_out_can_confirm_it():
     """What is held out has a zero of its own; attitude and velocity contradict the one planted, ten times the usual."""
     case = Case(seed=7001, sigma=SIGMAS[1], effects={"accelerometer.bias": -0.54})

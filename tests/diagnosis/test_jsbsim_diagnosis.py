@@ -9,7 +9,8 @@ from jsbsim_flights import diagnosed, named, score
 from station.diagnosis.refits import CONFOUNDED
 
 
-@pytest.mark.parametrize("sigma", [SIGMAS[0], pytest.param(SIGMAS[1], marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("sigma", SIGMAS[:2])
 def test_without_an_effect_the_model_lacks_something_and_no_instrument_failed(sigma):
     d = diagnosed(Case(seed=70, sigma=sigma))
     assert named(d) == {}

@@ -65,6 +65,7 @@ def test_a_biased_gyro_is_named():
     assert found.extended.instruments["q"].bias == effect.value
 
 
+@pytest.mark.slow
 def test_a_late_and_scaled_vane_is_named_and_the_gain_is_held_out():
     wrong = {"latency": 0.05, "gain": 1.2}
     result = diagnosed(flown("0 ft/s", 2, alpha_vane=wrong), held=flown("0 ft/s", 3, alpha_vane=wrong))

@@ -27,7 +27,7 @@ def test_nothing_is_named_in_a_clean_flight_and_all_is_written():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "air"), [("r.scale", 0), ("beta_vane.delay", 1)])
+@pytest.mark.parametrize(("name", "air"), [("r.scale", 0), pytest.param("beta_vane.delay", 1, marks=pytest.mark.slow)])
 def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
     planned = Case(seed=71, sigma=SIGMAS[air], effects={name: planted(name, 3.0, SIGMAS[air], 1)})
     d = diagnosed(planned)
@@ -43,7 +43,7 @@ def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
     ("name", "value", "seed", "number", "air"),
     [
         pytest.param("aero.lateral_icing", 3.6, 13128969271, 28, 1, marks=pytest.mark.slow),
-        ("r.scale", -0.03, 13128969062, 8, 2),
+        pytest.param("r.scale", -0.03, 13128969062, 8, 2, marks=pytest.mark.slow),
         ("ay.position", 0.132, 177161, 17, 1),
         pytest.param("beta_vane.delay", 0.052, 177001, 1, 1, marks=pytest.mark.slow),
         pytest.param("ay.scale", 0.036, 177132, 15, 2, marks=pytest.mark.slow),

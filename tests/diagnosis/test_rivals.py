@@ -78,6 +78,7 @@ def test_what_may_be_instead_of_one_of_two_is_told() -> None:
     assert {e.term.id: e.alternatives for e in d.effects}["cg.shift"] == ()
 
 
+@pytest.mark.slow
 def test_an_effect_is_off_by_three_of_its_own_standard_errors() -> None:
     """A CG found at 2.3 standard deviations gained 20 in deviance beside a late gyro, and was named with it."""
     case = Case(seed=104300, sigma=0.9144, fit_on=("3-2-1-1", "multisine"), effects={"q.delay": -0.0062})

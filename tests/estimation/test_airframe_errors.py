@@ -57,7 +57,9 @@ def exact(with_mass: bool = False) -> dict[str, dict[str, ParamEstimate]]:
     return made(known(), with_mass)
 
 
-@pytest.mark.parametrize(("key", "with_mass"), [("mass", False), ("recorded_mass", True)])
+@pytest.mark.parametrize(
+    ("key", "with_mass"), [("mass", False), pytest.param("recorded_mass", True, marks=pytest.mark.slow)]
+)
 def test_every_error_holds_those_of_mass_and_inertia(key: str, with_mass: bool) -> None:
     """Force derivatives go with the mass, moment derivatives with the inertia."""
     doubtful = made(known(**{key: 0.04, "inertia": 0.07}), with_mass)

@@ -262,6 +262,7 @@ def late(tmp_path: Any) -> list[Any]:
     return logs
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_though_constants_far_from_the_profile_s_do_the_same(late: list[Any], station: Any) -> None:
     """Without effects the fit ends 6 standard deviations from the vane's frequency, which leaves its delay no room."""
     found = late[0].with_name("found.json")

@@ -186,6 +186,7 @@ def told_of(log: Path, changed: Callable[[str, np.ndarray, np.ndarray], np.ndarr
     return programme_of([log], load_aircraft("twin_otter"), read=read)
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_before_its_frames_keeps_every_signal(programme: Path) -> None:
     """As every live one does: the first 20 s have no values. Heading was lost with them for all of the flight."""
     whole = told_of(programme, lambda _, t, c: c)
@@ -198,6 +199,7 @@ def test_a_record_that_begins_before_its_frames_keeps_every_signal(programme: Pa
     assert seldom.constants["psi_zero"].sd == pytest.approx(whole.constants["psi_zero"].sd, rel=0.3)
 
 
+@pytest.mark.slow
 def test_turns_tell_the_same_without_a_recorded_heading(tmp_path: Path) -> None:
     """Banked, the nose points off the path by some of the angle of attack: taken for its heading, the path made a
     degree of the vane's zero."""
