@@ -27,8 +27,8 @@ _BESIDE = 1e-4
 
 
 def posterior(problem: Problem, e: Estimate, about: Aircraft, alpha: float) -> Array:
-    """Covariance (n, n) of what is `shown` of an aircraft, at an estimate and an angle of attack: of effects and free
-    parameters together, priors included."""
+    """Covariance (n, n) of what is `shown` of an aircraft over `about`, at an estimate and an angle of attack (rad): of
+    effects and free parameters together, priors included."""
     values, a, covariance = e.state.values, e.state.a, e.solved.covariance
 
     def at(values: Mapping[str, float], a: Array) -> Array:
@@ -47,7 +47,8 @@ def posterior(problem: Problem, e: Estimate, about: Aircraft, alpha: float) -> A
 
 
 def shown(aircraft: Aircraft, about: Aircraft, alpha: float) -> dict[str, float]:
-    """The DERIVATIVES, and the constants that a motion depends on beside them, see constants_of."""
+    """The DERIVATIVES at an angle of attack (rad), and the constants that the motion depends on beside them, some over
+    those of `about`: see constants_of."""
     return local(aircraft, alpha) | constants_of(aircraft, about)
 
 

@@ -309,7 +309,7 @@ class Problem:
 
     def at_profile(self, values: Mapping[str, float]) -> Estimate:
         """The profile's aircraft with these effects, and the variances fitted to it."""
-        s = self.relevelled(self._profile_state(values))
+        s = self._profile_state(values)
         return self._here(s, *self.whole(s))
 
     def few_steps(self, values: Mapping[str, float], free: Sequence[Slopes], rounds: int) -> Estimate:

@@ -95,7 +95,7 @@ def substitutes(
         beside = np.linalg.solve(matrix[np.ix_(rest, rest)], matrix[np.ix_(rest, both)])
         alone = matrix[np.ix_(both, both)] - matrix[np.ix_(both, rest)] @ beside
         for j, t in enumerate(every[m:], 1):
-            if t.probes or alone[0, j] ** 2 <= ALIKE**2 * alone[0, 0] * alone[j, j]:  # what shows nowhere, too
+            if t.probes or alone[0, j] ** 2 <= ALIKE**2 * alone[0, 0] * alone[j, j]:  # or it shows nowhere
                 continue
             values = {k: v for k, v in s.values.items() if k != every[i].id}
             values[t.id] = t.null + (s.values[every[i].id] - every[i].null) * float(alone[0, j] / alone[j, j])

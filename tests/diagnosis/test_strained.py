@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
 
+from station.diagnosis import likelihood
 from station.diagnosis.candidate import Estimate, Solved, State
 from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.judge import remaining_residual
@@ -85,3 +86,21 @@ def test_a_fit_is_left_where_only_damped_steps_lead_on_and_gain_nothing(
     found = problem.estimate(far, 25, lambda s: (null.slopes, ()), done=np.inf)
     assert found.state is far
     assert len(steps) == 5
+
+
+def test_a_fit_that_fails_leaves_the_next_ones_as_they_were(
+    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Zeros stay still on the way from the profile, and wander again after it, however it ended."""
+    problem, null = sound
+    wandered = 7.0 * null.state.levels.zeros
+    monkeypatch.setattr(likelihood, "wandering", lambda *_: wandered)
+
+    def fails(*_: object) -> Estimate:
+        raise np.linalg.LinAlgError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Problem, "estimate", fails)
+        with pytest.raises(np.linalg.LinAlgError):
+            problem.from_profile({})
+    assert np.array_equal(problem.relevelled(null.state).levels.zeros, wandered)
