@@ -13,8 +13,9 @@ from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone
-from station.model.flying_qualities import Condition, Qualities, qualities
+from station.model.flying_qualities import Condition, Qualities, bend, qualities
 from station.model.late_lift import constants_of
+from station.numerics.atmosphere import scale_height
 from station.numerics.separation import steady
 from station.profile import Aircraft
 
@@ -56,7 +57,7 @@ def local(aircraft: Aircraft, alpha: float) -> dict[str, float]:
     """The DERIVATIVES at an angle of attack (rad), where lift and moment are curves."""
     made = {n: aircraft.value(n) for n in DERIVATIVES}
     for c in ("CL", "Cm"):
-        made[f"{c}_alpha"] += 2 * aircraft.value(f"{c}_alpha2") * alpha + 3 * aircraft.value(f"{c}_alpha3") * alpha**2
+        made[f"{c}_alpha"] += bend(aircraft, c, alpha)
     if aircraft.separation.alpha_star is not None:
         (below, less), (above, more) = (steady(aircraft.separation, alpha + k * _BESIDE) for k in (-1, 1))
         lift = (more * (alpha + _BESIDE) - less * (alpha - _BESIDE)) / (2 * _BESIDE)
@@ -72,17 +73,17 @@ def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | 
     if aircraft.inertia.iyy is None:
         return "the profile gives no iyy", None
     flown = found.problem.manoeuvres
-    at, alpha = _condition(aircraft, flown)
-    covariance = posterior(found.problem, found.found.accepted, aircraft, alpha)
-    after = qualities(aircraft, at, shown(aircraft, aircraft, alpha), covariance)
-    at, alpha = _condition(found.aircraft, flown)
-    known = local(found.aircraft, alpha)
+    at = _condition(aircraft, flown)
+    covariance = posterior(found.problem, found.found.accepted, aircraft, at.alpha)
+    after = qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), covariance)
+    at = _condition(found.aircraft, flown)
+    known = local(found.aircraft, at.alpha)
     before = qualities(found.aircraft, at, known, np.zeros((len(known), len(known))))
     return after, before
 
 
-def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> tuple[Condition, float]:
-    """The mean of what was flown, and its angle of attack (rad) by the steady vane."""
+def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> Condition:
+    """The mean of what was flown, at the angle of attack that the vane shows steadily."""
 
     def mean(of: Callable[[Manoeuvre], float]) -> float:
         return float(np.mean([of(m) for m in flown]))
@@ -91,11 +92,12 @@ def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> tuple[Conditio
         own = aircraft.instruments.get(name)
         return mean(lambda m: float(undone(m.record.signals[name], own, m.record.dt).mean()))
 
-    boom, vane = aircraft.boom, read("alpha_vane")
-    at = Condition(
+    boom, vane, density = aircraft.boom, read("alpha_vane"), mean(lambda m: m.record.density)
+    return Condition(
         speed=read("airspeed"),
-        density=mean(lambda m: m.record.density),
+        density=density,
         mass=mean(lambda m: m.loaded(aircraft).inertia.mass),
         iyy=mean(lambda m: m.loaded(aircraft).inertia.iyy or 1.0),
+        alpha=vane if boom is None else (vane - boom.zero) * boom.steady_calibration,
+        scale_height=scale_height(density),
     )
-    return at, vane if boom is None else (vane - boom.zero) * boom.steady_calibration

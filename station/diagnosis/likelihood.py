@@ -34,7 +34,7 @@ Complex = NDArray[np.complex128]
 ROUNDS: Final = 25
 DONE: Final = 0.2
 NEAR: Final = 10.0
-"""Of Q: a step that would gain less is the last; the second where slopes are rough."""
+"""Of Q: a step that would gain less is the last where slopes are rough; one that would gain more is a long way."""
 HOPED: Final = 3.0
 """Times what a step promises, that a candidate may still gain: variances fitted to a worse state promise too little."""
 MOST_DAMPED: Final = 100.0
@@ -65,9 +65,6 @@ class Problem:
         """What answers gusts that nothing measures: the aircraft without effects, once that is fitted, for all
         candidates alike; until then each itself. Were it always each one's own, what this does to the variance would
         outweigh what an effect explains."""
-        self._common: Array | None = None
-        """Free parameters and drifts of every candidate's `volume`, for the same reason: those without effects. Where
-        these have taken an effect's place, and would count beside it, each candidate has its own."""
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
@@ -126,15 +123,12 @@ class Problem:
 
     def volume(self, s: State) -> float:
         """log det Sigma, less log |det A|2 of the responses of the series to the sensors at their heads, and the prior
-        of the variances: with Q the density of what these sensors show, given the others. Of the effects alone: the
-        score that the parameters are at is Q's, and where they are hardly known the volume would move them by tens."""
-        levels, made = s.levels, s.responses
-        if self._common is not None:
-            craft = self.aircraft_at(s.values, self._common)
-            made = tuple(m.responses(craft, flown=self.answering) for m in self.manoeuvres)
+        of the variances: with Q the density of what these sensors show, given the others. Candidates are compared by
+        it, each at its own parameters, and not fitted: where these are hardly known it would move them by tens."""
+        levels = s.levels
         total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
         total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
-        for k, (m, r) in enumerate(zip(self.manoeuvres, made, strict=True)):
+        for k, (m, r) in enumerate(zip(self.manoeuvres, s.responses, strict=True)):
             b = m.columns(r, m.grouped.pick)
             root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
             total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())
@@ -273,22 +267,23 @@ class Problem:
         return Solved(step, covariance, float(-gradient @ step))
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
-        """The state a step further, its levels kept; None where Q is no less there."""
+        """The state a step further, its levels kept; None where Q is no less there, or on a long way the cost: far from
+        the best, where Sigma follows, Q falls with a noise that grows."""
         e = len(terms)
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
         try:
             there = self.state(values, np.clip(s.a + solved.step[e:], *self.ends), s.levels)
+            better = self.cost(there) < self.cost(s) if solved.gained > NEAR else there.q < s.q
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return None
-        return there if there.q < s.q else None
+        return there if better else None
 
     def null(self) -> Estimate:
         """Without effects."""
         found = self.from_profile({})
         self.answering = self.answering or self.aircraft_at({}, found.state.a)
-        self._common = None if found.strained else found.state.a
         return found
 
     def answered(self, e: Estimate) -> Estimate:

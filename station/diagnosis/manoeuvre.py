@@ -34,8 +34,8 @@ FAST_S: Final = 0.025
 """Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
 REPEATED: Final = 0.2
 """Share of samples that repeat the one before, from which a signal is rounded coarsely."""
-ROUNDED: Final = 1e-9
-"""Of a signal's range: smaller steps are a file's rounding."""
+ROUNDED: Final = 1e-6
+"""Of a signal's range: smaller steps are a file's rounding, or the grid's."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
 """Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
 RECORDED_THRUST: Final = 0.005
@@ -360,10 +360,12 @@ def white_noise(name: str, record: Record) -> float:
 
 def quantum(x: Array) -> float:
     """The step of a signal that a recorder has rounded so far that values repeat, where the middle of its differences
-    says nothing of its noise; else 0."""
-    steps = np.abs(np.diff(x))
-    there = steps[steps > ROUNDED * float(np.ptp(x))]
-    return float(np.quantile(there, 0.05)) if 0 < len(there) < (1 - REPEATED) * len(steps) else 0.0
+    says nothing of its noise; else 0. By the values that repeat: those between are of the grid that it was put on."""
+    least = ROUNDED * float(np.ptp(x))
+    level = np.sort(x[1:][np.abs(np.diff(x)) <= least])
+    steps = np.diff(level)
+    steps = steps[steps > least]
+    return float(np.median(steps)) if len(steps) and len(level) > REPEATED * len(x) else 0.0
 
 
 def stated_noise(name: str, record: Record) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
-from station.diagnosis.manoeuvre import AIR_DATA, FAST_S, SLOW_SHARE, Manoeuvre, stated_noise, white_noise
+from station.diagnosis.manoeuvre import AIR_DATA, FAST_S, SLOW_SHARE, Manoeuvre, quantum, stated_noise, white_noise
 from station.diagnosis.measured_record import Record
 from station.diagnosis.residuals import LIFT
 from station.diagnosis.series_spectra import Spectra, spectra
@@ -27,7 +27,8 @@ about as much, and so do small corrections by hand."""
 SEEN_SD: Final = 0.25
 """Prior standard deviation of the logarithm of the variance of white noise that the samples show."""
 LEVEL_SD: Final = 1.5
-"""The same where only a rig states it, and of the slow part: half or twice the noise is nothing unusual."""
+"""The same where only a rig states it, or a recorder rounds, and of the slow part: half or twice the noise is nothing
+unusual."""
 LEAST_SLOW: Final = 0.05
 """Of their white variance, slow at least: a fifth of SLOW_SHARE."""
 LEAST_OWN: Final = 0.1
@@ -158,7 +159,9 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
     for k, m in enumerate(manoeuvres):
         n = len(m.trim.sensors)
         if m.recorded.dt <= FAST_S:
-            made[k, :n] = 1 / SEEN_SD**2
+            # Of rounding, samples show the step, not how it is spread over the frequencies.
+            rounded = {name for name, x in m.recorded.signals.items() if quantum(x)}
+            made[k, [i for i, name in enumerate(m.trim.sensors) if name not in rounded]] = 1 / SEEN_SD**2
         made[k, [n + i for i in _of_air(m.trim.sensors)]] = 1 / SEEN_SD**2
         unstated = [i for i, s in enumerate(m.trim.sensors) if m.axis.always.get(s)]
         made[k, unstated] = made[k, [n + i for i in unstated]] = LOOSE_LEVEL

@@ -13,8 +13,9 @@ from station.conventions import from_si
 from station.estimation.results import DOF, without_airframe_errors
 from station.identification.identified import Identification
 from station.model.airframe_error import relative_errors
-from station.model.flying_qualities import Condition, Derived, Qualities, qualities
+from station.model.flying_qualities import Condition, Derived, Qualities, bend, qualities
 from station.model.flying_quality_levels import LEVELS, levels_of
+from station.numerics.atmosphere import scale_height
 from station.rows import Status
 
 Array = NDArray[np.float64]
@@ -57,9 +58,13 @@ def identified_qualities(found: Identification) -> Qualities | str:
         mass=float(np.nanmean(record.airframe.mass)),
         iyy=float(np.nanmean(record.airframe.iyy)),
         alpha=float(np.nanmean(record.alpha)),
+        scale_height=scale_height(record.mean_density),
     )
     late = found.recommended == "physical"
     values = {names[k]: good[names[k]].value for k in known}
+    for name, sign, of in (("CL_alpha", 1, "CL"), ("CZ_alpha", -1, "CL"), ("Cm_alpha", 1, "Cm")):
+        if name in values:
+            values[name] += sign * bend(body, of, at.alpha)
     mass, inertia = relative_errors(body, ("CL_alpha", "Cm_alpha"))[1 if record.has("mass") else 0]
     covariance = whole[np.ix_(known, known)] * np.outer(sds, sds)
     return qualities(body, at, values, covariance, late, (float(mass), float(inertia)))

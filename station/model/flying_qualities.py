@@ -1,10 +1,11 @@
 """What stability and control derivatives make of an aircraft's flying: its modes, margins and elevator per g.
 
-The linear longitudinal motion about level flight, stability axes, of (u/V, alpha, q, theta): Etkin and Reid, Dynamics
-of Flight, 3rd ed., 1996, chapters 4 and 6; Nelson, Flight Stability and Automatic Control, 2nd ed., 1998, chapters 2
-and 4. Where the profile describes them, lift that follows the angle of attack late and a tail that meets the downwash
-late are part of the characteristic equation, as functions of its root. SI; derivatives per radian, rates normalised
-with q c/2V.
+The linear longitudinal motion about level flight, stability axes, of (u/V, alpha, q, theta, height/V): Etkin and Reid,
+Dynamics of Flight, 3rd ed., 1996, chapters 4 and 6; Nelson, Flight Stability and Automatic Control, 2nd ed., 1998,
+chapters 2 and 4. Beside theirs, the air thins with the height, which quickens a phugoid (of lift alone, omega2 =
+2 g2/V2 + g/H), and thrust with it as drag does; and where it leans off the path, thrust carries weight. Where the
+profile describes them, lift that follows the angle of attack late and a tail that meets the downwash late are part of
+the characteristic equation, as functions of its root. SI; derivatives per radian, rates normalised with q c/2V.
 """
 
 from __future__ import annotations
@@ -48,13 +49,14 @@ _SEED: Final = 8785
 @dataclass(frozen=True, slots=True)
 class Condition:
     """Level flight: true airspeed (m/s), density (kg/m3), mass (kg), pitch inertia (kg m2), these two a number or (d,),
-    and the angle of attack (rad) about which a nonlinear lift curve is taken as straight."""
+    angle of attack (rad), and over how many m the density falls by e; infinite: in uniform air."""
 
     speed: float
     density: float
     mass: Any
     iyy: Any
     alpha: float = 0.0
+    scale_height: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +103,14 @@ class Coefficients(NamedTuple):
     """V dT/dV over T: 0 for a thrust that does not depend on speed, -1 for constant power."""
     cl_adot: Any = 0.0
     cm_adot: Any = 0.0
+    lean: Any = 0.0
+    """Tangent of the angle from the path up to the thrust."""
 
 
 def characteristic(
     c: Coefficients, at: Condition, area: float, chord: float, s: Any = 0.0, late: Late | None = None
 ) -> Complex:
-    """s E - A, (..., 4, 4) of (u/V, alpha, q, theta), at a root `s`, 1/s; with `late`, its lags at that root."""
+    """s E - A, (..., 5, 5) of (u/V, alpha, q, theta, height/V), at a root `s`, 1/s; with `late`, its lags there."""
     v, half = at.speed, 0.5 * chord / at.speed
     pressure = 0.5 * at.density * v * v
     lift, moment = pressure * area / (at.mass * v), pressure * area * chord / at.iyy
@@ -121,12 +125,13 @@ def characteristic(
         cl_q = cl_q - 2 * share * arm * late.downwash
         cm_q = cm_q + 2 * share * arm * arm * late.downwash
     rows = [
-        [s + lift * (2 * c.cd + c.cd_u - c.thrust_u * c.cd), lift * (c.cd_alpha - c.cl), 0.0, G0 / v],
+        [s + lift * (2 * c.cd + c.cd_u - c.thrust_u * c.cd), lift * (c.cd_alpha - c.cl), 0.0, G0 / v, 0.0],
         [
-            lift * (2 * c.cl + c.cl_u),
+            lift * (2 * c.cl + c.cl_u + c.thrust_u * c.cd * c.lean),
             s * (1 + lift * c.cl_adot * half) + lift * (cl_alpha + c.cd),
             lift * cl_q * half - 1.0,
             0.0,
+            -lift * (c.cl + c.cd * c.lean) * v / at.scale_height,
         ],
         [
             # At trim the air's moment is less the thrust's, which follows the speed by its own law.
@@ -134,20 +139,23 @@ def characteristic(
             -moment * (s * c.cm_adot * half + cm_alpha),
             s - moment * cm_q * half,
             0.0,
+            0.0,
         ],
-        [0.0, 0.0, -1.0, s],
+        [0.0, 0.0, -1.0, s, 0.0],
+        [0.0, 1.0, 0.0, -1.0, s],
     ]
     flat = np.broadcast_arrays(*(np.asarray(x, dtype=complex) for row in rows for x in row))
     made = np.stack(flat, axis=-1)
-    return np.asarray(made.reshape(*made.shape[:-1], 4, 4), dtype=complex)
+    return np.asarray(made.reshape(*made.shape[:-1], 5, 5), dtype=complex)
 
 
 def modes(c: Coefficients, at: Condition, area: float, chord: float, late: Late | None = None) -> Complex:
-    """The roots (..., 4), 1/s, the largest first: the short period's two, then the phugoid's."""
+    """The roots (..., 4), 1/s, the largest first: the short period's two, then the phugoid's. The fifth, by which
+    heights are left, is far smaller."""
     still = characteristic(c, at, area, chord, 0.0)
     mass = characteristic(c, at, area, chord, 1.0) - still
     roots = np.linalg.eigvals(-np.linalg.solve(mass, still))
-    roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=-1), -1)
+    roots = np.take_along_axis(roots, np.argsort(-np.abs(roots), axis=-1), -1)[..., :4]
     if late is None:
         return np.asarray(roots, dtype=complex)
     made: list[Complex] = []
@@ -215,27 +223,29 @@ def pull_up(c: Coefficients, at: Condition, area: float, chord: float, late: Lat
 
 
 def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], drag: Any, thrust_u: Any) -> Coefficients:
-    """With the derivatives `drawn` in place of the profile's, and its drag times `drag`; those of CZ count as body
-    axes, whose Z force is that of lift and drag."""
+    """With the derivatives `drawn` in place of the profile's, slopes at the condition's angle of attack, and its drag
+    times `drag`; those of CZ count as body axes, whose Z force is that of lift and drag."""
 
     def of(name: str) -> Any:
         return drawn.get(name, aircraft.value(name))
 
     area, v = aircraft.geometry.wing_area, at.speed
     pressure = 0.5 * at.density * v * v
-    cl = at.mass * G0 / (pressure * area)
+    weight = at.mass * G0 / (pressure * area)
     per_speed = v / (aircraft.reference_speed or v)
-    bent, bent3 = 2 * at.alpha, 3 * at.alpha**2
+    lean = math.tan(at.alpha + aircraft.thrust_angle)
     in_body = "CZ_alpha" in drawn
     lift = {x: -of(f"CZ_{x}") if in_body else of(f"CL_{x}") for x in ("alpha", "q", "de")}
     if aircraft.drag is not None:
-        induced = aircraft.drag.induced
-        cd, cd_u, along = drag * (aircraft.drag.zero_lift + induced * cl * cl), 0.0, 2 * induced * cl
+        zero, induced = aircraft.drag.zero_lift, aircraft.drag.induced
+        # The thrust's part of the weight is small: once over is enough.
+        cl = weight - drag * (zero + induced * weight * weight) * lean
+        cd, cd_u, along = drag * (zero + induced * cl * cl), 0.0, 2 * induced * cl
     else:
         cd_u = drag * of("CD_V") * per_speed
         cd, along = drag * (of("CD_0") + of("CD_alpha") * at.alpha) + cd_u, 0.0
-    slope = lift["alpha"] + of("CL_alpha2") * bent + of("CL_alpha3") * bent3
-    slope = slope - cd if in_body else slope
+        cl = weight - cd * lean
+    slope = lift["alpha"] - cd if in_body else lift["alpha"]
     balance = -cd * aircraft.thrust_pitch_arm / aircraft.geometry.chord
     return Coefficients(
         cl=cl,
@@ -248,11 +258,18 @@ def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], dr
         cd_alpha=drag * along * slope if aircraft.drag is not None else drag * of("CD_alpha"),
         cm=balance,
         cm_u=of("Cm_V") * per_speed,
-        cm_alpha=of("Cm_alpha") + of("Cm_alpha2") * bent + of("Cm_alpha3") * bent3,
+        cm_alpha=of("Cm_alpha"),
         cm_q=of("Cm_q"),
         cm_de=of("Cm_de"),
         thrust_u=thrust_u,
+        lean=lean,
     )
+
+
+def bend(aircraft: Aircraft, coefficient: str, alpha: float) -> float:
+    """By how much the slope of CL or Cm over the angle of attack (rad) is more there than at zero."""
+    square, cube = (aircraft.value(f"{coefficient}_alpha{k}") for k in (2, 3))
+    return 2 * square * alpha + 3 * cube * alpha**2
 
 
 _LOADING: Final = "iyy over mass"

@@ -45,6 +45,12 @@ def height_at_density(density: float) -> float:
     return float((1 - (density / SEA_LEVEL_DENSITY) ** (1 / (PRESSURE_POWER - 1))) * SEA_LEVEL_TEMPERATURE / LAPSE)
 
 
+def scale_height(density: float) -> float:
+    """m over which the density falls by e, at a density (kg/m3) of the standard atmosphere below the tropopause."""
+    temperature = SEA_LEVEL_TEMPERATURE - LAPSE * height_at_density(density)
+    return temperature / (LAPSE * (PRESSURE_POWER - 1))
+
+
 @register_jitable
 def air_density(stated: float, pressure: float, temperature: float, altitude: float) -> float:
     """kg/m3, NaN where nothing tells it; each argument is NaN where it is not known. In order of preference:

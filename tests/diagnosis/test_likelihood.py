@@ -232,8 +232,8 @@ def test_leftovers_are_as_unlikely_as_told_with_an_estimated_level(count: int) -
 
 
 def test_what_the_data_do_not_tell_moves_the_cost_of_a_candidate_by_its_prior_alone():
-    """A constant that no residual shows is where its prior has it; were the volume taken there, half a standard
-    deviation would outweigh what is asked of an effect, and the same candidate cost more by one way than by another."""
+    """Or half a standard deviation of what no residual shows would outweigh what is asked of an effect, and the same
+    candidate cost more by one way than by another."""
     problem = Problem(prepared(Case(seed=961)), aircraft())
     null = problem.null()
     known = np.sqrt(np.diag(null.solved.covariance))
@@ -244,3 +244,35 @@ def test_what_the_data_do_not_tell_moves_the_cost_of_a_candidate_by_its_prior_al
         a[i] += 0.5 if a[i] < problem.ends[1, i] - 0.5 else -0.5
         told = problem.cost(problem.state({}, a, null.state.levels)) - here
         assert told == pytest.approx(a[i] ** 2 - null.state.a[i] ** 2, abs=2.0), problem.frees[i].name
+
+
+def test_an_effect_costs_what_the_constant_does_that_it_is_like():
+    """One aircraft has one density, by whatever names it is told: a constant that takes an effect's place in the fit
+    without effects is not counted beside it."""
+    problem = Problem(prepared(Case(seed=961)), aircraft())
+    null = problem.null()
+    at = next(i for i, f in enumerate(problem.frees) if f.name == "vane scale")
+    none, moved = null.state.a.copy(), null.state.a.copy()
+    none[at], moved[at] = 0.0, -3.0
+    by_effect = problem.state({"alpha_vane.scale": -3.0 * problem.frees[at].sd}, none, null.state.levels)
+    assert problem.volume(by_effect) == pytest.approx(
+        problem.volume(problem.state({}, moved, null.state.levels)), abs=1e-6
+    )
+
+
+def test_no_long_step_of_a_fit_raises_the_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Far from the best the weighted squares alone fall with the noise that a candidate would have."""
+    problem = Problem(prepared(Case(seed=66, sigma=1.524, effects={"aero.unsteady_lift": 3.0})), aircraft())
+    rises = []
+    advance = Problem.advance
+
+    def watched(self, s, solved, terms):
+        there = advance(self, s, solved, terms)
+        if there is not None and solved.gained > 10.0:
+            rises.append(self.cost(there) - self.cost(s))
+        return there
+
+    monkeypatch.setattr(Problem, "advance", watched)
+    problem.null()
+    assert len(rises) > 5
+    assert max(rises) < 0

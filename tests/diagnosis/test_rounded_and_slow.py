@@ -11,6 +11,7 @@ from blind import Case, aircraft, fly_case
 
 from station.diagnosis.manoeuvre import at_rate_judged, groups_of, manoeuvre, quantum
 from station.diagnosis.processing import Setting, bridge_of, integral, rate, thinned
+from station.diagnosis.variances import LEVEL_SD, SEEN_SD, prior_levels, stiffness_of
 
 
 def test_the_step_of_a_rounded_signal_is_told_and_of_a_noisy_one_none() -> None:
@@ -20,6 +21,20 @@ def test_the_step_of_a_rounded_signal_is_told_and_of_a_noisy_one_none() -> None:
     assert quantum(0.06 * np.round(slow / 0.06)) == pytest.approx(0.06)
     assert quantum(slow) == 0.0
     assert quantum(np.zeros(100)) == 0.0
+    # Put on a grid between its samples, which splits a step in two.
+    t = np.arange(3000) + 0.3 * rng.random(3000)
+    rounded = 0.06 * np.round(np.sin(t / 200) / 0.06)
+    assert quantum(np.interp(np.arange(1, 2999), t, rounded)) == pytest.approx(0.06)
+
+
+def test_how_rounding_is_spread_over_the_frequencies_is_left_to_the_fit() -> None:
+    """Slow motion by coarse steps is no white noise of step/sqrt(12): samples show the step and not the level."""
+    record = fly_case(Case(seed=7, sigma=1.5), "3-2-1-1", 0)
+    rounded = replace(record, signals={**record.signals, "v_down": 0.3 * np.round(record.signals["v_down"] / 0.3)})
+    for of, sd in ((record, SEEN_SD), (rounded, LEVEL_SD)):
+        made = manoeuvre(of, aircraft())
+        at = made.trim.sensors.index("v_down")
+        assert stiffness_of([made], prior_levels([made]))[0, at] == pytest.approx(1 / sd**2)
 
 
 @pytest.mark.parametrize("seconds", [8.0, 30.0, 60.0, 300.0])

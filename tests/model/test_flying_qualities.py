@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,15 @@ def test_roots_are_those_of_nelsons_navion() -> None:
     assert (fast.real, abs(fast.imag)) == pytest.approx((-2.5, 2.59), abs=0.05)
     assert abs(fast.imag) == pytest.approx(2.59, abs=0.005)
     assert (slow.real, abs(slow.imag)) == (pytest.approx(-0.0171, abs=5e-5), pytest.approx(0.213, abs=5e-4))
+
+
+@pytest.mark.parametrize("scale", [math.inf, 10_000.0, 2_000.0])
+def test_a_phugoid_of_lift_alone_is_lanchesters_in_air_that_thins(scale: float) -> None:
+    """Kept at its angle of attack, lift goes with density and V2, and height pays for speed: omega2 = 2 g2/V2 + g/H."""
+    lift = AT.mass * G0 / (0.5 * AT.density * AT.speed**2 * AREA)
+    stiff = NAVION._replace(cl=lift, cd=0.0, cd_alpha=lift, cm_alpha=-500.0, cm_q=0.0, cm_adot=0.0)
+    slow = modes(stiff, replace(AT, scale_height=scale), AREA, CHORD)[2]
+    assert abs(slow) == pytest.approx(math.sqrt(2 * (G0 / AT.speed) ** 2 + G0 / scale), rel=2e-3)
 
 
 def test_elevator_per_g_is_etkins() -> None:

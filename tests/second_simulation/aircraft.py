@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -132,6 +133,7 @@ def drawn(rng: np.random.Generator, derivative_sd: float, mass_known: bool) -> D
     )
 
 
+@njit(cache=True)
 def density(altitude: float) -> float:
     """Of the standard atmosphere's troposphere, kg/m3 (ISO 2533)."""
-    return float(1.225 * (1 - 0.0065 * altitude / 288.15) ** 4.2559)
+    return 1.225 * (1 - 0.0065 * altitude / 288.15) ** 4.2559

@@ -239,7 +239,8 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     # A gust along the path turns the flow of the aircraft's own motion, at each place when it is there.
     turn = math.atan2(w, ua) - inertial
     alpha, beta = math.atan2(wa, ua), math.asin(va / speed)
-    pressure = 0.5 * c.rho * speed * speed
+    thinner = density(-x[POS + 2]) / c.rho
+    pressure = 0.5 * c.rho * thinner * speed * speed
     force = pressure * AREA
     edge = at(wing_field, place + 0.25 * CHORD) / speed
     # Motion's share of the wing's incidence, with its memory.
@@ -268,7 +269,7 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     rest_m = c.cm[2] + 2 * c.tail_slope * arm * arm * (1 + c.downwash)
     cm = c.cm[0] + (c.cm[1] + whole * arm) * wing - c.tail_slope * arm * tail + rest_m * qhat + c.cm[3] * surface
     cd = c.cd0 + c.induced * cl * cl
-    thrust = c.thrust * (1 + c.thrust_slope * (speed / c.speed - 1))
+    thrust = c.thrust * thinner * (1 + c.thrust_slope * (speed / c.speed - 1))
     ca, sa = ua / math.hypot(ua, wa), wa / math.hypot(ua, wa)
     t = c.lateral
     phat, rhat = (p + at(roll_field, place)) * SPAN / (2 * speed), r * SPAN / (2 * speed)

@@ -32,19 +32,33 @@ def quasi_steady() -> Drawn:
 
 
 def told(aircraft: Drawn, body: Aircraft, late: bool) -> dict[str, float]:
-    at = theory.Condition(
-        aircraft.speed, density(aircraft.altitude), aircraft.mass, aircraft.iyy, constants(aircraft, Hidden()).alpha
-    )
+    here, above = (density(aircraft.altitude + x) for x in (0.0, 1.0))
+    alpha, scale = constants(aircraft, Hidden()).alpha, here / (here - above)
+    at = theory.Condition(aircraft.speed, here, aircraft.mass, aircraft.iyy, alpha, scale)
     found = theory.qualities(body, at, aircraft.derivatives, 1e-12 * np.eye(6), late=late)
     return {name: q.estimate for name, q in found.quantities.items()}
 
 
 def test_without_lags_it_flies_as_linear_theory_says() -> None:
-    """The phugoid's damping rests on drag and thrust, which the profile has otherwise."""
-    aircraft = quasi_steady()
-    true, said = qualities(aircraft, Hidden()), told(quasi_steady(), load_aircraft("twin_otter"), late=False)
+    """The phugoid's damping rests on thrust, of which the theory takes the middle of all laws."""
+    aircraft, profile = quasi_steady(), load_aircraft("twin_otter")
+    drag = profile.drag.model_copy(update={"zero_lift": aircraft.CD_0, "induced": aircraft.induced})
+    true = qualities(aircraft, Hidden())
+    said = told(aircraft, profile.model_copy(update={"drag": drag}), late=False)
     for name in set(true) - {"phugoid_damping"}:
         assert said[name] == pytest.approx(true[name], rel=3e-3), name
+    assert said["phugoid_frequency"] == pytest.approx(true["phugoid_frequency"], rel=1e-3)
+
+
+def test_thrust_that_carries_weight_slows_the_phugoid() -> None:
+    """Of an aircraft that flies slowly at a high angle of attack, by 1 %."""
+    aircraft = replace(quasi_steady(), CL_0=0.0, speed=45.0, thrust_slope=-0.5)
+    assert constants(aircraft, Hidden()).alpha > 0.15
+    drag = {"zero_lift": aircraft.CD_0, "induced": aircraft.induced}
+    profile = load_aircraft("twin_otter")
+    body = profile.model_copy(update={"drag": profile.drag.model_copy(update=drag)})
+    true, said = qualities(aircraft, Hidden()), told(aircraft, body, late=False)
+    assert said["phugoid_frequency"] == pytest.approx(true["phugoid_frequency"], rel=1e-3)
 
 
 def test_lags_of_wing_and_downwash_are_part_of_how_it_flies() -> None:
@@ -61,8 +75,8 @@ def test_lags_of_wing_and_downwash_are_part_of_how_it_flies() -> None:
     }
     body = body.model_copy(update={"unsteady": body.unsteady.model_copy(update=own)})
     true, said, quick = qualities(aircraft, Hidden()), told(aircraft, body, late=True), told(aircraft, body, late=False)
-    for name in ("short_period_frequency", "short_period_damping", "n_per_alpha", "elevator_per_g"):
-        assert said[name] == pytest.approx(true[name], rel=0.01), name
+    for name in set(true) - {"phugoid_damping"}:
+        assert said[name] == pytest.approx(true[name], rel=3e-3), name
     assert abs(quick["short_period_frequency"] / true["short_period_frequency"] - 1) > 0.1
 
 
