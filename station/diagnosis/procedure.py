@@ -37,7 +37,7 @@ NOTABLE_GUST: Final = 0.1
 """m/s of standard deviation from which turbulence is told: a calm real flight (PH-LAB) shows 0.02 to 0.06."""
 INERTIAL: Final = frozenset(("p", "q", "r", "phi", "theta", "psi", "v_north", "v_east", "v_down"))
 """Signals that are compared with each other without aerodynamics, and without the air."""
-OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias"))
+OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias", "ay.bias"))
 """Zeros that these signals contradict, and that what is held out cannot confirm: its own zero is fitted to it."""
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
@@ -273,7 +273,7 @@ def _confirmed(
 
 
 def _contradicts(e: Effect) -> bool:
-    """Whether gyro, attitude, velocity and the zeros of accelerometer and vane say so among themselves, beyond
+    """Whether gyro, attitude, velocity and the zeros of accelerometers and vane say so among themselves, beyond
     doubt."""
     inertial = set(e.term.target.split()) <= INERTIAL or e.term.id in OF_THE_DAY
     return inertial and (e.reduction or 0.0) > BEYOND_DOUBT

@@ -47,12 +47,13 @@ def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
         ("ay.position", 0.132, 177161, 17, 1),
         pytest.param("beta_vane.delay", 0.052, 177001, 1, 1, marks=pytest.mark.slow),
         pytest.param("ay.scale", 0.036, 177132, 15, 2, marks=pytest.mark.slow),
+        pytest.param("ay.bias", 0.48, 101141, 15, 1, marks=pytest.mark.slow),
     ],
 )
 def test_what_gusts_hide_is_named_or_a_rival(name, value, seed, number, air):
     """Ice whose place the derivatives had taken; a rate and an attitude that only the model tells apart; a place and a
     delay beside answers to gusts that each candidate had of its own: all had been something else, confidently, or
-    nothing. A scale that what is held out shows at a few frequencies alone."""
+    nothing. A scale that what is held out shows at a few frequencies alone; a zero that it cannot show."""
     planned = lateral_case(seed, number, sigma=SIGMAS[air], effects={name: value})
     d = diagnosed(planned)
     assert score(planned, d) in ("exact", "group"), told(d)
