@@ -61,10 +61,10 @@ class Problem:
     ) -> None:
         self.manoeuvres = tuple(manoeuvres)
         self.aircraft = aircraft
-        self.answering = answering
-        """What answers gusts that nothing measures: the aircraft without effects, once that is fitted, for all
-        candidates alike; until then each itself. Were it always each one's own, what this does to the variance would
-        outweigh what an effect explains."""
+        self.answering = answering or aircraft
+        """What answers gusts that nothing measures: the profile's aircraft for all candidates alike. Each one's own
+        would do more to the variance than an effect explains; that fitted without effects may have any constants, to
+        take an effect's place."""
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
@@ -89,7 +89,7 @@ class Problem:
         craft = self.aircraft_at(values, a)
         drifts = a[len(self.frees) :] * self.drift_sd
         spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))
-        responses_ = tuple(m.responses(craft, flown=self.answering or craft) for m in self.manoeuvres)
+        responses_ = tuple(m.responses(craft, flown=self.answering) for m in self.manoeuvres)
         return self._with_levels(values, a, spectra, responses_, levels or self.prior)
 
     def relevelled(self, s: State, frozen: int | None = None) -> State:
@@ -193,7 +193,6 @@ class Problem:
         nothing."""
         out = []
         drifts = s.a[len(self.frees) :] * self.drift_sd
-        answering = self.answering or self.aircraft_at(s.values, s.a)
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
@@ -206,7 +205,7 @@ class Problem:
                 there = m.differences(craft, float(drifts[k])).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
-                    response[i] = (m.responses(craft, m.grouped.pick, answering) - r) / h
+                    response[i] = (m.responses(craft, m.grouped.pick, self.answering) - r) / h
             out.append(Slopes(bins, steady, response))
         return out
 
@@ -282,14 +281,12 @@ class Problem:
 
     def null(self) -> Estimate:
         """Without effects."""
-        found = self.from_profile({})
-        self.answering = self.answering or self.aircraft_at({}, found.state.a)
-        return found
+        return self.from_profile({})
 
     def answered(self, e: Estimate) -> Estimate:
         """An estimate fitted on with its own aircraft's answer to gusts that nothing measures; its cost, which is
         compared with others', stays."""
-        if not self.axis.answers or not e.state.values:
+        if not self.axis.answers:
             return e
         self.answering = self.aircraft_at(e.state.values, e.state.a)
         start = self.relevelled(self.state(e.state.values, e.state.a, e.state.levels))

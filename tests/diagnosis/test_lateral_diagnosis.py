@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from lateral_blind import SIGMAS, Case, aircraft, diagnosed, planted, records, score
+from lateral_blind import SIGMAS, Case, aircraft, diagnosed, planted, prepared, records, score
 from matrices import lateral_case
 
 from station.diagnosis.diagnosis_json import as_json
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.measured_record import Record, lateral_record
 from station.diagnosis.procedure import Diagnosis, diagnose
 
@@ -57,6 +59,17 @@ def test_what_gusts_hide_is_named_or_a_rival(name, value, seed, number, air):
     planned = lateral_case(seed, number, sigma=SIGMAS[air], effects={name: value})
     d = diagnosed(planned)
     assert score(planned, d) in ("exact", "group"), told(d)
+
+
+def test_what_answers_gusts_is_known_before_anything_is_fitted():
+    """A fit without effects may take an effect's place with any constants; an aircraft of those that answered the gusts
+    which nothing measures made the truth unlikely by hundreds."""
+    case = Case(seed=71, sigma=SIGMAS[2], effects={"gust.fin_penetration": -0.8})
+    problem = Problem(prepared(case), aircraft())
+    truth = (case.effects, np.zeros(len(problem.frees) + len(problem.manoeuvres)))
+    before = problem.cost(problem.state(*truth))
+    problem.null()
+    assert problem.cost(problem.state(*truth)) == pytest.approx(before, abs=1e-6)
 
 
 def test_what_is_lacking_is_said():
