@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.diagnosis_result import Gain
+from station.diagnosis.evenness import Uneven, uneven
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
@@ -60,6 +61,8 @@ class RemainingResidual:
     catalogue is."""
     beyond: tuple[tuple[str, float], ...] = ()
     """See Found."""
+    uneven: tuple[Uneven, ...] = ()
+    """Accepted effects that have not one value: what acts like them is the matter."""
 
     @property
     def in_signals(self) -> bool:
@@ -68,7 +71,7 @@ class RemainingResidual:
 
     @property
     def present(self) -> bool:
-        return self.in_signals or bool(self.strained or self.beyond)
+        return self.in_signals or bool(self.strained or self.beyond or self.uneven)
 
 
 def remaining_residual(
@@ -103,9 +106,8 @@ def remaining_residual(
         signals = axis.signals_of[axis.series.index(name)] if name in axis.series else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((axis.series[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    return RemainingResidual(
-        missed, worst[0], name, signals, band, by_series, limit, _strained(problem, s), tuple(beyond)
-    )
+    far, apart = _strained(problem, s), uneven(problem, accepted)
+    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, far, tuple(beyond), apart)
 
 
 def _strained(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:

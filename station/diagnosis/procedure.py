@@ -145,7 +145,7 @@ def _diagnosed(
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     if not judged:
-        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=())
+        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), uneven=())
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)
@@ -176,6 +176,7 @@ def _diagnosed(
         "something that acts like it is the matter"
         for i, end in remaining.beyond
     ]
+    remarks += [f"{apart.words}: something that acts like it is the matter" for apart in remaining.uneven]
     if not axis.lateral:
         remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if not judged:
