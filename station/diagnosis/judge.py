@@ -14,7 +14,9 @@ from scipy.special import betainc
 from scipy.stats import chi2
 
 from station.diagnosis.candidate import Estimate, State
+from station.diagnosis.cross_sensitivity import Crossed, crossed
 from station.diagnosis.diagnosis_result import Gain
+from station.diagnosis.effects import BY_ID
 from station.diagnosis.evenness import Uneven, uneven
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import Problem
@@ -63,6 +65,8 @@ class RemainingResidual:
     """See Found."""
     uneven: tuple[Uneven, ...] = ()
     """Accepted effects that have not one value: what acts like them is the matter."""
+    crossed: Crossed | None = None
+    """An instrument that shows a share of what another one measures."""
 
     @property
     def in_signals(self) -> bool:
@@ -71,7 +75,23 @@ class RemainingResidual:
 
     @property
     def present(self) -> bool:
-        return self.in_signals or bool(self.strained or self.beyond or self.uneven)
+        return self.in_signals or bool(self.strained or self.beyond or self.uneven or self.crossed)
+
+    def words(self, of: str) -> list[str]:
+        """What is the matter beside the residuals; `of`: the motion, where that must be said."""
+        out = []
+        if self.strained:
+            far = ", ".join(f"{name} by {x:+.1f}" for name, x in self.strained)
+            out.append(f"{of}fitted far beyond the profile's stated doubt, in its standard deviations: {far}")
+        out += [
+            f"{i} explains more than what is found, but only at an end of what is physical ({BY_ID[i].words(end)}): "
+            "something that acts like it is the matter"
+            for i, end in self.beyond
+        ]
+        out += [f"{apart.words}: something that acts like it is the matter" for apart in self.uneven]
+        if self.crossed:
+            out.append(f"{of}{self.crossed.words}")
+        return out
 
 
 def remaining_residual(
@@ -106,8 +126,8 @@ def remaining_residual(
         signals = axis.signals_of[axis.series.index(name)] if name in axis.series else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((axis.series[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    far, apart = _strained(problem, s), uneven(problem, accepted)
-    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, far, tuple(beyond), apart)
+    others = (_strained(problem, s), tuple(beyond), uneven(problem, accepted), crossed(problem, accepted))
+    return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, *others)
 
 
 def _strained(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:

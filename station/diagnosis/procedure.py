@@ -145,7 +145,7 @@ def _diagnosed(
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     if not judged:
-        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), uneven=())
+        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), uneven=(), crossed=None)
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)
@@ -168,15 +168,7 @@ def _diagnosed(
         for m, g in zip(made, gusty, strict=True)
         if g > NOTABLE_GUST
     ]
-    if remaining.strained:
-        far = ", ".join(f"{name} by {x:+.1f}" for name, x in remaining.strained)
-        remarks.append(f"{of}fitted far beyond the profile's stated doubt, in its standard deviations: {far}")
-    remarks += [
-        f"{i} explains more than what is found, but only at an end of what is physical ({BY_ID[i].words(end)}): "
-        "something that acts like it is the matter"
-        for i, end in remaining.beyond
-    ]
-    remarks += [f"{apart.words}: something that acts like it is the matter" for apart in remaining.uneven]
+    remarks += remaining.words(of)
     if not axis.lateral:
         remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if not judged:
