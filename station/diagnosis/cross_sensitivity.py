@@ -19,6 +19,7 @@ from scipy.stats import chi2
 from station.diagnosis.candidate import Estimate, numbers
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.refits import CONFOUNDED
 from station.diagnosis.series_spectra import INTEGRALS, spectra
 from station.diagnosis.variances import INDEPENDENT
 
@@ -31,26 +32,33 @@ LEAST_APART: Final = 0.02
 
 
 class Crossed(NamedTuple):
-    """A sensor that shows a share of a signal, SI units of one by the other."""
+    """A sensor that shows a share of a signal."""
 
     sensor: str
     signal: str
     share: float
+    """SI units of one by the other."""
     log_p: float
     """Of as much by chance."""
+    others: tuple[tuple[str, str], ...] = ()
+    """Sensors and signals that explain as much: an attitude that goes with the vertical speed is a rate that goes with
+    the acceleration."""
 
     @property
     def words(self) -> str:
-        return f"what {self.sensor} shows goes with {self.signal}, by {self.share:+.2g} (SI), as no effect explains"
+        instead = "".join(f", or {sensor} with {signal}" for sensor, signal in self.others)
+        share = f"{self.share:+.2g} of it, SI"
+        return f"what {self.sensor} shows goes with {self.signal} ({share}){instead}: no effect is that"
 
 
 def crossed(problem: Problem, e: Estimate) -> Crossed | None:
-    """The pair of a sensor and another's signal that the kinematic series show best, if any is beyond chance."""
+    """The pair of a sensor and another's signal that the kinematic series show best, if it is beyond chance."""
     common = set.intersection(*(set(m.trim.sensors) for m in problem.manoeuvres))
     sensors = [s for s in problem.manoeuvres[0].trim.sensors if s in common]
     signals = [s for s in sensors if all(s in m.record.signals for m in problem.manoeuvres)]
     if not signals or not any(_kinematic(m) for m in problem.manoeuvres):
         return None
+    pairs = [(s, x) for s in sensors for x in signals]
     residuals, fitted, shares = _whitened(problem, e, sensors, signals)
     weight, effects = 2 * INDEPENDENT, len(e.state.values)
     prior = np.concatenate([np.zeros(effects), np.ones(len(e.state.a))])
@@ -65,15 +73,14 @@ def crossed(problem: Problem, e: Estimate) -> Crossed | None:
     left = alone - (both * moved[:, :-1]).sum(0)
     gradient = weight * (shares @ residuals) - both.T @ moved[:, -1]
     told = (left > LEAST_APART * alone) & (alone > 0)
-    told &= np.array([s != x for s in sensors for x in signals])
+    told &= np.array([s != x for s, x in pairs])
     gained = np.where(told, gradient**2 / np.where(told, left, 1.0), 0.0)
     best = int(gained.argmax())
     log_p = float(chi2.logsf(gained[best], 1))
     if log_p > math.log(FALSE_ALARM / max(told.sum(), 1)):
         return None
-    return Crossed(
-        sensors[best // len(signals)], signals[best % len(signals)], float(gradient[best] / left[best]), log_p
-    )
+    others = [pairs[i] for i in np.argsort(-gained)[1:] if gained[best] - gained[i] < CONFOUNDED]
+    return Crossed(*pairs[best], float(gradient[best] / left[best]), log_p, tuple(others))
 
 
 def _kinematic(m: Manoeuvre) -> list[int]:
