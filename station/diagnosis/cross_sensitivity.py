@@ -46,9 +46,9 @@ class Crossed(NamedTuple):
 
     @property
     def words(self) -> str:
-        instead = "".join(f", or {sensor} with {signal}" for sensor, signal in self.others)
-        share = f"{self.share:+.2g} of it, SI"
-        return f"what {self.sensor} shows goes with {self.signal} ({share}){instead}: no effect is that"
+        instead = "".join(f", or of {sensor} to {signal}" for sensor, signal in self.others)
+        of = f"cross-sensitivity of {self.sensor} to {self.signal}"
+        return f"{of} by {self.share:+.2g} (SI){instead}: no effect of the catalogue"
 
 
 def crossed(problem: Problem, e: Estimate) -> Crossed | None:

@@ -17,8 +17,8 @@ from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.cross_sensitivity import Crossed, crossed
 from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.effects import BY_ID
-from station.diagnosis.evenness import Uneven, uneven
 from station.diagnosis.free_parameters import BEYOND
+from station.diagnosis.homogeneity import Inhomogeneous, inhomogeneous
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.refits import ASKED
@@ -63,7 +63,7 @@ class RemainingResidual:
     catalogue is."""
     beyond: tuple[tuple[str, float], ...] = ()
     """See Found."""
-    uneven: tuple[Uneven, ...] = ()
+    inhomogeneous: tuple[Inhomogeneous, ...] = ()
     """Accepted effects that have not one value: what acts like them is the matter."""
     crossed: Crossed | None = None
     """An instrument that shows a share of what another one measures."""
@@ -75,7 +75,7 @@ class RemainingResidual:
 
     @property
     def present(self) -> bool:
-        return self.in_signals or bool(self.strained or self.beyond or self.uneven or self.crossed)
+        return self.in_signals or bool(self.strained or self.beyond or self.inhomogeneous or self.crossed)
 
     def words(self, of: str) -> list[str]:
         """What is the matter beside the residuals; `of`: the motion, where that must be said."""
@@ -88,7 +88,7 @@ class RemainingResidual:
             "something that acts like it is the matter"
             for i, end in self.beyond
         ]
-        out += [f"{apart.words}: something that acts like it is the matter" for apart in self.uneven]
+        out += [f"{apart.words}: something that acts like it is the matter" for apart in self.inhomogeneous]
         if self.crossed:
             out.append(f"{of}{self.crossed.words}")
         return out
@@ -126,7 +126,7 @@ def remaining_residual(
         signals = axis.signals_of[axis.series.index(name)] if name in axis.series else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((axis.series[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    others = (_strained(problem, s), tuple(beyond), uneven(problem, accepted), crossed(problem, accepted))
+    others = (_strained(problem, s), tuple(beyond), inhomogeneous(problem, accepted), crossed(problem, accepted))
     return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, *others)
 
 

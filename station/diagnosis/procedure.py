@@ -145,7 +145,7 @@ def _diagnosed(
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     if not judged:
-        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), uneven=(), crossed=None)
+        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), inhomogeneous=(), crossed=None)
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
     found = _less(found, problem, drowned)

@@ -24,7 +24,9 @@ def test_a_gyro_that_feels_acceleration_is_told(seed: int, sigma: float, felt: f
         # One standard deviation is a tenth: what is felt counts as noise of the gyro.
         assert found.share == pytest.approx(felt / G0, rel=0.3)
     assert remaining.present
-    assert any(words.startswith(f"what {found.sensor} shows goes with ") for words in remaining.words(""))
+    assert any(
+        words.startswith(f"cross-sensitivity of {found.sensor} to {found.signal} by ") for words in remaining.words("")
+    )
 
 
 def test_sound_instruments_show_nothing_of_each_other() -> None:

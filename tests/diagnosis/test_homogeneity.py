@@ -20,7 +20,7 @@ def test_a_gyro_of_another_scale_in_each_manoeuvre_is_told_with_both_values() ->
     assert [e.term.id for e in d.effects][:1] == ["q.scale"]
     assert all(e.suspect for e in d.effects)
     assert d.verdict == "unexplained"
-    [apart] = d.remaining.uneven
+    [apart] = d.remaining.inhomogeneous
     # One manoeuvre by itself tells the scale with a standard deviation of 0.2 to 0.25 %.
     assert dict(apart.parts) == pytest.approx({"doublets": 0.05, "3-2-1-1": 0.1}, abs=0.0075)
     told = next(words for words in d.remarks if words.startswith("q.scale is not the same everywhere (+"))

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 FALSE_ALARM: Final = 2e-4
-"""Chance that an effect is called uneven that is not, over all effects and ways of parting them."""
+"""Chance that an effect is called inhomogeneous that is not, over all effects and ways of parting them."""
 MUCH: Final = 0.1
 """Of its value, by which the parts differ (root mean square) where that is of consequence: the linear model of a small
 change, from which the parts are told, is off by some per cent where effects are large."""
@@ -32,7 +32,7 @@ LEAST_SEEN: Final = 0.02
 """Share of what is known of an effect, that a series must show to be a part."""
 
 
-class Uneven(NamedTuple):
+class Inhomogeneous(NamedTuple):
     """An effect that is not the same everywhere."""
 
     effect: str
@@ -48,10 +48,10 @@ class Uneven(NamedTuple):
         return f"{self.effect} is not the same everywhere ({', '.join(values)})"
 
 
-def uneven(problem: Problem, e: Estimate) -> tuple[Uneven, ...]:
+def inhomogeneous(problem: Problem, e: Estimate) -> tuple[Inhomogeneous, ...]:
     """Which of an estimate's effects have not one value, and the way of parting that shows it best."""
     tests = [test for i in range(len(e.state.values)) for test in _tests(problem, e, i)]
-    worst: dict[str, Uneven] = {}
+    worst: dict[str, Inhomogeneous] = {}
     for test, spread in tests:
         here = worst.get(test.effect)
         if spread > MUCH and test.log_p < math.log(FALSE_ALARM / len(tests)) and (not here or test.log_p < here.log_p):
@@ -59,7 +59,7 @@ def uneven(problem: Problem, e: Estimate) -> tuple[Uneven, ...]:
     return tuple(worst.values())
 
 
-def _tests(problem: Problem, e: Estimate, i: int) -> Iterator[tuple[Uneven, float]]:
+def _tests(problem: Problem, e: Estimate, i: int) -> Iterator[tuple[Inhomogeneous, float]]:
     """Of the i-th effect, in each way of parting it: how unlikely the parts are, and their spread over the value."""
     s, name = e.state, e.state.ids[i]
     others = [_some(x, [j for j in range(len(x.bins)) if j != i]) for x in e.slopes]
@@ -73,7 +73,7 @@ def _tests(problem: Problem, e: Estimate, i: int) -> Iterator[tuple[Uneven, floa
         spread = math.sqrt(float(np.average((values - centre) ** 2, weights=weights)))
         shown = tuple(zip(names, values.tolist(), strict=True))
         log_p = float(chi2.logsf(solved.gained, count - 1))
-        yield Uneven(name, shown, log_p), spread / abs(s.values[name] - BY_ID[name].null)
+        yield Inhomogeneous(name, shown, log_p), spread / abs(s.values[name] - BY_ID[name].null)
 
 
 def _some(x: Slopes, which: Sequence[int]) -> Slopes:
