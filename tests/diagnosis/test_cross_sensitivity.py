@@ -6,12 +6,11 @@ import blind
 import pytest
 
 from station.conventions import G0
-from station.diagnosis.cross_sensitivity import crossed
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 
 
-@pytest.mark.parametrize(("seed", "sigma", "felt"), [(8, 0.0, 0.006), (5, 1.5, 0.006), (7, 1.5, -0.006)])
+@pytest.mark.parametrize(("seed", "sigma", "felt"), [(8, 0.0, 0.006), (7, 1.5, -0.006)])
 def test_a_gyro_that_feels_acceleration_is_told(seed: int, sigma: float, felt: float) -> None:
     case = blind.Case(seed=seed, sigma=sigma, outside={"g_sensitivity": felt})
     problem = Problem(blind.prepared(case), blind.aircraft())
@@ -27,8 +26,3 @@ def test_a_gyro_that_feels_acceleration_is_told(seed: int, sigma: float, felt: f
     assert any(
         words.startswith(f"cross-sensitivity of {found.sensor} to {found.signal} by ") for words in remaining.words("")
     )
-
-
-def test_sound_instruments_show_nothing_of_each_other() -> None:
-    problem = Problem(blind.prepared(blind.Case(seed=401_013, sigma=1.5)), blind.aircraft())
-    assert crossed(problem, problem.null()) is None
