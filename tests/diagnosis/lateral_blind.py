@@ -153,12 +153,18 @@ def fly_case(case: Case, kind: str, k: int) -> Record:
     shown, truth = fly(flown, STANDARD, card, SECONDS, seed)
     begin = round(QUIET_S * 50)
     for name in ("aileron", "rudder"):
-        # The pot leads the surface, by half of the backlash while that moves.
-        lead = np.clip(np.gradient(truth[name], 0.02) / MOVING, -1, 1)
-        shown[name] = shown[name] + 0.5 * case.effects.get(f"{name}.backlash", 0.0) * lead
+        shown[name] = shown[name] + 0.5 * case.effects.get(f"{name}.backlash", 0.0) * _lead(truth[name])
     columns = {name: x[begin:] for name, x in shown.items()}
     (made,) = manoeuvres(kind, truth["time"][begin:], columns, aircraft())
     return made
+
+
+def _lead(surface: np.ndarray) -> np.ndarray:
+    """By how much of half the backlash a pot leads the surface that it drives: on the side to which that moved last, in
+    the middle before."""
+    rate = np.gradient(surface, 0.02)
+    last = np.maximum.accumulate(np.where(np.abs(rate) > MOVING, np.arange(len(rate)), -1))
+    return np.where(last < 0, 0.0, np.sign(rate[last]))
 
 
 def records(case: Case) -> tuple[list[Record], list[Record]]:
