@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from station.conventions import from_si
 from station.diagnosis.candidate import Estimate, Slopes
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import Problem
@@ -43,9 +42,8 @@ class Inhomogeneous(NamedTuple):
 
     @property
     def words(self) -> str:
-        unit = BY_ID[self.effect].shown
-        values = (f"{from_si(x, unit):+.3g}{'' if unit == '1' else f' {unit}'} by {where}" for where, x in self.parts)
-        return f"{self.effect} is not the same everywhere ({', '.join(values)})"
+        values = ", ".join(f"{BY_ID[self.effect].signed(x)} by {where}" for where, x in self.parts)
+        return f"{self.effect} is not the same everywhere ({values})"
 
 
 def inhomogeneous(problem: Problem, e: Estimate) -> tuple[Inhomogeneous, ...]:

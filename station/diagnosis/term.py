@@ -84,9 +84,11 @@ class Term:
 
     def words(self, value: float) -> str:
         """The sentence with the value in it."""
-        unit = "" if self.shown == "1" else f" {self.shown}"
-        x = from_si(value, self.shown)
-        return self.sentence.format(value=f"{x:+.3g}{unit}", size=f"{abs(x):.3g}{unit}")
+        return self.sentence.format(value=self.signed(value), size=self.signed(abs(value)).removeprefix("+"))
+
+    def signed(self, value: float) -> str:
+        """A value with its sign, in the unit that the sentence speaks in."""
+        return f"{from_si(value, self.shown):+.3g}{'' if self.shown == '1' else f' {self.shown}'}"
 
     def at_end(self, value: float) -> bool:
         """Whether it is at an end of what is physical, and would go on: something else then is the matter. That nothing
