@@ -48,6 +48,7 @@ def test_a_bent_sensor_is_flown_and_straightened(bend):
         (1901, SIGMAS[2], "gust.lead", -1),
         (1902, SIGMAS[0], "boom.mode", 1),
         (1903, SIGMAS[1], "elevator.nonlinearity", 1),
+        (1904, SIGMAS[2], "aero.Cm_alpha_squared", -1),
     ],
 )
 def test_each_is_found_or_grouped_with_what_it_resembles(seed, sigma, name, sign):

@@ -48,7 +48,9 @@ LATERAL_ASKED = {
     "aero.lateral_icing",
 }  # fmt: skip
 """Zeros of heading, vane and surfaces, and places beside the plane of symmetry, are left out: lateral_effects.py."""
-FURTHER = {"elevator.delay", "theta.scale", "q.bias", "aero.CL_q", "aero.CL_de", "gust.vertical"}
+FURTHER = {
+    "elevator.delay", "theta.scale", "q.bias", "aero.Cm_alpha_squared", "aero.CL_q", "aero.CL_de", "gust.vertical",
+}  # fmt: skip
 
 
 def test_every_effect_asked_for_is_a_row():
