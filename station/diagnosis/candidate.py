@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.variances import Levels
+from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -44,6 +45,8 @@ class State:
     """Of the effects, by id, SI."""
     a: Array
     """Free parameters, then drifts, in prior standard deviations."""
+    flown: Aircraft
+    """What answers the gusts that nothing measures."""
     levels: Levels
     spectra: tuple[Spectra, ...]
     responses: tuple[Complex, ...]

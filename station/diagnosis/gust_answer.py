@@ -2,8 +2,8 @@
 
 No vane shows such gusts. They act on wing and body as rates would, and the aircraft answers: roll rate, sideslip and
 all that follows are no longer independent of what the moments leave, and least squares take the answer for the
-derivatives (station/estimation/input_instruments.py). As noise whose way into the signals is known by the profile,
-they are taken out of the score like any sensor's. An autopilot's answer is not in it.
+derivatives (station/estimation/input_instruments.py). As noise whose way into the signals an aircraft tells, they are
+taken out of the score like any sensor's. An autopilot's answer is not in it.
 """
 
 from __future__ import annotations

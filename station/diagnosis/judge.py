@@ -172,9 +172,9 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
     of the day and are fitted to either; the noise is that of the better one."""
     if not held_out:
         return None
-    states = [_settled(craft, held_out, before) for craft in (before, after)]
+    states = [_settled(craft, held_out) for craft in (before, after)]
     _, best = min(states, key=lambda x: x[0].cost(x[1]))
-    one, other = (own.state(s.values, s.a, best.levels).white for own, s in states)
+    one, other = (own.state(s.values, s.a, best.levels, s.flown).white for own, s in states)
     reduction, sd = lowered(one, other)
     by_record = tuple(
         (m.record.name, _size([w_one]), _size([w_other]))
@@ -207,12 +207,12 @@ def lowered(one: Sequence[Complex], other: Sequence[Complex]) -> tuple[float, fl
     return 1 - after / before, math.sqrt(scatter) / (2 * before * after * count)
 
 
-def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre], answering: Aircraft) -> tuple[Problem, State]:
-    """An aircraft with what is of the day fitted to the manoeuvres; for `answering` see Problem."""
+def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre]) -> tuple[Problem, State]:
+    """An aircraft with what is of the day fitted to the manoeuvres."""
     speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
     axis = manoeuvres[0].axis
     frees = [f for f in axis.free_parameters(craft, speed, False) if f.name in axis.day]
-    problem = Problem(manoeuvres, craft, frees, answering)
+    problem = Problem(manoeuvres, craft, frees)
     return problem, problem.null().state
 
 

@@ -57,14 +57,9 @@ class Problem:
         manoeuvres: Sequence[Manoeuvre],
         aircraft: Aircraft,
         frees: Sequence[Free] | None = None,
-        answering: Aircraft | None = None,
     ) -> None:
         self.manoeuvres = tuple(manoeuvres)
         self.aircraft = aircraft
-        self.answering = answering or aircraft
-        """What answers gusts that nothing measures: the profile's aircraft for all candidates alike. Each one's own
-        would do more to the variance than an effect explains; that fitted without effects may have any constants, to
-        take an effect's place."""
         speed = float(np.mean([m.record.signals["airspeed"].mean() for m in manoeuvres]))
         recorded = all(m.record.mass is not None for m in manoeuvres)
         self.axis = manoeuvres[0].axis
@@ -84,13 +79,26 @@ class Problem:
         """With its free parameters moved, then the effects."""
         return extended(moved(self.aircraft, self.frees, a), values)
 
-    def state(self, values: Mapping[str, float], a: Array, levels: Levels | None = None) -> State:
-        """A candidate, with the levels given or those of the prior."""
+    def state(
+        self, values: Mapping[str, float], a: Array, levels: Levels | None = None, flown: Aircraft | None = None
+    ) -> State:
+        """A candidate, with the levels given or those of the prior. `flown`: what answers the gusts that nothing
+        measures; the aircraft itself, if left out."""
         craft = self.aircraft_at(values, a)
+        flown = flown or craft
         drifts = a[len(self.frees) :] * self.drift_sd
         spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))
-        responses_ = tuple(m.responses(craft, flown=self.answering) for m in self.manoeuvres)
-        return self._with_levels(values, a, spectra, responses_, levels or self.prior)
+        responses_ = tuple(m.responses(craft, flown=flown) for m in self.manoeuvres)
+        return self._with_levels(values, a, flown, spectra, responses_, levels or self.prior)
+
+    def beside(self, s: State, values: Mapping[str, float], a: Array) -> State:
+        """A candidate near another one, with the levels of that; or with levels of its own, where gusts are answered:
+        by what answered them there, unless the aircraft itself makes the data likelier."""
+        own = self.state(values, a, s.levels)
+        if self.axis.answers is None:
+            return own
+        both = own, self.state(values, a, s.levels, s.flown)
+        return min((self.relevelled(x) for x in both), key=self.cost)
 
     def relevelled(self, s: State, frozen: int | None = None) -> State:
         """The same candidate with the variances fitted to it, but for what is missed `frozen`."""
@@ -100,11 +108,11 @@ class Problem:
         levels = fitted(bins, columns, counts, s.levels, self.prior, self.stiffness, frozen)
         if self._zeros_wander:
             levels = replace(levels, zeros=wandering(self.manoeuvres, s.spectra, levels))
-        return self._with_levels(s.values, s.a, s.spectra, s.responses, levels)
+        return self._with_levels(s.values, s.a, s.flown, s.spectra, s.responses, levels)
 
     def _with_levels(
-        self, values: Mapping[str, float], a: Array, spectra: tuple[Spectra, ...], responses_: tuple[Complex, ...],
-        levels: Levels,
+        self, values: Mapping[str, float], a: Array, flown: Aircraft, spectra: tuple[Spectra, ...],
+        responses_: tuple[Complex, ...], levels: Levels,
     ) -> State:  # fmt: skip
         roots: list[Complex] = []
         white: list[Complex] = []
@@ -119,7 +127,7 @@ class Problem:
             roots.append(root)
             white.append(w)
             steady.append(e)
-        return State(dict(values), a, levels, spectra, responses_, tuple(roots), tuple(white), tuple(steady), q)
+        return State(dict(values), a, flown, levels, spectra, responses_, tuple(roots), tuple(white), tuple(steady), q)
 
     def volume(self, s: State) -> float:
         """log det Sigma, less log |det A|2 of the responses of the series to the sensors at their heads, and the prior
@@ -190,7 +198,8 @@ class Problem:
 
     def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float, bool] | None]) -> list[Slopes]:
         """By finite differences: each aircraft, how far it is moved, and whether the noise depends on that; None moves
-        nothing."""
+        nothing. What answers the gusts that nothing measures stays: the flight has the answer of the aircraft that
+        flew, and no candidate's slopes change that."""
         out = []
         drifts = s.a[len(self.frees) :] * self.drift_sd
         for k, m in enumerate(self.manoeuvres):
@@ -205,7 +214,7 @@ class Problem:
                 there = m.differences(craft, float(drifts[k])).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
-                    response[i] = (m.responses(craft, m.grouped.pick, self.answering) - r) / h
+                    response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
             out.append(Slopes(bins, steady, response))
         return out
 
@@ -266,15 +275,16 @@ class Problem:
         return Solved(step, covariance, float(-gradient @ step))
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
-        """The state a step further, its levels kept; None where Q is no less there, or on a long way the cost: far from
-        the best, where Sigma follows, Q falls with a noise that grows."""
+        """The state a step further, its levels kept; None where Q is no less there, or the cost, where Q falls with a
+        noise that grows: on a long way, where Sigma follows, and where the aircraft answers gusts, at any step."""
         e = len(terms)
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
         try:
-            there = self.state(values, np.clip(s.a + solved.step[e:], *self.ends), s.levels)
-            better = self.cost(there) < self.cost(s) if solved.gained > NEAR else there.q < s.q
+            there = self.beside(s, values, np.clip(s.a + solved.step[e:], *self.ends))
+            far = solved.gained > NEAR or self.axis.answers is not None
+            better = self.cost(there) < self.cost(s) if far else there.q < s.q
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return None
         return there if better else None
@@ -282,15 +292,6 @@ class Problem:
     def null(self) -> Estimate:
         """Without effects."""
         return self.from_profile({})
-
-    def answered(self, e: Estimate) -> Estimate:
-        """An estimate fitted on with its own aircraft's answer to gusts that nothing measures; its cost, which is
-        compared with others', stays."""
-        if not self.axis.answers:
-            return e
-        self.answering = self.aircraft_at(e.state.values, e.state.a)
-        start = self.relevelled(self.state(e.state.values, e.state.a, e.state.levels))
-        return replace(self.estimate(start, ROUNDS, self.whole), cost=e.cost)
 
     def from_profile(self, values: Mapping[str, float], on_the_way: State | None = None) -> Estimate:
         """Fitted from the profile on, with effects that begin at `values`; or from a state on the way."""

@@ -36,6 +36,8 @@ REPEATED: Final = 0.2
 """Share of samples that repeat the one before, from which a signal is rounded coarsely."""
 ROUNDED: Final = 1e-6
 """Of a signal's range: smaller steps are a file's rounding, or the grid's."""
+FEWEST: Final = 4
+"""Steps of rounding in a signal's range: of fewer, what it does is not seen, or it is a test input of few levels."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
 """Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
 RECORDED_THRUST: Final = 0.005
@@ -360,12 +362,27 @@ def white_noise(name: str, record: Record) -> float:
 
 def quantum(x: Array) -> float:
     """The step of a signal that a recorder has rounded so far that values repeat, where the middle of its differences
-    says nothing of its noise; else 0. By the values that repeat: those between are of the grid that it was put on."""
+    says nothing of its noise; else 0. By the values that repeat: those between are of the grid that it was put on. What
+    stands still and glides from one value to the next, as a surface that is simulated, is not rounded."""
     least = ROUNDED * float(np.ptp(x))
-    level = np.sort(x[1:][np.abs(np.diff(x)) <= least])
+    moves = np.diff(x)
+    still = np.abs(moves) <= least
+    level = np.sort(x[1:][still])
     steps = np.diff(level)
     steps = steps[steps > least]
-    return float(np.median(steps)) if len(steps) and len(level) > REPEATED * len(x) else 0.0
+    if not len(steps) or len(level) <= REPEATED * len(x):
+        return 0.0
+    step = float(np.median(steps))
+    return 0.0 if np.ptp(x) < FEWEST * step or _glides(moves, ~still, least) else step
+
+
+def _glides(moves: Array, going: NDArray[np.bool_], least: float) -> bool:
+    """Whether most ways from one value that repeats to the next are smooth: to one side, by steps that differ. Of one
+    that a grid has split, the steps between its first and its last are alike."""
+    edges = np.diff(np.concatenate([[0], going, [0]]))
+    ways = [moves[a + 1 : b - 1] for a, b in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)]
+    smooth = [bool(len(w) > 1 and np.ptp(w) > least and (w * w[0] > 0).all()) for w in ways]
+    return 2 * sum(smooth) > len(ways)
 
 
 def stated_noise(name: str, record: Record) -> float:

@@ -7,7 +7,7 @@ from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
 
-_KEPT: Final = {"signal": 48, "motion": 8, "path": 8, "shown": 8, "flow": 8, "spectra": 8, "span": 16, "trim": 2}
+_KEPT: Final = {"signal": 48, "motion": 8, "path": 8, "shown": 8, "flow": 8, "spectra": 8, "span": 16, "trim": 4}
 """How many of each stage."""
 
 

@@ -219,8 +219,8 @@ def _less(found: Found, problem: Problem, names: Sequence[str]) -> Found:
     if len(left) == len(accepted.state.values):
         return found
     if not left:
-        return replace(found, accepted=problem.answered(found.null), alternatives=())
-    start = problem.relevelled(problem.state(left, accepted.state.a, accepted.state.levels))
+        return replace(found, accepted=found.null, alternatives=())
+    start = problem.relevelled(problem.beside(accepted.state, left, accepted.state.a))
     return replace(found, accepted=problem.estimate(start, WHOLE, problem.whole), alternatives=())
 
 

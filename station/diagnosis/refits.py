@@ -74,7 +74,7 @@ class Refits:
             (e for e in (self.null, *self.done.values()) if ids > set(e.state.ids)), key=lambda e: e.cost, default=None
         )
         try:
-            here = p.relevelled(p.state(values, a, self.null.state.levels))
+            here = p.relevelled(p.beside(self.null.state, values, a))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             here = None
         if fewer is None or (here is not None and p.cost(here) < fewer.cost):
@@ -83,7 +83,7 @@ class Refits:
         if any(t.probes for t in added):  # at nothing, a bent effect has no slope
             return here
         there = {t.id: fewer.state.values.get(t.id, t.null) for t in terms}
-        return p.state(there, fewer.state.a, fewer.state.levels)
+        return p.beside(fewer.state, there, fewer.state.a)
 
     def _better(self, found: Estimate) -> Estimate:
         """Of a candidate and the same one fitted before."""
@@ -110,7 +110,7 @@ class Refits:
         from there."""
         p, s = self.problem, whole.state
         try:
-            here = p.relevelled(p.state({i: s.values[i] for i in left}, s.a, s.levels))
+            here = p.relevelled(p.beside(s, {i: s.values[i] for i in left}, s.a))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return replace(self.null, cost=math.inf)
         return self._better(self._judged(p.estimate(here, REFITS, p.with_free(free_slopes_of(whole)))))

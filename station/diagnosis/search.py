@@ -75,7 +75,6 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
         accepted = _rivalled(problem, refits, accepted, terms, progress)
     alternatives = tuple(e for e in _others(refits, accepted) if e.cost - accepted.cost < _apart(refits, accepted))
     beyond = refits.beyond(accepted)
-    accepted = problem.answered(accepted)
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
     return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes, tuple(terms), beyond)

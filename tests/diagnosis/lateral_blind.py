@@ -186,11 +186,18 @@ def diagnosed(case: Case) -> Diagnosis:
 
 
 def score(case: Case, d: Diagnosis) -> str:
-    """As blind.score, of the lateral names."""
+    """As blind.score, of the lateral names. A zero drawn so large that it is named, as what it is, is there."""
     d = d.lateral or d
-    names, true = {e.term.id for e in d.effects}, set(case.effects)
+    flown = true_aircraft(case).instruments
+    drawn = {
+        e.term.id
+        for e in d.effects
+        if e.term.id in ("p.bias", "r.bias") and abs(e.value - flown[e.term.id[0]].bias) < 3 * e.sd
+    }
+    true = set(case.effects)
+    names = {e.term.id for e in d.effects} - (drawn - true)
     if not true:
-        return "false" if names else "clean" if d.verdict == "no_effect" else "unexplained"
+        return "false" if names else "unexplained" if d.verdict == "unexplained" else "clean"
     if names == true:
         return (
             "suspect" if d.verdict == "unexplained" else "group" if any(e.alternatives for e in d.effects) else "exact"

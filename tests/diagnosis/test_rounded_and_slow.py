@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
+from scipy.signal import lfilter
 
 from station.diagnosis.manoeuvre import at_rate_judged, groups_of, manoeuvre, quantum
 from station.diagnosis.processing import Setting, bridge_of, integral, rate, thinned
@@ -25,6 +26,16 @@ def test_the_step_of_a_rounded_signal_is_told_and_of_a_noisy_one_none() -> None:
     t = np.arange(3000) + 0.3 * rng.random(3000)
     rounded = 0.06 * np.round(np.sin(t / 200) / 0.06)
     assert quantum(np.interp(np.arange(1, 2999), t, rounded)) == pytest.approx(0.06)
+
+
+def test_a_simulated_surface_that_stands_still_between_doublets_is_not_rounded() -> None:
+    """It has no noise, and repeats the values between which an actuator's lag takes it; or jumps, where it has none."""
+    commanded = np.zeros(3000)
+    for at, size in ((500, 6.0), (900, 3.0), (1300, -3.0), (1800, 9.0)):
+        commanded[at : at + 40], commanded[at + 40 : at + 80] = size, -size
+    lagging = lfilter([0.2], [1.0, -0.8], commanded)
+    assert quantum(lagging) == 0.0
+    assert quantum(np.where(np.abs(commanded) > 3.0, 3.0 * np.sign(commanded), commanded)) == 0.0
 
 
 def test_how_rounding_is_spread_over_the_frequencies_is_left_to_the_fit() -> None:
