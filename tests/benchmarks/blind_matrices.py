@@ -73,7 +73,7 @@ def rows() -> Iterator[Row]:
     yield Row("two, twice", matrices.pairs(18), NAMED, 0.92)
     yield Row("outside the catalogue", matrices.outside(10), ("unexplained",), 0.95)
     lateral = {"diagnosed": lateral_blind.diagnosed, "score": lateral_blind.score}
-    yield Row("lateral: nothing", matrices.lateral_clean(24), ("clean",), 0.98, **lateral)
+    yield Row("lateral: nothing", matrices.lateral_clean(100), ("clean",), 0.98, **lateral)
     yield Row("lateral: one, twice", matrices.lateral_singles(2.0), NAMED, 0.95, **lateral)
     for name, scene in foreign.SCENES.items():
         own = {"diagnosed": InScene(name)}
