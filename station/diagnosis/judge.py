@@ -174,7 +174,7 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
         return None
     states = [_settled(craft, held_out) for craft in (before, after)]
     _, best = min(states, key=lambda x: x[0].cost(x[1]))
-    one, other = (own.state(s.values, s.a, best.levels, s.flown).white for own, s in states)
+    one, other = (own.state(s.values, s.a, best.levels, best.flown).white for own, s in states)
     reduction, sd = lowered(one, other)
     by_record = tuple(
         (m.record.name, _size([w_one]), _size([w_other]))
