@@ -147,7 +147,8 @@ class Refits:
                     e = p.few_steps(_physical(values), free, REFITS)
                 except np.linalg.LinAlgError:  # so far off that its noise cannot be told
                     continue
-                if not any(self._is_nothing(BY_ID[i], e.state) for i in ids):
+                # An end that a few steps reach, more may leave.
+                if not any(self._is_small(BY_ID[i], e.state) for i in ids):
                     tried[frozenset(ids)] = min(e, tried.get(frozenset(ids), e), key=_promised)
             for e in sorted(tried.values(), key=_promised)[:LEADING]:
                 if not self.was_from_profile(e):
@@ -183,10 +184,13 @@ class Refits:
         return found
 
     def _is_nothing(self, t: Term, s: State) -> bool:
-        """Whether an effect is of a size that is not judged."""
-        value = s.values[t.id]
-        small = abs(value - t.null) < self._least.get(t.id, 0.0)
-        return small or t.at_end(value) or bool(t.probes and whole_changes(self.problem, s, [t]).max() < LEAST_SHARE)
+        """Whether an effect is of a size that is not judged, or not physical."""
+        return t.at_end(s.values[t.id]) or self._is_small(t, s)
+
+    def _is_small(self, t: Term, s: State) -> bool:
+        if abs(s.values[t.id] - t.null) < self._least.get(t.id, 0.0):
+            return True
+        return bool(t.probes and whole_changes(self.problem, s, [t]).max() < LEAST_SHARE)
 
     def of_size(self, size: int) -> list[Estimate]:
         found = [e for ids, e in self.done.items() if len(ids) == size and math.isfinite(e.cost)]
