@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import Problem
-from station.diagnosis.screening import LEAST_SHARE, Start, free_slopes_of, own_first, screened, whole_changes
+from station.diagnosis.screening import (
+    LEAST_SHARE,
+    Start,
+    free_slopes_of,
+    least_judged,
+    own_first,
+    screened,
+    whole_changes,
+)
 from station.diagnosis.term import Term
 
 Array = NDArray[np.float64]
@@ -38,7 +46,7 @@ class Refits:
     much."""
 
     def __init__(self, problem: Problem, null: Estimate, least: Mapping[str, float]) -> None:
-        self.problem, self.null, self._least = problem, null, least
+        self.problem, self.null, self._least = problem, null, dict(least)
         self.done: dict[frozenset[str], Estimate] = {}
         self._ended: dict[frozenset[str], Estimate] = {}
         """As they were when fitted to the end."""
@@ -138,7 +146,11 @@ class Refits:
         linear models there and at the estimate, `starts`, see them, tell the hopeful."""
         p = self.problem
         there = p.at_profile(about.state.values)
-        made = p.effect_slopes(there.state, own_first(there.state, terms))
+        ordered = own_first(there.state, terms)
+        made = p.effect_slopes(there.state, ordered)
+        # By constants that are far off, an effect may change less of what moves than it does.
+        least = least_judged(p, there.state, ordered, made)
+        self._least |= {i: min(x, self._least.get(i, x)) for i, x in least.items()}
         own, free = screened(p, there, terms, made)[1], free_slopes_of(there)
         for size, first, second in ((1, SINGLES, MORE), (2, MORE, 1)):
             tried: dict[frozenset[str], Estimate] = {}
