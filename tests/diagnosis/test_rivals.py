@@ -19,7 +19,7 @@ from station.diagnosis.search import SHORT, _others, _rivalled
 
 def at(cost: float, *ids: str) -> Estimate:
     nothing = cast("Any", None)
-    state = State(dict.fromkeys(ids, 0.01), np.zeros(0), nothing, (), (), (), (), (), 0.0)
+    state = State(dict.fromkeys(ids, 0.01), np.zeros(0), nothing, nothing, (), (), (), (), (), 0.0)
     return Estimate(state, nothing, [], nothing, cost)
 
 
