@@ -92,8 +92,8 @@ class Problem:
         return self._with_levels(values, a, flown, spectra, responses_, levels or self.prior)
 
     def beside(self, s: State, values: Mapping[str, float], a: Array) -> State:
-        """A candidate near another one, with the levels of that; or with levels of its own, where gusts are answered:
-        by what answered them there, unless the aircraft itself makes the data likelier."""
+        """A candidate near the state `s`, with its levels. Where gusts are answered (Axis.answers), the likelier of
+        two, each with levels of its own: answered by the candidate's aircraft, or by what answered in `s`."""
         own = self.state(values, a, s.levels)
         if self.axis.answers is None:
             return own
@@ -275,7 +275,7 @@ class Problem:
         return Solved(step, covariance, float(-gradient @ step))
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
-        """The state a step further, its levels kept; None where Q is no less there, or the cost, where Q falls with a
+        """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
         noise that grows: on a long way, where Sigma follows, and where the aircraft answers gusts, at any step."""
         e = len(terms)
         values = dict(s.values)
