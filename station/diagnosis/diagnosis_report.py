@@ -149,7 +149,7 @@ def _unexplained(found: Diagnosis) -> str:
     if remaining.strained:
         far = ", ".join(f"{name} {x:+.1f}" for name, x in remaining.strained)
         said.append(f"Parameters are fitted far beyond the profile's stated doubt (in its standard deviations): {far}.")
-    said += [f"{apart.words}." for apart in remaining.inhomogeneous]
+    said += [f"Not named: {apart.words}." for apart in remaining.inhomogeneous]
     if remaining.crossed:
         said.append(f"{remaining.crossed.words}.")
     numbers = f"Most unlikely band: log p {remaining.log_p:.1f} (limit {remaining.log_p_limit:.1f})."

@@ -2,7 +2,7 @@
 
 What is there acts everywhere by the same value; what only acts like it has one value here and another there. Each part
 of an effect's footprint is given a value of its own, beside all else that is fitted (a score test of homogeneity: Rao
-1948): what that gains is chi-square distributed where one value is enough.
+1948): how far these are apart, over their covariance, is chi-square distributed where one value is enough.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from scipy.stats import chi2
 from station.diagnosis.candidate import Estimate, Slopes
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import Problem
+from station.diagnosis.residuals import VANE
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Complex = NDArray[np.complex128]
 
 FALSE_ALARM: Final = 2e-4
 """Chance that an effect is called inhomogeneous that is not, over all effects and ways of parting them."""
@@ -46,6 +48,14 @@ class Inhomogeneous(NamedTuple):
         return f"{self.effect} is not the same everywhere ({values})"
 
 
+class _Part(NamedTuple):
+    """Of an effect in one manoeuvre: the series judged and the bins that it is of, and whether the steady part is."""
+
+    rows: Bools
+    bins: Bools
+    steady: bool
+
+
 def inhomogeneous(problem: Problem, e: Estimate) -> tuple[Inhomogeneous, ...]:
     """Which of an estimate's effects have not one value, and the way of parting that shows it best."""
     tests = [test for i in range(len(e.state.values)) for test in _tests(problem, e, i)]
@@ -61,16 +71,21 @@ def _tests(problem: Problem, e: Estimate, i: int) -> Iterator[tuple[Inhomogeneou
     """Of the i-th effect, in each way of parting it: how unlikely the parts are, and their spread over the value."""
     s, name = e.state, e.state.ids[i]
     others = [_some(x, [j for j in range(len(x.bins)) if j != i]) for x in e.slopes]
-    for names, parts in _partings(problem, e, i):
+    known = [_known(root, x, i) for root, x in zip(s.roots, e.slopes, strict=True)]
+    for names, parts in _partings(problem, known, BY_ID[name].aerodynamic):
         count = len(names)
-        made = [rest.after(own) for rest, own in zip(others, parts, strict=True)]
-        solved = problem.solve(s, problem.normal(s, made), len(s.values) - 1 + count)
+        made = [
+            rest.after(_parted(x, i, own, m.grouped.pick))
+            for m, rest, x, own in zip(problem.manoeuvres, others, e.slopes, parts, strict=True)
+        ]
+        solved = problem.solve(s, problem.normal(s, made), len(s.values) - 1 + len(parts[0]))
         values = s.values[name] + solved.step[:count]
-        weights = 1 / np.diag(solved.covariance)[:count]
-        centre = float(np.average(values, weights=weights))
-        spread = math.sqrt(float(np.average((values - centre) ** 2, weights=weights)))
+        inverse = np.linalg.inv(solved.covariance[:count, :count])
+        apart = values - float(inverse.sum(0) @ values / inverse.sum())
+        weights = np.diag(inverse)
+        spread = math.sqrt(float(np.average((values - np.average(values, weights=weights)) ** 2, weights=weights)))
         shown = tuple(zip(names, values.tolist(), strict=True))
-        log_p = float(chi2.logsf(solved.gained, count - 1))
+        log_p = float(chi2.logsf(apart @ inverse @ apart, count - 1))
         yield Inhomogeneous(name, shown, log_p), spread / abs(s.values[name] - BY_ID[name].null)
 
 
@@ -78,54 +93,63 @@ def _some(x: Slopes, which: Sequence[int]) -> Slopes:
     return Slopes(x.bins[which], x.steady[which], x.response[which])
 
 
-def _partings(problem: Problem, e: Estimate, i: int) -> Iterator[tuple[list[str], list[Slopes]]]:
-    """Names of parts, and slopes of each for every manoeuvre."""
+def _known(root: Complex, x: Slopes, i: int) -> Array:
+    """(bins, series) what each series says of the i-th effect by itself."""
+    alone = np.linalg.inv(root) * x.bins[i].T[:, None, :]
+    return np.asarray((np.abs(alone) ** 2).sum(1))
+
+
+def _partings(
+    problem: Problem, known: Sequence[Array], of_aircraft: bool
+) -> Iterator[tuple[list[str], list[list[_Part]]]]:
+    """Names of parts, and the parts for every manoeuvre. What instruments say of each other is compared by itself: of
+    them the forces, whose model may be in error, have parts that are not compared, the last, one for each manoeuvre."""
     manoeuvres, axis = problem.manoeuvres, problem.axis
+    own = np.zeros(len(axis.series))
+    for m, x in zip(manoeuvres, known, strict=True):
+        own[list(m.setting.judged)] += x.sum(0)
+    inertial = not of_aircraft and own[:VANE].sum() > LEAST_SEEN * own.sum()
+    compared = np.arange(len(own)) < VANE if inertial else np.full(len(own), True)
+    rows = [np.array(m.setting.judged) for m in manoeuvres]
+    bins = [np.full(len(x), True) for x in known]
+    rest = [
+        [_Part(~compared[j] & (k == part), f, True) for part in range(len(manoeuvres)) if inertial]
+        for k, (j, f) in enumerate(zip(rows, bins, strict=True))
+    ]
     if len(manoeuvres) > 1:
-        every = [[np.full(len(m.setting.judged), k == part) for part in range(len(manoeuvres))]
-                 for k, m in enumerate(manoeuvres)]  # fmt: skip
         yield (
             [m.record.name for m in manoeuvres],
-            [_by_series(x, i, own) for x, own in zip(e.slopes, every, strict=True)],
+            [
+                [*(_Part(compared[j] & (k == part), f, True) for part in range(len(manoeuvres))), *last]
+                for k, (j, f, last) in enumerate(zip(rows, bins, rest, strict=True))
+            ],
         )
-    shown = [
-        np.abs(np.linalg.solve(root, x.bins[i].T[..., None])[..., 0]) ** 2
-        for root, x in zip(e.state.roots, e.slopes, strict=True)
-    ]
     f = np.concatenate([m.setting.frequencies for m in manoeuvres])
     order = np.argsort(f)
-    known = np.cumsum(np.concatenate(shown).sum(1)[order])
-    middle = float(f[order][np.searchsorted(known, 0.5 * known[-1])])
-    names = [f"what is below {middle:.2g} Hz", "what is above it"]
-    yield names, [_by_frequency(x, i, m.setting.frequencies < middle, m.grouped.pick)
-                  for m, x in zip(manoeuvres, e.slopes, strict=True)]  # fmt: skip
-    own = np.zeros(len(axis.series))
-    for m, root, x in zip(manoeuvres, e.state.roots, e.slopes, strict=True):
-        for row, j in enumerate(m.setting.judged):
-            alone = np.linalg.inv(root)[:, :, row] * x.bins[i, row][:, None]
-            own[j] += float((np.abs(alone) ** 2).sum())
-    seen = np.flatnonzero(own > LEAST_SEEN * own.sum())
+    so_far = np.cumsum(np.concatenate([x[:, compared[j]].sum(1) for x, j in zip(known, rows, strict=True)])[order])
+    middle = float(f[order][np.searchsorted(so_far, 0.5 * so_far[-1])])
+    low = [m.setting.frequencies < middle for m in manoeuvres]
+    yield (
+        [f"what is below {middle:.2g} Hz", "what is above it"],
+        [
+            [_Part(compared[j], x, True), _Part(compared[j], ~x, False), *last]
+            for j, x, last in zip(rows, low, rest, strict=True)
+        ],
+    )
+    seen = np.flatnonzero(compared & (own > LEAST_SEEN * own.sum()))
     if len(seen) > 1:
         yield (
             [axis.series[j] for j in seen],
-            [
-                _by_series(x, i, [np.array(m.setting.judged) == j for j in seen])
-                for m, x in zip(manoeuvres, e.slopes, strict=True)
-            ],
+            [[*(_Part(of == j, f, True) for j in seen), *last] for of, f, last in zip(rows, bins, rest, strict=True)],
         )
 
 
-def _by_series(x: Slopes, i: int, parts: Sequence[Bools]) -> Slopes:
-    """The i-th slopes in parts, each of some of the series."""
-    which = np.array(parts)
-    return Slopes(which[:, :, None] * x.bins[i], which * x.steady[i], which[:, None, :, None] * x.response[i])
-
-
-def _by_frequency(x: Slopes, i: int, low: Bools, pick: NDArray[np.int64]) -> Slopes:
-    """The i-th slopes in two parts; what is steady is of the lower."""
-    which = np.array([low, ~low])
+def _parted(x: Slopes, i: int, parts: Sequence[_Part], pick: NDArray[np.int64]) -> Slopes:
+    """The i-th slopes in parts."""
+    rows, bins = np.array([p.rows for p in parts]), np.array([p.bins for p in parts])
+    steady = np.array([[p.steady] for p in parts])
     return Slopes(
-        which[:, None, :] * x.bins[i],
-        np.array([[1.0], [0.0]]) * x.steady[i],
-        which[:, pick, None, None] * x.response[i],
+        rows[:, :, None] * bins[:, None, :] * x.bins[i],
+        rows * steady * x.steady[i],
+        bins[:, pick, None, None] * rows[:, None, :, None] * x.response[i],
     )

@@ -64,7 +64,7 @@ class RemainingResidual:
     beyond: tuple[tuple[str, float], ...] = ()
     """See Found."""
     inhomogeneous: tuple[Inhomogeneous, ...] = ()
-    """Accepted effects that have not one value: what acts like them is the matter."""
+    """Effects that were fitted and have not one value: what acts like them is the matter, and they are not named."""
     crossed: Crossed | None = None
     """An instrument that shows a share of what another one measures."""
 
@@ -88,7 +88,7 @@ class RemainingResidual:
             "something that acts like it is the matter"
             for i, end in self.beyond
         ]
-        out += [f"{apart.words}: something that acts like it is the matter" for apart in self.inhomogeneous]
+        out += [f"not named: {x.words}: something that acts like it is the matter" for x in self.inhomogeneous]
         if self.crossed:
             out.append(f"{of}{self.crossed.words}")
         return out

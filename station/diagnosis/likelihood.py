@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
-from station.diagnosis.manoeuvre import Manoeuvre, lasting_gust
+from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.recorded_noise import lasting_gust
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.surface_sampling import of_sampling
 from station.diagnosis.term import Term

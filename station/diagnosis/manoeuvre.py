@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from station.conventions import to_si
 from station.diagnosis.air_data import share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.corrections import all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
+from station.diagnosis.recorded_noise import GUST_SCALE_M, stated_noise, white_noise
 from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of
-from station.diagnosis.sensor_noise import Trim, answering, responses, trim_of
+from station.diagnosis.sensor_noise import Trim, answering, of_force, responses, trim_of
 from station.diagnosis.series_spectra import Spectra, spectra
-from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
@@ -30,18 +29,6 @@ Complex = NDArray[np.complex128]
 AIR_DATA: Final = ("airspeed", "dynamic_pressure")
 SLOW_SHARE: Final = 0.25
 """Of a sensor's variance, slow where nothing is known."""
-FAST_S: Final = 0.025
-"""Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
-REPEATED: Final = 0.2
-"""Share of samples that repeat the one before, from which a signal is rounded coarsely."""
-ROUNDED: Final = 1e-6
-"""Of a signal's range: smaller steps are a file's rounding, or the grid's."""
-FEWEST: Final = 4
-"""Steps of rounding in a signal's range: of fewer, what it does is not seen, or it is a test input of few levels."""
-GUST_SCALE_M: Final = to_si(1750, "ft")
-"""Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
-RECORDED_THRUST: Final = 0.005
-"""Of the mean thrust: noise of a recorded one."""
 SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
@@ -156,23 +143,38 @@ class Manoeuvre:
                 sensors * np.sqrt(white)[:, None, None],
                 sensors * np.sqrt(slow)[:, None, None],
                 response[..., -1:] * np.sqrt(gust)[:, None, None],
-                self._missing(response, np.abs(response), pick),
+                self._missing(response, np.abs(self.own_responses(response)), pick),
             ],
             axis=-1,
         )
 
-    def _missing(self, response: Complex, size: Array, pick: Pick) -> Complex:
-        """(..., bins, series, Axis.missed): of a force in its own series, of a sensor wherever its noise goes."""
-        judged, sensors, forces = self.setting.judged, self.trim.sensors, self.axis.forces
+    def place(self, name: str) -> tuple[int, int] | None:
+        """Of a series, its row and its head's column in a response; None where it is not judged."""
+        j = self.axis.series.index(name)
+        if j not in self.setting.judged:
+            return None
+        return self.setting.judged.index(j), self.trim.sensors.index(self.axis.heads[j])
+
+    def own_responses(self, response: Complex, slopes: Complex | None = None) -> Complex:
+        """(..., bins, Axis.missed): see `of_force`, of the forces judged; 1 of what is no force."""
+        made = response if slopes is None else slopes
+        out = np.ones((*made.shape[:-2], len(self.axis.missed)), dtype=complex)
+        vane = self.place(self.axis.series[VANE])
+        for k, name in enumerate(self.axis.missed):
+            if name in self.axis.forces and (head := self.place(name)):
+                out[..., k] = of_force(response, head, vane, slopes)
+        return out
+
+    def _missing(self, response: Complex, own: Array, pick: Pick) -> Complex:
+        """(..., bins, series, Axis.missed): of a force in its own series, of the size `own`; of a sensor wherever its
+        noise goes."""
         out = np.zeros((*response.shape[:-1], len(self.axis.missed)), dtype=complex)
         for k, name in enumerate(self.axis.missed):
             root = np.sqrt(self.missed[k, pick])
-            if name in forces:
-                if (j := self.axis.series.index(name)) in judged:
-                    row = judged.index(j)
-                    out[..., row, k] = root * size[..., row, sensors.index(forces[name])]
-            else:
-                out[..., k] = response[..., sensors.index(name)] * root[:, None]
+            if name not in self.axis.forces:
+                out[..., k] = response[..., self.trim.sensors.index(name)] * root[:, None]
+            elif head := self.place(name):
+                out[..., head[0], k] = root * own[..., k]
         return out
 
     def _deviations(self, variances: Array) -> tuple[Array, Array]:
@@ -187,13 +189,14 @@ class Manoeuvre:
         """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups; of
         the noise alone that is in the signals, for nothing else is in slopes."""
         sd, missing = self._deviations(variances)
-        shown = self._missing(response, np.abs(response), self.grouped.pick)
+        shown = self._missing(response, np.abs(self.own_responses(response)), self.grouped.pick)
         return np.concatenate([response * sd[:, None, :], shown * missing], axis=-1)
 
     def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array) -> Complex:
         """The change of `scaled` per parameter, whose change of the responses is `slopes` (p, groups, ...)."""
         sd, missing = self._deviations(variances)
-        size = (np.conj(response) * slopes).real / np.maximum(np.abs(response), 1e-30)
+        own = self.own_responses(response)
+        size = (np.conj(own) * self.own_responses(response, slopes)).real / np.maximum(np.abs(own), 1e-30)
         shown = self._missing(slopes, size, self.grouped.pick)
         return np.concatenate([slopes * sd[:, None, :], shown * missing], axis=-1)
 
@@ -221,7 +224,8 @@ class Manoeuvre:
 
     def missing(self, response: Complex, shares: Mapping[str, float]) -> Array:
         """(series,) what misses `shares` of Axis.missed leave out of each series judged, over what moves in it."""
-        each = self._missing(response, np.abs(response), EVERY) * [shares.get(name, 0.0) for name in self.axis.missed]
+        each = self._missing(response, np.abs(self.own_responses(response)), EVERY)
+        each *= [shares.get(name, 0.0) for name in self.axis.missed]
         return np.asarray(np.sqrt((np.abs(each) ** 2).sum(-1).mean(0)) / np.maximum(self.motion(response), 1e-12))
 
     def of_heads(self, response: Complex) -> Complex:
@@ -231,14 +235,13 @@ class Manoeuvre:
 
     def motion(self, response: Complex) -> Array:
         """(series,) root mean square of what moves in each series judged: the signal at its head, the coefficient."""
-        out = []
-        for row, j in enumerate(self.setting.judged):
-            name, head = self.axis.series[j], self.axis.heads[j]
+        out, own = [], np.abs(self.own_responses(response)) ** 2
+        for j in self.setting.judged:
             if j >= LIFT:
-                by_head = np.abs(response[:, row, self.trim.sensors.index(head)]) ** 2
-                power = self.missed[self.axis.missed.index(name)] * by_head
+                k = self.axis.missed.index(self.axis.series[j])
+                power = self.missed[k] * own[:, k]
             else:
-                x = self.record.signals[head]
+                x = self.record.signals[self.axis.heads[j]]
                 power = np.abs(spectra(np.broadcast_to(x, (1, len(x))), self.setting, (0,), False).bins[0]) ** 2
             out.append(math.sqrt(float(power.mean())))
         return np.array(out)
@@ -322,72 +325,15 @@ def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:
     """(Axis.missed, bins) smoothed spectra of the coefficients over what their sensor makes of them, and of sensors."""
     still = aircraft.unsteady.model_copy(update={"tail_lift_slope": 0.0})
     own = m.differences(aircraft.model_copy(update={**m.axis.still, "unsteady": still}))
-    response, judged, forces, series = m.responses(aircraft), m.setting.judged, m.axis.forces, m.axis.series
-    out = np.zeros((len(m.axis.missed), response.shape[0]))
+    made = m.own_responses(m.responses(aircraft))
+    out = np.zeros((len(m.axis.missed), len(made)))
     for k, name in enumerate(m.axis.missed):
-        if name in forces:
-            if series.index(name) not in judged:
+        if name in m.axis.forces:
+            if (head := m.place(name)) is None:
                 continue
-            row = judged.index(series.index(name))
-            power = np.abs(own.bins[row] / response[:, row, m.trim.sensors.index(forces[name])]) ** 2
+            power = np.abs(own.bins[head[0]] / made[:, k]) ** 2
         else:
-            x = np.broadcast_to(m.record.signals[name], (len(series), m.record.n))
+            x = np.broadcast_to(m.record.signals[name], (len(m.axis.series), m.record.n))
             power = np.abs(spectra(x, m.setting, (VANE,), False).bins[0]) ** 2
         out[k] = ndimage.gaussian_filter1d(power, SPREAD_BINS, mode="nearest")
     return out
-
-
-def lasting_gust(record: Record) -> float:
-    """m/s, standard deviation of the mean of gusts along the path as strong as those of the record, where ground speed
-    shows them (Dryden's spectrum along the path: a correlation of exp(-x/GUST_SCALE_M)); else 0."""
-    x = record.signals
-    along = x.get("v_along", x.get("v_ahead"))
-    if along is None:
-        return 0.0
-    long = float(x["airspeed"].mean()) * record.seconds / GUST_SCALE_M
-    lasting = 2 / long * (1 + math.expm1(-long) / long)
-    noise = white_noise("airspeed", record) ** 2 + stated_noise("v_along", record) ** 2
-    moving = max(float(np.var(x["airspeed"] - along)) - noise, 0.0)
-    return math.sqrt(moving * lasting / (1 - lasting))
-
-
-def white_noise(name: str, record: Record) -> float:
-    """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
-    if record.dt > FAST_S or name in record.held:
-        return stated_noise(name, record)
-    x = record.signals[name]
-    rough = float(np.median(np.abs(np.diff(x, 4)))) / 0.6745 / math.sqrt(70.0)
-    return max(rough, quantum(x) / math.sqrt(12.0), 0.1 * stated_noise(name, record))
-
-
-def quantum(x: Array) -> float:
-    """The step of a signal that a recorder has rounded so far that values repeat, where the middle of its differences
-    says nothing of its noise; else 0. By the values that repeat: those between are of the grid that it was put on. What
-    stands still and glides from one value to the next, as a surface that is simulated, is not rounded."""
-    least = ROUNDED * float(np.ptp(x))
-    moves = np.diff(x)
-    still = np.abs(moves) <= least
-    level = np.sort(x[1:][still])
-    steps = np.diff(level)
-    steps = steps[steps > least]
-    if not len(steps) or len(level) <= REPEATED * len(x):
-        return 0.0
-    step = float(np.median(steps))
-    return 0.0 if np.ptp(x) < FEWEST * step or _glides(moves, ~still, least) else step
-
-
-def _glides(moves: Array, going: NDArray[np.bool_], least: float) -> bool:
-    """Whether most ways from one value that repeats to the next are smooth: to one side, by steps that differ. Of one
-    that a grid has split, the steps between its first and its last are alike."""
-    edges = np.diff(np.concatenate([[0], going, [0]]))
-    ways = [moves[a + 1 : b - 1] for a, b in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)]
-    smooth = [bool(len(w) > 1 and np.ptp(w) > least and (w * w[0] > 0).all()) for w in ways]
-    return 2 * sum(smooth) > len(ways)
-
-
-def stated_noise(name: str, record: Record) -> float:
-    """Noise of one sensor that the rig states, or a good installation has."""
-    signal = {"v_along": "v_north", "v_across": "v_east"}.get(name, name)
-    if name == "thrust":
-        return RECORDED_THRUST * max(float(np.mean(record.signals["thrust"])), 1.0)
-    return float(record.stated.get(signal) or DEFAULT_NOISE[signal])

@@ -148,7 +148,7 @@ def _diagnosed(
         remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), inhomogeneous=(), crossed=None)
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
-    found = _less(found, problem, drowned)
+    found = _still_told(_less(found, problem, (*drowned, *(x.effect for x in remaining.inhomogeneous))), problem)
     progress("gain on what is held out")
     effects, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
     not_named: tuple[Effect, ...] = ()
@@ -159,7 +159,8 @@ def _diagnosed(
         named = {e.term.id for e in effects}
         not_named = tuple(e for e in every if e.term.id not in named)
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
-        remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
+        left = judge.remaining_residual(problem, found.accepted, found.beyond)
+        remaining = replace(left, inhomogeneous=(*remaining.inhomogeneous, *left.inhomogeneous))
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
@@ -222,6 +223,15 @@ def _less(found: Found, problem: Problem, names: Sequence[str]) -> Found:
         return replace(found, accepted=found.null, alternatives=())
     start = problem.relevelled(problem.beside(accepted.state, left, accepted.state.a))
     return replace(found, accepted=problem.estimate(start, WHOLE, problem.whole), alternatives=())
+
+
+def _still_told(found: Found, problem: Problem) -> Found:
+    """The outcome without the accepted effects that are no longer clear where others were taken out."""
+    accepted = found.accepted
+    sd = np.sqrt(np.diag(accepted.solved.covariance))
+    doubtful = [i for (i, x), error in zip(accepted.state.values.items(), sd, strict=False)
+                if not is_told(BY_ID[i], x, error)]  # fmt: skip
+    return _still_told(_less(found, problem, doubtful), problem) if doubtful else found
 
 
 def _measured(

@@ -56,9 +56,6 @@ SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "
 THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
-SPEED_PASS_HZ: Final = (0.3, 0.6)
-"""The speed that lift and moment depend on is passed up to the first and stopped from the second: dynamic pressure has
-the airspeed's noise, and so has the lift made with it; a dependence on the noise would be found."""
 
 
 class _Motion(NamedTuple):
@@ -321,7 +318,7 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
     faster: float | Array = 0.0
     if value("CL_V") or value("Cm_V") or value("CD_V"):
-        faster = back(transform(v, s) * passed(s.omega, SPEED_PASS_HZ), s) / reference
+        faster = v / reference
     cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
     cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
     if value("CL_gust") or value("Cm_gust"):

@@ -135,3 +135,24 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a candidate far beyond any aircraft
                 out[:, vane, -1] -= out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
     return out
+
+
+def of_force(
+    response: Complex, head: tuple[int, int], vane: tuple[int, int] | None, slopes: Complex | None = None
+) -> Complex:
+    """What the sensor of a force makes of it, of responses (..., series, sensors), (...): at the flow that is there,
+    which a vane that the sensor's signal corrects (a boom that bends, a vane ahead of the CG) would show changed. Both
+    places are (series, sensor). With `slopes` (p, ..., series, sensors) of the responses, those of this, (p, ...)."""
+
+    def at(x: Complex, row: int, column: int) -> Complex:
+        return x[..., row, column]
+
+    here = at(response, *head) if slopes is None else at(slopes, *head)
+    if vane is None:
+        return here
+    shown, felt = at(response, *vane), at(response, head[0], vane[1])
+    share = at(response, vane[0], head[1]) / shown
+    if slopes is None:
+        return np.asarray(here - share * felt)
+    moved = (at(slopes, vane[0], head[1]) - share * at(slopes, *vane)) / shown
+    return np.asarray(here - share * at(slopes, head[0], vane[1]) - moved * felt)

@@ -10,7 +10,8 @@ import numpy as np
 from scipy import signal
 
 from station.diagnosis.free_parameters import Free
-from station.diagnosis.manoeuvre import Manoeuvre, stated_noise
+from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.recorded_noise import stated_noise
 from station.diagnosis.series_spectra import TAPER
 from station.profile.profile_changes import delay
 

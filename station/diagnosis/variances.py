@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
-from station.diagnosis.manoeuvre import AIR_DATA, FAST_S, SLOW_SHARE, Manoeuvre, quantum, stated_noise, white_noise
+from station.diagnosis.manoeuvre import AIR_DATA, SLOW_SHARE, Manoeuvre
 from station.diagnosis.measured_record import Record
+from station.diagnosis.recorded_noise import FAST_S, quantum, stated_noise, white_noise
 from station.diagnosis.residuals import LIFT
 from station.diagnosis.series_spectra import Spectra, spectra
 

@@ -11,9 +11,10 @@ import pytest
 from blind import Case, aircraft, fly_case
 from scipy import signal, special, stats
 
-from station.diagnosis.manoeuvre import GUST_SCALE_M, RECORDED_THRUST, SLOW_SHARE, lasting_gust, manoeuvre
+from station.diagnosis.manoeuvre import SLOW_SHARE, manoeuvre
 from station.diagnosis.measured_record import Record
 from station.diagnosis.processing import SLOW_S, Setting, bridge_of, own_speed
+from station.diagnosis.recorded_noise import GUST_SCALE_M, RECORDED_THRUST, lasting_gust
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.span_lags import span_response
 from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, prior_levels, wandering

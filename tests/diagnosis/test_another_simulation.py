@@ -33,13 +33,14 @@ def test_nothing_is_found_where_nothing_is_hidden(sigma: float, tmp_path: Path) 
 
 def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_mended(tmp_path: Path) -> None:
     """Nothing is left over: the data can have what they want, at a price that the profile says is too high."""
-    found = diagnosed(Case(seed=2, derivatives={"Cm_q": -20.0}, gyro=0.01), tmp_path)
+    damping = -22.0
+    found = diagnosed(Case(seed=2, derivatives={"Cm_q": damping}, gyro=0.01), tmp_path)
     named = {e.term.id: e for e in found.effects}
     assert (found.verdict, set(named)) == ("effect_found", {"aero.Cm_q", "q.bias"})
     assert abs(named["q.bias"].value - 0.01) < 3 * named["q.bias"].sd < 0.002
     assert found.extended.instruments["q"].bias == pytest.approx(named["q.bias"].value)
     effect = named["aero.Cm_q"]
-    share = -20.0 / flown.NAVION["Cm_q"] - 1
+    share = damping / flown.NAVION["Cm_q"] - 1
     assert abs(effect.value - share) < 3 * effect.sd < 0.25  # the inertia is known to 6 % alone
     assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
     assert found.gain is not None

@@ -10,8 +10,9 @@ import pytest
 from blind import Case, aircraft, fly_case
 from scipy.signal import lfilter
 
-from station.diagnosis.manoeuvre import at_rate_judged, groups_of, manoeuvre, quantum
+from station.diagnosis.manoeuvre import at_rate_judged, groups_of, manoeuvre
 from station.diagnosis.processing import Setting, bridge_of, integral, rate, thinned
+from station.diagnosis.recorded_noise import quantum
 from station.diagnosis.variances import LEVEL_SD, SEEN_SD, prior_levels, stiffness_of
 
 

@@ -1,0 +1,84 @@
+"""Noise of sensors as a record shows it, its rig states it, or rounding makes it; and gusts that last."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.conventions import to_si
+from station.diagnosis.measured_record import Record
+from station.numerics.default_noise import DEFAULT_NOISE
+
+Array = NDArray[np.float64]
+
+FAST_S: Final = 0.025
+"""Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
+REPEATED: Final = 0.2
+"""Share of samples that repeat the one before, from which a signal is rounded coarsely."""
+ROUNDED: Final = 1e-6
+"""Of a signal's range: smaller steps are a file's rounding, or the grid's."""
+FEWEST: Final = 4
+"""Steps of rounding in a signal's range: of fewer, what it does is not seen, or it is a test input of few levels."""
+RECORDED_THRUST: Final = 0.005
+"""Of the mean thrust: noise of a recorded one."""
+GUST_SCALE_M: Final = to_si(1750, "ft")
+"""Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
+
+
+def lasting_gust(record: Record) -> float:
+    """m/s, standard deviation of the mean of gusts along the path as strong as those of the record, where ground speed
+    shows them (Dryden's spectrum along the path: a correlation of exp(-x/GUST_SCALE_M)); else 0."""
+    x = record.signals
+    along = x.get("v_along", x.get("v_ahead"))
+    if along is None:
+        return 0.0
+    long = float(x["airspeed"].mean()) * record.seconds / GUST_SCALE_M
+    lasting = 2 / long * (1 + math.expm1(-long) / long)
+    noise = white_noise("airspeed", record) ** 2 + stated_noise("v_along", record) ** 2
+    moving = max(float(np.var(x["airspeed"] - along)) - noise, 0.0)
+    return math.sqrt(moving * lasting / (1 - lasting))
+
+
+def white_noise(name: str, record: Record) -> float:
+    """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
+    if record.dt > FAST_S or name in record.held:
+        return stated_noise(name, record)
+    x = record.signals[name]
+    rough = float(np.median(np.abs(np.diff(x, 4)))) / 0.6745 / math.sqrt(70.0)
+    return max(rough, quantum(x) / math.sqrt(12.0), 0.1 * stated_noise(name, record))
+
+
+def quantum(x: Array) -> float:
+    """The step of a signal that a recorder has rounded so far that values repeat, where the middle of its differences
+    says nothing of its noise; else 0. By the values that repeat: those between are of the grid that it was put on. What
+    stands still and glides from one value to the next, as a surface that is simulated, is not rounded."""
+    least = ROUNDED * float(np.ptp(x))
+    moves = np.diff(x)
+    still = np.abs(moves) <= least
+    level = np.sort(x[1:][still])
+    steps = np.diff(level)
+    steps = steps[steps > least]
+    if not len(steps) or len(level) <= REPEATED * len(x):
+        return 0.0
+    step = float(np.median(steps))
+    return 0.0 if np.ptp(x) < FEWEST * step or _glides(moves, ~still, least) else step
+
+
+def _glides(moves: Array, going: NDArray[np.bool_], least: float) -> bool:
+    """Whether most ways from one value that repeats to the next are smooth: to one side, by steps that differ. Of one
+    that a grid has split, the steps between its first and its last are alike."""
+    edges = np.diff(np.concatenate([[0], going, [0]]))
+    ways = [moves[a + 1 : b - 1] for a, b in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)]
+    smooth = [bool(len(w) > 1 and np.ptp(w) > least and (w * w[0] > 0).all()) for w in ways]
+    return 2 * sum(smooth) > len(ways)
+
+
+def stated_noise(name: str, record: Record) -> float:
+    """Noise of one sensor that the rig states, or a good installation has."""
+    signal = {"v_along": "v_north", "v_across": "v_east"}.get(name, name)
+    if name == "thrust":
+        return RECORDED_THRUST * max(float(np.mean(record.signals["thrust"])), 1.0)
+    return float(record.stated.get(signal) or DEFAULT_NOISE[signal])
