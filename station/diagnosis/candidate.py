@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,13 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
+"""Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
+well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
+LEAST_KNOWN: Final = 0.5
+UNSEEN: Final = 1e-9
+"""Information of an effect that shows nowhere, per its unit squared: that the equations can be solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,3 +114,32 @@ def numbers(x: Complex) -> Array:
     """(p, ...) -> (p, n) real and imaginary parts: their products are the real part of one times the other's
     conjugate."""
     return x.reshape(len(x), -1).view(np.float64)
+
+
+def solution(a: Array, normal: Normal, effects: int, known: Array, ends: Array, damping: float = 0.0) -> Solved:
+    """The step of all parameters, effects first, then those at `a`, of priors of information `known` about 0; those at
+    one of their `ends`, (2, parameters), do not go beyond it."""
+    penalty = np.concatenate([np.zeros(effects), known])
+    at = np.concatenate([np.zeros(effects), a])
+    gradient = normal.gradient + penalty * at
+    own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen)) + UNSEEN * np.eye(len(penalty))
+    for share in SUBTRACTED:
+        matrix = normal.seen - share * normal.noise + own
+        scale = 1 / np.sqrt(np.abs(np.diag(matrix)) + 1e-30)
+        values = np.linalg.eigvalsh(matrix * scale[:, None] * scale)
+        # No parameter may become less known than by its prior.
+        if values[0] > 0 and np.linalg.eigvalsh(matrix - (1 - LEAST_KNOWN) * np.diag(penalty))[0] > 0:
+            break
+    inverse = np.linalg.inv(matrix)
+    damped = matrix + damping * np.diag(np.diag(normal.seen) + penalty)
+    low, high = (np.concatenate([np.full(effects, x), end]) for x, end in zip((-np.inf, np.inf), ends, strict=True))
+    step, goes = np.zeros(len(at)), np.ones(len(at), dtype=bool)
+    while True:
+        step[:] = 0.0
+        step[goes] = -np.linalg.solve(damped[np.ix_(goes, goes)], gradient[goes])
+        beyond = ((at <= low) & (step < 0)) | ((at >= high) & (step > 0))
+        if not beyond.any():
+            break
+        goes &= ~beyond
+    covariance = inverse @ (matrix + share * normal.scatter) @ inverse
+    return Solved(step, covariance, float(-gradient @ step))

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.candidate import Estimate, Normal, Slopes
+from station.diagnosis.candidate import LEAST_KNOWN, SUBTRACTED, Estimate, Normal, Slopes
 from station.diagnosis.effects import judged_effects
-from station.diagnosis.likelihood import LEAST_KNOWN, SUBTRACTED, Problem
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.refits import ASKED, CONFOUNDED
 from station.diagnosis.screening import least_judged
 

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers
+from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers, solution
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
@@ -42,12 +42,8 @@ MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
 """Prior standard deviations: after a longer step the slopes are made anew."""
-SUBTRACTED: Final = (1.0, 0.8, 0.6, 0.4, 0.2, 0.0)
-"""Share of the slopes' noise that is taken out of the information: the first that leaves every parameter at least as
-well known as by its prior (Fuller 1987 subtracts less for the same reason)."""
-LEAST_KNOWN: Final = 0.5
-UNSEEN: Final = 1e-9
-"""Information of an effect that shows nowhere, per its unit squared: that the equations can be solved."""
+UNKNOWN: Final = 1e-4
+"""Of a prior's information, what is left where the data contradict it: a standard deviation a hundred times as wide."""
 
 
 class Problem:
@@ -72,6 +68,8 @@ class Problem:
         ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * len(self.manoeuvres)
         self.ends = np.array(ends).T
         """(2, parameters) where free parameters and drifts end."""
+        self._known = np.ones(len(self.frees) + len(self.manoeuvres))
+        """Weights of the priors of free parameters and drifts."""
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
@@ -118,7 +116,7 @@ class Problem:
         roots: list[Complex] = []
         white: list[Complex] = []
         steady: list[Array] = []
-        q = float(a @ a)
+        q = float(a @ (self._known * a))
         for k, (m, own, r) in enumerate(zip(self.manoeuvres, spectra, responses_, strict=True)):
             b = m.columns(r)
             root = np.asarray(np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2))), dtype=complex)
@@ -248,32 +246,7 @@ class Problem:
 
     def solve(self, s: State, normal: Normal, effects: int, damping: float = 0.0) -> Solved:
         """The step of all parameters, effects first; those at an end do not go beyond it."""
-        penalty = np.concatenate([np.zeros(effects), np.ones(len(s.a))])
-        at = np.concatenate([np.zeros(effects), s.a])
-        gradient = normal.gradient + penalty * at
-        own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen)) + UNSEEN * np.eye(len(penalty))
-        for share in SUBTRACTED:
-            matrix = normal.seen - share * normal.noise + own
-            scale = 1 / np.sqrt(np.abs(np.diag(matrix)) + 1e-30)
-            values = np.linalg.eigvalsh(matrix * scale[:, None] * scale)
-            # No parameter may become less known than by its prior.
-            if values[0] > 0 and np.linalg.eigvalsh(matrix - (1 - LEAST_KNOWN) * np.diag(penalty))[0] > 0:
-                break
-        inverse = np.linalg.inv(matrix)
-        damped = matrix + damping * np.diag(np.diag(normal.seen) + penalty)
-        low, high = (
-            np.concatenate([np.full(effects, x), end]) for x, end in zip((-np.inf, np.inf), self.ends, strict=True)
-        )
-        step, goes = np.zeros(len(at)), np.ones(len(at), dtype=bool)
-        while True:
-            step[:] = 0.0
-            step[goes] = -np.linalg.solve(damped[np.ix_(goes, goes)], gradient[goes])
-            beyond = ((at <= low) & (step < 0)) | ((at >= high) & (step > 0))
-            if not beyond.any():
-                break
-            goes &= ~beyond
-        covariance = inverse @ (matrix + share * normal.scatter) @ inverse
-        return Solved(step, covariance, float(-gradient @ step))
+        return solution(s.a, normal, effects, self._known, self.ends, damping)
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
         """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
@@ -328,6 +301,15 @@ class Problem:
             yield
         finally:
             self._zeros_wander = True
+
+    def freed(self, e: Estimate, which: Sequence[int]) -> Estimate:
+        """An estimate again, with free parameters `which` known by the data alone: a prior that they contradict draws
+        them to itself, and what they share their part with away from it. At the cost that it had."""
+        self._known[list(which)] = UNKNOWN
+        try:
+            return replace(self.estimate(self.relevelled(e.state), ROUNDS, self.whole), cost=e.cost)
+        finally:
+            self._known[:] = 1.0
 
     def with_free(self, free: Sequence[Slopes]) -> Callable[[State], tuple[list[Slopes], Sequence[Term]]]:
         """All slopes of a state, of which the free parameters' are these."""

@@ -41,6 +41,9 @@ OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias", "ay.bias
 """Zeros that these signals contradict, and that what is held out cannot confirm: its own zero is fitted to it."""
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
+LEAST_TOLD: Final = 0.25
+"""Of a prior's variance, that the data must have taken away before they are said to contradict it by more than shows:
+of what they hardly tell, a small error of the model says as much."""
 MOST_FAR_OFF: Final = 2
 """Derivatives beyond, from which the profile may be another aircraft's."""
 
@@ -161,6 +164,7 @@ def _diagnosed(
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         left = judge.remaining_residual(problem, found.accepted, found.beyond)
         remaining = replace(left, inhomogeneous=(*remaining.inhomogeneous, *left.inhomogeneous))
+    found = _freed(found, problem)
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
@@ -241,6 +245,7 @@ def _measured(
     named: Callable[[Effect], bool] = lambda _: True,
 ) -> tuple[tuple[Effect, ...], Gain | None, bool]:
     """What could be named, the gain of that on held-out data, and whether they confirm it."""
+    found = _freed(found, problem)
     effects = tuple(e for e in _effects(found, problem) if named(e))
     if not effects:
         return (), None, True
@@ -312,6 +317,29 @@ def _gain(before: tuple[Aircraft, ...], after: tuple[Aircraft, ...], kept: Seque
     return max(there, key=lambda g: g.low, default=None)
 
 
+def _is_named_alone(problem: Problem, free: Free) -> bool:
+    """Whether a free parameter is named where it is far from the profile: derivatives are, and zeros of instruments."""
+    return free.name in problem.axis.derivatives or free.name in problem.axis.of_zero
+
+
+def _freed(found: Found, problem: Problem) -> Found:
+    """The outcome with derivatives and zeros freed from priors that the data contradict."""
+    e, far = found.accepted, set[int]()
+    while more := _contradicting(problem, e) - far:
+        far |= more
+        e = problem.freed(found.accepted, sorted(far))
+    return replace(found, accepted=e) if far else found
+
+
+def _contradicting(problem: Problem, e: Estimate) -> set[int]:
+    """The derivatives and zeros that are beyond their priors, or would gain on these what is asked of an effect: what
+    the data say of it alone has then the deviance x^2 / (1 - variance) from its prior."""
+    variance = np.diag(e.solved.covariance)[len(e.state.values) :]
+    gained = np.square(e.state.a) / np.maximum(1 - variance, LEAST_TOLD)
+    far = np.flatnonzero((np.abs(e.state.a) > BEYOND) | (gained > ASKED))
+    return {i for i in far.tolist() if i < len(problem.frees) and _is_named_alone(problem, problem.frees[i])}
+
+
 def _constant(aircraft: Aircraft, free: Free, x: float, sd: float) -> Constant:
     """As the profile will have it; `x` and `sd` in prior standard deviations."""
     assert free.read is not None
@@ -345,14 +373,13 @@ def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
         out.append(Effect(term, value, error, without.cost - accepted.cost, alternatives, constants=constants))
     for i, free in enumerate(problem.frees):
         x, error = float(accepted.state.a[i]), float(sd[first + i])
-        if abs(x) < BEYOND or error > 0.5 * abs(x):
+        if abs(x) < BEYOND or error > 0.5 * abs(x) or not _is_named_alone(problem, free):
             continue
         if free.name in problem.axis.derivatives:
             term = derivative_effect(free.name, problem.aircraft)
-        elif free.name in problem.axis.of_zero:
-            term = BY_ID[problem.axis.of_zero[free.name]]
         else:
-            continue
+            term = BY_ID[problem.axis.of_zero[free.name]]
         rivals = rivals_of_constant(problem, found, i)
-        out.append(Effect(term, free.sd * x, free.sd * error, x * x, rivals))
+        # By how much less likely its prior makes it: it has been freed from that.
+        out.append(Effect(term, free.sd * x, free.sd * error, x * x / (1 + error * error), rivals))
     return tuple(sorted(out, key=by_reduction))

@@ -41,7 +41,8 @@ def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_men
     assert found.extended.instruments["q"].bias == pytest.approx(named["q.bias"].value)
     effect = named["aero.Cm_q"]
     share = damping / flown.NAVION["Cm_q"] - 1
-    assert abs(effect.value - share) < 3 * effect.sd < 0.25  # the inertia is known to 6 % alone
+    # The inertia is known to 6 % alone; the prior, which is 6 of its standard deviations off, draws nothing to itself.
+    assert abs(effect.value - share) < 2 * effect.sd < 0.25
     assert found.extended.value("Cm_q") == pytest.approx(flown.NAVION["Cm_q"] * (1 + effect.value))
     assert found.gain is not None
     assert found.gain.low > 0
