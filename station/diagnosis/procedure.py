@@ -164,7 +164,7 @@ def _diagnosed(
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         left = judge.remaining_residual(problem, found.accepted, found.beyond)
         remaining = replace(left, inhomogeneous=(*remaining.inhomogeneous, *left.inhomogeneous))
-    found = _freed(found, problem)
+    found = replace(found, accepted=_freed(problem, found.accepted))
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
@@ -245,11 +245,11 @@ def _measured(
     named: Callable[[Effect], bool] = lambda _: True,
 ) -> tuple[tuple[Effect, ...], Gain | None, bool]:
     """What could be named, the gain of that on held-out data, and whether they confirm it."""
-    found = _freed(found, problem)
-    effects = tuple(e for e in _effects(found, problem) if named(e))
+    accepted = _freed(problem, found.accepted)
+    effects = tuple(e for e in _effects(found, accepted, problem) if named(e))
     if not effects:
         return (), None, True
-    fitted = [problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted)]
+    fitted = [problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, accepted)]
     gain = _gain((problem.aircraft, fitted[0]), (_with(problem.aircraft, effects), fitted[1]), kept)
     return effects, gain, gain is not None and gain.low > 0
 
@@ -322,13 +322,16 @@ def _is_named_alone(problem: Problem, free: Free) -> bool:
     return free.name in problem.axis.derivatives or free.name in problem.axis.of_zero
 
 
-def _freed(found: Found, problem: Problem) -> Found:
-    """The outcome with derivatives and zeros freed from priors that the data contradict."""
-    e, far = found.accepted, set[int]()
+def _freed(problem: Problem, accepted: Estimate) -> Estimate:
+    """The same with derivatives and zeros freed from priors that the data contradict."""
+    if not _contradicting(problem, accepted):
+        return accepted
+    # To the end first: a search leaves its best after few steps, some of a standard deviation before.
+    e, far = problem.freed(accepted, ()), set[int]()
     while more := _contradicting(problem, e) - far:
         far |= more
-        e = problem.freed(found.accepted, sorted(far))
-    return replace(found, accepted=e) if far else found
+        e = problem.freed(accepted, sorted(far))
+    return e
 
 
 def _contradicting(problem: Problem, e: Estimate) -> set[int]:
@@ -347,9 +350,9 @@ def _constant(aircraft: Aircraft, free: Free, x: float, sd: float) -> Constant:
     return Constant(free, x, value, (low, high))
 
 
-def _effects(found: Found, problem: Problem) -> tuple[Effect, ...]:
-    """The accepted effects, and what is beyond its prior; the strongest evidence first."""
-    accepted = found.accepted
+def _effects(found: Found, accepted: Estimate, problem: Problem) -> tuple[Effect, ...]:
+    """The accepted effects, and what is beyond its prior, at `accepted`, freed from priors; the strongest evidence
+    first."""
     sd = np.sqrt(np.diag(accepted.solved.covariance))
     first = len(accepted.state.values)
     out = []

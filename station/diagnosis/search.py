@@ -215,6 +215,6 @@ def rivals_of_constant(problem: Problem, found: Found, i: int) -> tuple[str, ...
     being far from there may be instead."""
     e = found.accepted
     made = problem.effect_slopes(e.state, own_first(e.state, found.terms))
-    far = float(e.state.a[i]) ** 2
+    far = float(e.state.a[i] + e.solved.step[len(e.state.values) + i]) ** 2
     singles = screened(problem, e, found.terms, made)[1][1]
     return tuple(ids[-1] for _, ids, _, a in singles if abs(a[i]) < BEYOND and far - a[i] ** 2 > CONFOUNDED)
