@@ -230,8 +230,9 @@ def _less(found: Found, problem: Problem, names: Sequence[str]) -> Found:
 
 
 def _still_told(found: Found, problem: Problem) -> Found:
-    """The outcome without the accepted effects that are no longer clear where others were taken out."""
-    accepted = found.accepted
+    """The outcome without the accepted effects that are no longer clear where others were taken out, or priors that the
+    data contradict."""
+    accepted = _freed(problem, found.accepted)
     sd = np.sqrt(np.diag(accepted.solved.covariance))
     doubtful = [i for (i, x), error in zip(accepted.state.values.items(), sd, strict=False)
                 if not is_told(BY_ID[i], x, error)]  # fmt: skip

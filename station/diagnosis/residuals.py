@@ -56,6 +56,10 @@ SERIES: Final = ("theta", "v_down", "v_north", "alpha_vane", "lift", "moment", "
 THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
+SPEED_SPANS: Final = (10.0, 5.0)
+"""Wavelengths of the speed that lift and moment depend on, in spans: as long as the first are passed, as short as the
+second stopped. Of shorter gusts the pitot shows one point: the wing meets their mean over the span, and what the two
+differ by, made a coefficient with the pitot's pressure, would be found as a dependence on speed."""
 
 
 class _Motion(NamedTuple):
@@ -318,7 +322,9 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
     faster: float | Array = 0.0
     if value("CL_V") or value("Cm_V") or value("CD_V"):
-        faster = v / reference
+        spans = float(np.mean(motion.mean_speed)) / aircraft.geometry.span
+        passing = passed(s.omega, (spans / SPEED_SPANS[0], spans / SPEED_SPANS[1]))
+        faster = back(transform(v, s) * passing, s) / reference
     cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
     cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
     if value("CL_gust") or value("Cm_gust"):
