@@ -109,3 +109,13 @@ def test_where_the_model_s_structure_is_wrong_no_instrument_is_named_beside_it(s
     """Beside lift that bends, a potentiometer was, by 0.06 +- 0.02, or a vane's zero and a boom's bending."""
     jsbsim = pytest.importorskip("jsbsim_flights")
     assert jsbsim.named(jsbsim.diagnosed(Case(seed=seed, sigma=1.524))) == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "name", "value"), [(71005, "accelerometer.scale", 0.051), (71008, "q.scale", -0.045)])
+def test_an_instrument_is_named_and_no_other_where_lift_bends(seed: int, name: str, value: float) -> None:
+    """By lift, which the model misses a tenth of, the accelerometer's scale is 36 %: by the speeds it is 4 to 6. Beside
+    the gyro a vane was named; without the separation that lift, moment and drag contradict, it is not clear."""
+    jsbsim = pytest.importorskip("jsbsim_flights")
+    case = Case(seed=seed, sigma=1.524, effects={name: value})
+    assert jsbsim.score(case, jsbsim.diagnosed(case)) == "exact"
