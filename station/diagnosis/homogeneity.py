@@ -56,9 +56,10 @@ class _Part(NamedTuple):
     steady: bool
 
 
-def inhomogeneous(problem: Problem, e: Estimate) -> tuple[Inhomogeneous, ...]:
-    """Which of an estimate's effects have not one value, and the way of parting that shows it best."""
-    tests = [test for i in range(len(e.state.values)) for test in _tests(problem, e, i)]
+def inhomogeneous(problem: Problem, e: Estimate, model_errs: bool) -> tuple[Inhomogeneous, ...]:
+    """Which of an estimate's effects have not one value, and the way of parting that shows it best. `model_errs`:
+    whether the model misses a share of a force: then what instruments say of each other is compared by itself."""
+    tests = [test for i in range(len(e.state.values)) for test in _tests(problem, e, i, model_errs)]
     worst: dict[str, Inhomogeneous] = {}
     for test, spread in tests:
         here = worst.get(test.effect)
@@ -67,12 +68,12 @@ def inhomogeneous(problem: Problem, e: Estimate) -> tuple[Inhomogeneous, ...]:
     return tuple(worst.values())
 
 
-def _tests(problem: Problem, e: Estimate, i: int) -> Iterator[tuple[Inhomogeneous, float]]:
+def _tests(problem: Problem, e: Estimate, i: int, model_errs: bool) -> Iterator[tuple[Inhomogeneous, float]]:
     """Of the i-th effect, in each way of parting it: how unlikely the parts are, and their spread over the value."""
     s, name = e.state, e.state.ids[i]
     others = [_some(x, [j for j in range(len(x.bins)) if j != i]) for x in e.slopes]
     known = [_known(root, x, i) for root, x in zip(s.roots, e.slopes, strict=True)]
-    for names, parts in _partings(problem, known, BY_ID[name].aerodynamic):
+    for names, parts in _partings(problem, known, model_errs and not BY_ID[name].aerodynamic):
         count = len(names)
         made = [
             rest.after(_parted(x, i, own, m.grouped.pick))
@@ -100,15 +101,15 @@ def _known(root: Complex, x: Slopes, i: int) -> Array:
 
 
 def _partings(
-    problem: Problem, known: Sequence[Array], of_aircraft: bool
+    problem: Problem, known: Sequence[Array], by_instruments: bool
 ) -> Iterator[tuple[list[str], list[list[_Part]]]]:
-    """Names of parts, and the parts for every manoeuvre. What instruments say of each other is compared by itself: of
-    them the forces, whose model may be in error, have parts that are not compared, the last, one for each manoeuvre."""
+    """Names of parts, and the parts for every manoeuvre. `by_instruments`: what shows in what instruments say of each
+    other is compared there; the forces have parts that are not, the last, one for each manoeuvre."""
     manoeuvres, axis = problem.manoeuvres, problem.axis
     own = np.zeros(len(axis.series))
     for m, x in zip(manoeuvres, known, strict=True):
         own[list(m.setting.judged)] += x.sum(0)
-    inertial = not of_aircraft and own[:VANE].sum() > LEAST_SEEN * own.sum()
+    inertial = by_instruments and own[:VANE].sum() > LEAST_SEEN * own.sum()
     compared = np.arange(len(own)) < VANE if inertial else np.full(len(own), True)
     rows = [np.array(m.setting.judged) for m in manoeuvres]
     bins = [np.full(len(x), True) for x in known]

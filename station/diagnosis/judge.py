@@ -126,7 +126,8 @@ def remaining_residual(
         signals = axis.signals_of[axis.series.index(name)] if name in axis.series else (name,)
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((axis.series[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
-    others = (_strained(problem, s), tuple(beyond), inhomogeneous(problem, accepted), crossed(problem, accepted))
+    apart = inhomogeneous(problem, accepted, any(name in axis.forces for name, _ in missed))
+    others = (_strained(problem, s), tuple(beyond), apart, crossed(problem, accepted))
     return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, *others)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.effects import BY_ID
-from station.diagnosis.likelihood import Problem
+from station.diagnosis.likelihood import ROUNDS, Problem
 from station.diagnosis.screening import (
     LEAST_SHARE,
     Start,
@@ -108,20 +108,22 @@ class Refits:
         left = tuple(i for i in whole.state.ids if i != name)
         while True:
             fewer = self.add(left, dict(whole.state.values), whole.state.a, again=True)
-            fewer = min(fewer, self._beside(whole, left), key=lambda e: e.cost)
+            fewer = min(fewer, self._beside(whole, left, fewer.cost), key=lambda e: e.cost)
             if math.isfinite(fewer.cost):
                 return fewer
             left = tuple(i for i in fewer.state.ids if not self._is_nothing(BY_ID[i], fewer.state))
 
-    def _beside(self, whole: Estimate, left: Sequence[str]) -> Estimate:
+    def _beside(self, whole: Estimate, left: Sequence[str], beaten: float) -> Estimate:
         """Some of a candidate's effects fitted from its constants on, by its own slopes: those of no effect may be far
-        from there."""
+        from there. As long as it promises a cost below `beaten`: without an effect all that moved with it is far
+        off."""
         p, s = self.problem, whole.state
         try:
             here = p.relevelled(p.beside(s, {i: s.values[i] for i in left}, s.a))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return replace(self.null, cost=math.inf)
-        return self._better(self._judged(p.estimate(here, REFITS, p.with_free(free_slopes_of(whole)))))
+        slopes = p.with_free(free_slopes_of(whole))
+        return self._better(self._judged(p.estimate(here, ROUNDS, slopes, beaten=beaten)))
 
     def fit_to_the_end(self, e: Estimate) -> None:
         """A candidate again from where it is, all slopes made anew, but once."""

@@ -25,3 +25,18 @@ def test_a_gyro_of_another_scale_in_each_manoeuvre_is_told_with_both_values_and_
     assert dict(apart.parts) == pytest.approx({"doublets": 0.05, "3-2-1-1": 0.1}, abs=0.0075)
     told = next(words for words in d.remarks if words.startswith("not named: q.scale is not the same everywhere (+"))
     assert " % by doublets, +" in told
+
+
+@pytest.mark.slow
+def test_a_gyro_that_bends_is_no_scale_error() -> None:
+    """Each manoeuvre's amplitude has a scale of its own; forces, of which the model misses nothing, say so."""
+    case = blind.Case(
+        seed=401008,
+        sigma=1.524,
+        outside={"q_quadratic": -0.6},
+        fit_on=("multisine", "doublets"),
+        hold_out=("multisine",),
+    )
+    d = blind.diagnosed(case)
+    assert (d.verdict, d.effects) == ("unexplained", ())
+    assert [x.effect for x in d.remaining.inhomogeneous] == ["q.scale"]
