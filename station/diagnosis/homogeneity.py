@@ -95,7 +95,7 @@ def _some(x: Slopes, which: Sequence[int]) -> Slopes:
 
 
 def _known(root: Complex, x: Slopes, i: int) -> Array:
-    """(bins, series) what each series says of the i-th effect by itself."""
+    """(bins, series) information of each series on the i-th effect."""
     alone = np.linalg.inv(root) * x.bins[i].T[:, None, :]
     return np.asarray((np.abs(alone) ** 2).sum(1))
 

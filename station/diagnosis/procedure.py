@@ -42,8 +42,8 @@ OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias", "ay.bias
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
 LEAST_TOLD: Final = 0.25
-"""Of a prior's variance, that the data must have taken away before they are said to contradict it by more than shows:
-of what they hardly tell, a small error of the model says as much."""
+"""Share of a prior's variance that the data are taken to have removed, at least, where it is asked whether they
+contradict it: of a parameter that they hardly tell, a small error of the model would seem to."""
 MOST_FAR_OFF: Final = 2
 """Derivatives beyond, from which the profile may be another aircraft's."""
 
@@ -336,8 +336,8 @@ def _freed(problem: Problem, accepted: Estimate) -> Estimate:
 
 
 def _contradicting(problem: Problem, e: Estimate) -> set[int]:
-    """The derivatives and zeros that are beyond their priors, or would gain on these what is asked of an effect: what
-    the data say of it alone has then the deviance x^2 / (1 - variance) from its prior."""
+    """Places of the derivatives and zeros that are beyond 3 prior standard deviations, or whose prior costs what is
+    asked of an effect: freed from it, one at x that is left with `variance` (of 1) gains x^2 / (1 - variance)."""
     variance = np.diag(e.solved.covariance)[len(e.state.values) :]
     gained = np.square(e.state.a) / np.maximum(1 - variance, LEAST_TOLD)
     far = np.flatnonzero((np.abs(e.state.a) > BEYOND) | (gained > ASKED))

@@ -115,8 +115,8 @@ class Refits:
 
     def _beside(self, whole: Estimate, left: Sequence[str], beaten: float) -> Estimate:
         """Some of a candidate's effects fitted from its constants on, by its own slopes: those of no effect may be far
-        from there. As long as it promises a cost below `beaten`: without an effect all that moved with it is far
-        off."""
+        from there. In as many steps as promise a cost below `beaten`, for without an effect the constants that moved
+        with it begin far off."""
         p, s = self.problem, whole.state
         try:
             here = p.relevelled(p.beside(s, {i: s.values[i] for i in left}, s.a))
