@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from station.conventions import SIGNALS
 from station.estimation.flight_record import FlightRecord
@@ -23,6 +24,8 @@ from station.rows import Status
 APART: Final = 3.0
 """Standard errors by which two methods may differ."""
 LEAST_VALUES: Final = 2
+MOST_STEPS: Final = 1.5
+"""Of a grid, in the middle move of a signal that is rounded and else recorded as it moves: one step."""
 PAST_THE_PEAK: Final = 1.3
 """How far beyond the short period the band should reach, for damping and stiffness to be separated."""
 
@@ -43,11 +46,20 @@ def about_columns(table: Table) -> list[str]:
             )
         same = float((np.diff(there) == 0).mean())
         if name in MOVING and REPEATING < same < 1.0:
-            remarks.append(
-                f"{name} repeats its last value in {same:.0%} of the rows: held between slower samples it is late, "
-                "and no estimate corrects for that"
-            )
+            why = "held between slower samples it is late, and no estimate corrects for that"
+            if step := _rounding(there):
+                why = f"it is rounded to steps of {step:.3g} {signal.unit}, and what is finer is not seen"
+            remarks.append(f"{name} repeats its last value in {same:.0%} of the rows: {why}")
     return remarks
+
+
+def _rounding(x: NDArray[np.float64]) -> float:
+    """The step to which a signal that repeats its values is rounded; 0 where it moves by more than a step at a time, as
+    one that is held between slower samples."""
+    moves = np.abs(np.diff(x))
+    moves = moves[moves > 0]
+    step = float(moves.min())
+    return step if float(np.median(moves)) < MOST_STEPS * step else 0.0
 
 
 def about_gusts(results: Mapping[str, MethodResult], level: str) -> list[str]:

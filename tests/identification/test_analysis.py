@@ -166,9 +166,11 @@ def test_held_and_impossible_values_are_remarked_on() -> None:
     columns = flight(10.0)
     assert not [r for r in identified(record(columns), AIRCRAFT, ["I"])["remarks"] if "repeats" in r or "unit" in r]
     columns["q"] = columns["q"][np.arange(len(columns["q"])) // 10 * 10]
+    columns["alpha_vane"] = np.round(columns["alpha_vane"] / 0.02) * 0.02
     columns["theta"] = np.degrees(columns["theta"]) + 90
     told = identified(record(columns), AIRCRAFT, ["I"])["remarks"]
-    assert any(r.startswith("q repeats its last value in 90% of the rows") for r in told), told
+    assert any(r.startswith("q repeats its last value in 90% of the rows: held") for r in told), told
+    assert any("alpha_vane repeats" in r and "rounded to steps of 0.02 rad" in r for r in told), told
     assert any(r.startswith("theta: ") and "is its unit right?" in r for r in told), told
 
 
