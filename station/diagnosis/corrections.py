@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from station.diagnosis.backlash import linearised, lost_motion
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting, back, passed, transform
-from station.estimation.instrument_errors import DITHER
 from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
 
+QUIET_HZ: Final = 0.5
+"""Width over which a spectrum is averaged, where a frequency's share of noise is asked."""
+DITHER: Final = 2.0
+"""Noise standard deviations of a quietened drive by which a backlash is widened and narrowed again: held for a second,
+its few independent values reach one to either side. With more, a drive that never rests is taken to turn late."""
 CORRECTION_STOP_HZ: Final = (6.0, 9.0)
 """Corrections that would raise noise (lags, backlash) are passed up to the first and stopped from the second."""
 
@@ -60,8 +66,20 @@ def corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
     if found.cubic:
         x = linearised(x, found.cubic)
     if found.backlash:
-        dither = DITHER * s.elevator_noise
-        moved = lost_motion(x, found.backlash + dither) - lost_motion(x, dither)
+        drive, noise = _quietened(x, s)
+        dither = DITHER * noise
+        moved = lost_motion(drive, found.backlash + dither) - lost_motion(drive, dither)
         # Backlash between sensor and surface: the surface follows the sensor late.
         x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
     return x
+
+
+def _quietened(x: Array, s: Setting) -> tuple[Array, float]:
+    """The drive of a surface (..., n) with the frequencies left out at which its sensor shows no more than noise
+    (Wiener 1949: the motion's share of the power), and the standard deviation of the noise left in it."""
+    bins = transform(x, s)
+    power = np.abs(bins) ** 2 / (s.n + s.bridge)
+    count = max(1, round(QUIET_HZ * (s.n + s.bridge) * s.dt))
+    power = uniform_filter1d(power, count, axis=-1, mode="nearest")
+    share = np.clip(1 - s.elevator_noise**2 / np.maximum(power, 1e-300), 0, 1)
+    return back(bins * share, s), s.elevator_noise * math.sqrt(float(share.mean()))
