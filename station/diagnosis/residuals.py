@@ -273,7 +273,7 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
     faster = 1 + unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s)
-    gust = transform(at_places(quick, there) * faster, s) / met
+    gust = transform(_swinging(at_places(quick, there), faster), s) / met
     return _Shown(vane, gust, ahead * averaged * gust)
 
 
@@ -286,7 +286,7 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
         gust_lift = frequency_response(response(unsteady.lift_gust), steps)
         wing = frequency_response(response(unsteady.lift_motion), steps) * path.along + path.turned_mean
-        wing += gust_lift * path.turned_moving + transform(back(gust_lift * shown.gust_wing, s) * slower, s)
+        wing += gust_lift * path.turned_moving + transform(_swinging(back(gust_lift * shown.gust_wing, s), slower), s)
         # Wing and tail average gusts along their span, and follow them that much later.
         gust_tail = shown.gust / (1 + 1j * w * unsteady.gust_span_tail / v0)
         turned_tail = transform(-path.moved * back(path.surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
@@ -294,11 +294,18 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
         # The tail's pressure is that of the air there, which may be faster than at the CG.
         faster = back(path.surging * (np.exp(-1j * w * unsteady.tail_arm / v0) - 1), s)
         faster = slower * (1 + (unsteady.tail_speed - unsteady.gust_speed) * faster)
-        tail = path.along + turned_tail + transform(back(behind * gust_tail, s) * faster, s)
+        tail = path.along + turned_tail + transform(_swinging(back(behind * gust_tail, s), faster), s)
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), path.again)
         wing_series = at_places(back(wing, s), path.again)
-    gust = back(shown.gust, s) * slower + back(path.turned_mean + path.turned_moving, s)
+    gust = _swinging(back(shown.gust, s), slower) + back(path.turned_mean + path.turned_moving, s)
     return _Flow(v0, path.alpha_i, at_places(gust, path.again), wing_series, tail_series, shown.vane)
+
+
+def _swinging(gust: Array, by: Array) -> Array:
+    """A gust's angle times a factor, but for its mean: that is the vane's zero as much as it is air, and a zero does
+    not follow the airspeed."""
+    mean = gust.mean(-1, keepdims=True)
+    return np.asarray(mean + (gust - mean) * by)
 
 
 def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from station.diagnosis.candidate import Estimate, Slopes
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import BEYOND
-from station.diagnosis.likelihood import Problem
-from station.diagnosis.refits import ASKED, CONFOUNDED, MORE, SINGLES, WHOLE, Refits
+from station.diagnosis.likelihood import ROUNDS, Problem
+from station.diagnosis.refits import ASKED, CONFOUNDED, MORE, SINGLES, Refits
 from station.diagnosis.screening import hopeful, least_judged, own_first, screened, substitutes
 from station.diagnosis.term import Term
 
@@ -153,7 +153,7 @@ def _settled(problem: Problem, refits: Refits, accepted: Estimate, progress: Cal
     """With all slopes made anew; without the effects that are not needed, or not significant, then."""
     while accepted.state.values:
         progress(f"settling {', '.join(accepted.state.ids)}")
-        whole = problem.estimate(accepted.state, WHOLE, problem.whole)
+        whole = problem.estimate(accepted.state, ROUNDS, problem.whole)
         refits.done[frozenset(whole.state.ids)] = whole
         weakest, least = "", math.inf
         for name in whole.state.ids:
