@@ -38,7 +38,7 @@ LEADING: Final = 2
 """Of these, fitted to the end: a few steps from the profile promise the true one most, or all but one."""
 REFITS: Final = 4
 WHOLE: Final = 4
-"""Steps of a candidate with the free parameters' slopes of none, and of the accepted with its own."""
+"""Steps of a candidate with the free parameters' slopes of none, and with its own."""
 
 
 class Refits:

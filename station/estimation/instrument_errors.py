@@ -41,7 +41,8 @@ LATEST_S: Final = 0.5
 LONGEST_LAG_S: Final = 1.0
 """The noise of one that lags more, undone, would drown it."""
 DITHER: Final = 4.0
-"""Noise standard deviations by which a backlash is widened and narrowed again, to keep noise from moving through it."""
+"""Noise standard deviations by which a backlash is widened and narrowed again, to keep noise from moving through it: of
+the sensor as it is, for in flight its noise cannot be left out as a diagnosis does, which makes do with fewer."""
 
 SLOPE: Final = np.array([86.0, -142.0, -193.0, -126.0, 0.0, 126.0, 193.0, 142.0, -86.0]) / 1188.0
 """Slope, per step, at the middle of nine points."""

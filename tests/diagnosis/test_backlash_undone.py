@@ -15,7 +15,7 @@ TIME = np.arange(1500) * DT
 
 
 def behind(drive: NDArray[np.float64], backlash: float) -> NDArray[np.float64]:
-    """The surface, moved only by an end of the backlash."""
+    """The surface: it moves only while the drive pushes at an end of the backlash, and starts in its middle."""
     out, at = np.empty_like(drive), drive[0]
     for k, x in enumerate(drive):
         if x - at > backlash / 2:
@@ -45,7 +45,7 @@ def doublets() -> NDArray[np.float64]:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_surface_turns_when_its_drive_has_crossed_the_backlash(drive: NDArray[np.float64], seed: int) -> None:
     """A drive that never rests is not taken to turn late, and noise on one that does is not taken for motion: what is
-    wrong is less than the noise itself, below the frequencies that are judged."""
+    wrong is less than the noise itself, at the frequencies that are judged."""
     s = Setting(DT, len(TIME), bridge_of(DT, len(TIME)), (0,), (0.0, 0.0, 0.0), 0.0, NOISE, False, {})
     shown = drive + NOISE * np.random.default_rng(seed).standard_normal(len(drive))
     error = corrected(shown, Instrument(backlash=BACKLASH), s) - behind(drive, BACKLASH)
