@@ -272,7 +272,7 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
-    faster = 1 + unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s)
+    faster = 1 / (1 - unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s))
     gust = transform(_swinging(at_places(quick, there), faster), s) / met
     return _Shown(vane, gust, ahead * averaged * gust)
 

@@ -207,6 +207,13 @@ def at(field: Array, place: float) -> float:
 
 
 @njit(cache=True)
+def lifted(gust: float, angle: float, speed: float) -> float:
+    """By how much an updraught (m/s) raises the angle of a flow whose speed it leaves at `speed`: the law of sines, so
+    that what follows it at once has the angle of attack of the vane and the velocities."""
+    return math.asin(gust * math.cos(angle) / speed)
+
+
+@njit(cache=True)
 def passed(places: Array, values: Array, newest: int, place: float) -> float:
     """What the wing's incidence was where it was at `place`."""
     i = newest
@@ -242,7 +249,7 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     thinner = density(-x[POS + 2]) / c.rho
     pressure = 0.5 * c.rho * thinner * speed * speed
     force = pressure * AREA
-    edge = at(wing_field, place + 0.25 * CHORD) / speed
+    edge = lifted(at(wing_field, place + 0.25 * CHORD), inertial + turn, speed)
     # Motion's share of the wing's incidence, with its memory.
     moved = inertial * (1 - c.motion_a[0] - c.motion_a[1])
     for k in range(2):
@@ -251,8 +258,8 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     wing = moved + edge + turn
     behind = c.tail_arm + speed * h.downwash_late
     wash = c.downwash * passed(places, values, newest, place - behind)
-    met = at(up, place - c.tail_arm * (1 + h.tail_late)) / speed
     turn_tail = math.atan2(w, u + at(head, place - c.tail_arm)) - inertial
+    met = lifted(at(up, place - c.tail_arm * (1 + h.tail_late)), inertial + turn_tail, speed)
     tail = inertial + turn_tail + q * c.tail_arm / speed + met - wash
     qhat, arm = q * CHORD / (2 * speed), c.tail_arm / CHORD
     whole = c.tail_slope * (1 - c.downwash)
@@ -310,7 +317,7 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     for k in range(2):
         turned += c.upwash_a[k] * x[TURN + k]
         dx[TURN + k] = speed / CHORD * c.upwash_b[k] * (inertial - x[TURN + k])
-    turned += at(upwash_field, place + 0.25 * CHORD) / speed + turn
+    turned += lifted(at(upwash_field, place + 0.25 * CHORD), inertial + turn, speed) + turn
     bend = h.flexure * fz
     if h.mode > 0:
         wn = 2 * math.pi * 8.0
