@@ -10,7 +10,7 @@ candidates.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,18 @@ SLOWEST: Final = 0.5
 """Of the mean airspeed: below it, what the accelerations say is an error of theirs."""
 LEAST_SHARE: Final = 1e-4
 """That its root can be divided by: a hundredth of the noise is left."""
+
+
+class Lasting(NamedTuple):
+    """Air that moves as long as the manoeuvre lasts, m/s."""
+
+    along: float = 0.0
+    """How much faster the aircraft moves through it than its mean airspeed says."""
+    up: float = 0.0
+    """A mean updraught, which hides in the vane's mean as its zero does. Its angle follows the airspeed."""
+
+
+STILL: Final = Lasting()
 
 
 def air_data(airspeed: Array, pressure: Array, own: Array, s: Setting) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from station.diagnosis.air_data import STILL, Lasting
 from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
@@ -86,16 +87,16 @@ _OF_MOTION: Final = (
 
 
 def lateral_series(
-    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array = 0.0, memo: Memo | None = None
+    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting = STILL, memo: Memo | None = None
 ) -> Array:
-    """The seven differences (..., 7, n) for one candidate; `drift` and `memo` as residuals.series has them."""
-    x, motion, flow, _ = _stages(signals, aircraft, s, drift, memo or Memo())
+    """The seven differences (..., 7, n) for one candidate; `lasting` and `memo` as residuals.series has them."""
+    x, motion, flow, _ = _stages(signals, aircraft, s, lasting, memo or Memo())
     return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft)], axis=-2)
 
 
-def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: float, memo: Memo) -> Spectra:
+def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo) -> Spectra:
     """The spectra of `lateral_series`, those without aerodynamics from the memo where they are there."""
-    x, motion, flow, key = _stages(signals, aircraft, s, drift, memo)
+    x, motion, flow, key = _stages(signals, aircraft, s, lasting, memo)
     return both_spectra(lambda: _kinematic(motion, flow), _forces(x, motion, flow, aircraft), s, memo, key)
 
 
@@ -104,19 +105,18 @@ def _kinematic(motion: _Motion, flow: _Flow) -> Array:
 
 
 def _stages(
-    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array, memo: Memo
+    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo
 ) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what the kinematic series were made from."""
     found, x = all_corrected(signals, aircraft, s, memo)
-    of_drift = drift if isinstance(drift, float) else id(drift)
-    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, aircraft.unsteady.convection, of_drift)
-    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s, drift))
+    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, aircraft.unsteady.convection, lasting.along)
+    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s, lasting.along))
     seen = (first, aircraft.boom)
     key = (seen, aircraft.fin, aircraft.unsteady.gust_turning)
     return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s)), seen
 
 
-def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, drift: float | Array) -> _Motion:
+def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, drift: float) -> _Motion:
     theta, phi, p, q, r = (x[n] for n in ("theta", "phi", "p", "q", "r"))
     pdot, qdot, rdot = rate(p, s), rate(q, s), rate(r, s)
     ax, ay, az = coefficients.specific_force_at_cg(

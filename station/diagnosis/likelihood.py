@@ -18,11 +18,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from station.diagnosis.air_data import Lasting
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers, solution
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
-from station.diagnosis.recorded_noise import lasting_gust
+from station.diagnosis.recorded_noise import lasting_gust, lasting_updraught
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.surface_sampling import of_sampling
 from station.diagnosis.term import Term
@@ -64,12 +65,16 @@ class Problem:
             frees = [*self.axis.free_parameters(aircraft, speed, recorded), *of_sampling(self.manoeuvres)]
         self.frees = tuple(frees)
         drift = aircraft.uncertainty.drift
-        self.drift_sd = np.array([math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres])
-        ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * len(self.manoeuvres)
+        lasting = [[math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres]]
+        if not self.axis.lateral:
+            lasting.append([lasting_updraught(m.record, aircraft) for m in manoeuvres])
+        self.lasting_sd = np.array(lasting)
+        """(1 or 2, manoeuvres) of Lasting."""
+        ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * self.lasting_sd.size
         self.ends = np.array(ends).T
-        """(2, parameters) where free parameters and drifts end."""
-        self._known = np.ones(len(self.frees) + len(self.manoeuvres))
-        """Weights of the priors of free parameters and drifts."""
+        """(2, parameters) where free parameters and lasting gusts end."""
+        self._known = np.ones(len(ends))
+        """Weights of the priors of free parameters and lasting gusts."""
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
@@ -85,10 +90,14 @@ class Problem:
         measures; the aircraft itself, if left out."""
         craft = self.aircraft_at(values, a)
         flown = flown or craft
-        drifts = a[len(self.frees) :] * self.drift_sd
-        spectra = tuple(m.differences(craft, float(d)) for m, d in zip(self.manoeuvres, drifts, strict=True))
+        spectra = tuple(m.differences(craft, x) for m, x in zip(self.manoeuvres, self._lasting(a), strict=True))
         responses_ = tuple(m.responses(craft, flown=flown) for m in self.manoeuvres)
         return self._with_levels(values, a, flown, spectra, responses_, levels or self.prior)
+
+    def _lasting(self, a: Array) -> list[Lasting]:
+        """By manoeuvre."""
+        rows = a[len(self.frees) :].reshape(self.lasting_sd.shape) * self.lasting_sd
+        return [Lasting(*x) for x in rows.T.tolist()]
 
     def beside(self, s: State, values: Mapping[str, float], a: Array) -> State:
         """A candidate near the state `s`, with its levels. Where gusts are answered (Axis.answers), the likelier of
@@ -158,7 +167,7 @@ class Problem:
         return self._slopes(s, moves)
 
     def free_slopes(self, s: State, rough: bool = False) -> list[Slopes]:
-        """Per prior standard deviation of each free parameter and drift, by manoeuvre."""
+        """Per prior standard deviation of each free parameter and lasting gust, by manoeuvre."""
         made = self._slopes(
             s,
             [
@@ -166,13 +175,16 @@ class Problem:
                 for i, f in enumerate(self.frees)
             ],
         )
-        craft, first, count = self.aircraft_at(s.values, s.a), len(self.frees), len(self.manoeuvres)
+        craft, count = self.aircraft_at(s.values, s.a), self.lasting_sd.size
         out = []
         for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
-            drifted = m.differences(craft, float((s.a[first + k] + 1) * self.drift_sd[k])).minus(s.spectra[k])
-            bins = np.zeros((count, *drifted.bins.shape), dtype=complex)
-            steady = np.zeros((count, len(drifted.steady)))
-            bins[k], steady[k] = drifted.bins, drifted.steady
+            z = s.spectra[k]
+            bins, steady = np.zeros((count, *z.bins.shape), dtype=complex), np.zeros((count, len(z.steady)))
+            for i in range(k, count, len(self.manoeuvres)):
+                there = s.a.copy()
+                there[len(self.frees) + i] += 1
+                moved_ = m.differences(craft, self._lasting(there)[k]).minus(z)
+                bins[i], steady[i] = moved_.bins, moved_.steady
             none = np.zeros((count, *own.response.shape[1:]), dtype=complex)
             out.append(Slopes(bins, steady, none).after(own))
         return out
@@ -200,7 +212,7 @@ class Problem:
         nothing. What answers the gusts that nothing measures stays: the flight has the answer of the aircraft that
         flew, and no candidate's slopes change that."""
         out = []
-        drifts = s.a[len(self.frees) :] * self.drift_sd
+        lasting = self._lasting(s.a)
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
@@ -210,7 +222,7 @@ class Problem:
                 if move is None:
                     continue
                 craft, h, of_noise = move
-                there = m.differences(craft, float(drifts[k])).minus(z)
+                there = m.differences(craft, lasting[k]).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
                     response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
@@ -291,7 +303,7 @@ class Problem:
         return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
 
     def _profile_state(self, values: Mapping[str, float]) -> State:
-        return self.relevelled(self.state(values, np.zeros(len(self.frees) + len(self.manoeuvres))))
+        return self.relevelled(self.state(values, np.zeros(len(self._known))))
 
     @contextmanager
     def _zeros_still(self) -> Iterator[None]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from station.diagnosis.air_data import share_of
+from station.diagnosis.air_data import STILL, Lasting, share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.corrections import all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
@@ -108,9 +108,9 @@ class Manoeuvre:
             update={"air_density": self.record.density, "inertia": own.model_copy(update=update)}
         )
 
-    def differences(self, aircraft: Aircraft, drift: float = 0.0) -> Spectra:
+    def differences(self, aircraft: Aircraft, lasting: Lasting = STILL) -> Spectra:
         """Measured less predicted, in the series judged."""
-        return self.axis.spectra_of(self.record.signals, self.loaded(aircraft), self.setting, drift, self.memo)
+        return self.axis.spectra_of(self.record.signals, self.loaded(aircraft), self.setting, lasting, self.memo)
 
     @property
     def thinner(self) -> float:

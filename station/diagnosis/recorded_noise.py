@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from station.conventions import to_si
 from station.diagnosis.measured_record import Record
 from station.numerics.default_noise import DEFAULT_NOISE
+from station.profile import NO_BOOM, Aircraft
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,20 @@ RECORDED_THRUST: Final = 0.005
 """Of the mean thrust: noise of a recorded one."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
 """Of the gust's spectrum (MIL-F-8785C, above 2,000 ft). Its shape decides nothing: lift is fed with the gust shown."""
+
+
+def lasting_updraught(record: Record, aircraft: Aircraft) -> float:
+    """m/s, standard deviation of the mean of gusts across the path as strong as those that the vane shows beyond the
+    motion (Dryden's spectrum across it: a correlation of exp(-x/L) (1 - x/2L), L = GUST_SCALE_M); 0 where the vertical
+    speed is not recorded."""
+    x = record.signals
+    if "v_down" not in x:
+        return 0.0
+    v, boom = x["airspeed"], aircraft.boom or NO_BOOM
+    angle = boom.steady_calibration * x["alpha_vane"] + x["q"] * boom.vane_x / v - x["theta"] - x["v_down"] / v
+    long = float(v.mean()) * record.seconds / GUST_SCALE_M
+    lasting = -math.expm1(-long) / long
+    return float(np.std(v * angle)) * math.sqrt(lasting / (1 - lasting))
 
 
 def lasting_gust(record: Record) -> float:

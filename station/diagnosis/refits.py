@@ -50,6 +50,8 @@ class Refits:
         self.done: dict[frozenset[str], Estimate] = {}
         self._ended: dict[frozenset[str], Estimate] = {}
         """As they were when fitted to the end."""
+        self._begun: dict[frozenset[str], tuple[dict[str, float], Array]] = {}
+        """Where the linear model began them."""
         self._from_profile: set[frozenset[str]] = set()
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
@@ -63,6 +65,7 @@ class Refits:
         p = self.problem
         terms = [BY_ID[i] for i in ids]
         start = _physical({i: values[i] for i in ids})
+        self._begun[key] = start, a
 
         # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
         rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
@@ -124,6 +127,21 @@ class Refits:
             return replace(self.null, cost=math.inf)
         slopes = p.with_free(free_slopes_of(whole))
         return self._better(self._judged(p.estimate(here, ROUNDS, slopes, beaten=beaten)))
+
+    def fit_the_promising(self, size: int, cost: float) -> None:
+        """Of the candidates that a few steps left short of what is asked on `cost`, the one that promises that and
+        most, from the linear model's start, however bad that is: where an effect multiplies a constant that has taken
+        its place, the way from none of it is bent, and steps that must gain each are short."""
+        short = [e for e in self.of_size(size) if cost - e.cost <= ASKED < cost - _promised(e)]
+        e = min(short, key=_promised, default=None)
+        if e is None or (begun := self._begun.pop(frozenset(e.state.ids), None)) is None:
+            return
+        p = self.problem
+        try:
+            here = p.relevelled(p.beside(self.null.state, *begun))
+            self._better(self._judged(p.estimate(here, ROUNDS, p.whole)))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            return
 
     def fit_to_the_end(self, e: Estimate) -> None:
         """A candidate again from where it is, all slopes made anew, but once."""

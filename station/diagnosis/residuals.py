@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
-from station.diagnosis.air_data import air_data, own_motion
+from station.diagnosis.air_data import STILL, Lasting, air_data, own_motion
 from station.diagnosis.attached_flow import attached_along
 from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
@@ -131,23 +131,22 @@ _OF_MOTION: Final = (
 
 
 def series(
-    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array = 0.0, memo: Memo | None = None
+    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting = STILL, memo: Memo | None = None
 ) -> Array:
     """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
 
-    `drift` (m/s, scalar or (..., 1)) is how much faster the aircraft moves through the air mass than its mean airspeed
-    says: a gust along the path that lasts as long as the manoeuvre hides in the mean. Units of the result:
+    `lasting`: gusts as long as the manoeuvre, which hide in its means. Units of the result:
     rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is. With a `memo` of
     these signals and this setting, what earlier candidates share is taken from there.
     """
     memo = memo or Memo()
-    x, motion, flow, _ = _stages(signals, aircraft, s, drift, memo)
+    x, motion, flow, _ = _stages(signals, aircraft, s, lasting, memo)
     return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft, s)], axis=-2)
 
 
-def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, drift: float, memo: Memo) -> Spectra:
+def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo) -> Spectra:
     """The spectra of `series`, those without aerodynamics from the memo where they are there."""
-    x, motion, flow, key = _stages(signals, aircraft, s, drift, memo)
+    x, motion, flow, key = _stages(signals, aircraft, s, lasting, memo)
     return both_spectra(lambda: _kinematic(motion, flow), _forces(x, motion, flow, aircraft, s), s, memo, key)
 
 
@@ -162,7 +161,7 @@ def both_spectra(kinematic: Callable[[], Array], forces: Array, s: Setting, memo
 
 def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> Array:
     """The angle of attack at the CG (..., n), the gust of the vane included."""
-    _, _, flow, _ = _stages(signals, aircraft, s, 0.0, memo)
+    _, _, flow, _ = _stages(signals, aircraft, s, STILL, memo)
     return np.asarray(flow.alpha_i + flow.gust)
 
 
@@ -171,22 +170,22 @@ def _kinematic(motion: _Motion, flow: _Flow) -> Array:
 
 
 def _stages(
-    signals: Signals, aircraft: Aircraft, s: Setting, drift: float | Array, memo: Memo
+    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo
 ) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what they were made from."""
     found, x = all_corrected(signals, aircraft, s, memo)
     first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
     motion = memo.get("motion", first, lambda: motion_of(x, aircraft, s))
-    of_drift = drift if isinstance(drift, float) else id(drift)
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
-    on_path = (first, of_drift, unsteady.convection, unsteady.turned_at_once)
-    path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, drift))
+    on_path = (first, lasting.along, unsteady.convection, unsteady.turned_at_once)
+    path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, lasting.along))
     spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut, unsteady.gust_speed)
     of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
-    seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, aircraft.gust_edge, aircraft.air_density)
-    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s, memo))
+    of_air = (aircraft.gust_edge, aircraft.air_density, lasting.up)
+    seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, of_air)
+    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s, lasting.up, memo))
     key = (seen, unsteady)
-    return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s)), seen
+    return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s, lasting.up)), seen
 
 
 def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
@@ -221,7 +220,7 @@ def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion
     return _Motion(q, qdot, ax, az, out, theta, down, base, ground is not None, mean, v, pressure, own)
 
 
-def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array) -> _Path:
+def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float) -> _Path:
     # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
     # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
     # the aircraft's own incidence is then: such turns do not travel from boom to tail, and are a few per cent of gusts.
@@ -241,7 +240,9 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float | Array)
     return _Path(v0, inertial, there, again, alpha_i, along, moving + mean, transform(surge, s), *turned)
 
 
-def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting, memo: Memo) -> _Shown:
+def _shown(
+    x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting, up: float, memo: Memo
+) -> _Shown:
     w, v0, there, again = s.omega, path.v0, path.there, path.again
     unsteady = aircraft.unsteady
     boom = aircraft.boom or NO_BOOM
@@ -273,12 +274,14 @@ def _shown(x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircr
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
     faster = 1 / (1 - unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s))
-    gust = transform(_swinging(at_places(quick, there), faster), s) / met
+    lasting = up / v0 * met[..., :1].real
+    gust = transform(_swinging(at_places(quick, there), faster, lasting), s) / met
     return _Shown(vane, gust, ahead * averaged * gust)
 
 
-def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
+def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting, up: float) -> _Flow:
     w, v0, unsteady = s.omega, path.v0, aircraft.unsteady
+    lasting = up / v0
     wing_series = tail_series = np.empty(0)
     slower = 1 - unsteady.gust_speed * back(path.surging, s)
     if unsteady.memory:
@@ -286,7 +289,9 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
         gust_lift = frequency_response(response(unsteady.lift_gust), steps)
         wing = frequency_response(response(unsteady.lift_motion), steps) * path.along + path.turned_mean
-        wing += gust_lift * path.turned_moving + transform(_swinging(back(gust_lift * shown.gust_wing, s), slower), s)
+        wing += gust_lift * path.turned_moving + transform(
+            _swinging(back(gust_lift * shown.gust_wing, s), slower, lasting), s
+        )
         # Wing and tail average gusts along their span, and follow them that much later.
         gust_tail = shown.gust / (1 + 1j * w * unsteady.gust_span_tail / v0)
         turned_tail = transform(-path.moved * back(path.surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
@@ -294,17 +299,17 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting) -> _Flow:
         # The tail's pressure is that of the air there, which may be faster than at the CG.
         faster = back(path.surging * (np.exp(-1j * w * unsteady.tail_arm / v0) - 1), s)
         faster = slower * (1 + (unsteady.tail_speed - unsteady.gust_speed) * faster)
-        tail = path.along + turned_tail + transform(_swinging(back(behind * gust_tail, s), faster), s)
+        tail = path.along + turned_tail + transform(_swinging(back(behind * gust_tail, s), faster, lasting), s)
         tail_series = at_places(back(tail - unsteady.downwash * late * wing, s), path.again)
         wing_series = at_places(back(wing, s), path.again)
-    gust = _swinging(back(shown.gust, s), slower) + back(path.turned_mean + path.turned_moving, s)
+    gust = _swinging(back(shown.gust, s), slower, lasting) + back(path.turned_mean + path.turned_moving, s)
     return _Flow(v0, path.alpha_i, at_places(gust, path.again), wing_series, tail_series, shown.vane)
 
 
-def _swinging(gust: Array, by: Array) -> Array:
-    """A gust's angle times a factor, but for its mean: that is the vane's zero as much as it is air, and a zero does
-    not follow the airspeed."""
-    mean = gust.mean(-1, keepdims=True)
+def _swinging(gust: Array, by: Array, lasting: Array) -> Array:
+    """A gust's angle times a factor, but for what its mean is beyond the `lasting` updraught's: that is the vane's
+    zero, and a zero does not follow the airspeed."""
+    mean = gust.mean(-1, keepdims=True) - lasting
     return np.asarray(mean + (gust - mean) * by)
 
 

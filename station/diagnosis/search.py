@@ -126,7 +126,8 @@ def _several(problem: Problem, refits: Refits, terms: Sequence[Term], progress: 
 
 def _contended(refits: Refits, size: int, cost: float) -> list[Estimate]:
     """Candidates of one size, the best first; those that a few steps left close to the best, by what it gains on the
-    `cost` with fewer effects, are fitted to the end."""
+    `cost` with fewer effects, are fitted to the end; so is one that they left short of what is asked, and promise."""
+    refits.fit_the_promising(size, cost)
     found = refits.of_size(size)
     if found:
         best = found[0].cost

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from station.diagnosis.air_data import STILL
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.corrections import instrument_of
 from station.diagnosis.measured_record import Record
@@ -113,7 +114,7 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
     last is the gust's, rad of flow angle at the vane: it shows in the vane's series alone, for lift and moment are fed
     with what the vane shows."""
     rows = list(trim.setting.judged)
-    there = trim.axis.series_of(trim.moved, aircraft, trim.setting, 0.0, trim.memo)[:, rows, :]
+    there = trim.axis.series_of(trim.moved, aircraft, trim.setting, STILL, trim.memo)[:, rows, :]
     shown = fft.rfft(there[:-1] - there[-1], axis=-1)[..., trim.lines] / trim.given[:, None, :]
     # Integrals fall with frequency: between the lines the products with it are the straighter.
     f = trim.frequencies
