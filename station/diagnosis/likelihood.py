@@ -79,6 +79,11 @@ class Problem:
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
 
+    @property
+    def of_profile(self) -> Array:
+        """(parameters,) where all are the profile's, and no gust lasts."""
+        return np.zeros(self.ends.shape[1])
+
     def aircraft_at(self, values: Mapping[str, float], a: Array) -> Aircraft:
         """With its free parameters moved, then the effects."""
         return extended(moved(self.aircraft, self.frees, a), values)
@@ -303,7 +308,7 @@ class Problem:
         return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
 
     def _profile_state(self, values: Mapping[str, float]) -> State:
-        return self.relevelled(self.state(values, np.zeros(len(self._known))))
+        return self.relevelled(self.state(values, self.of_profile))
 
     @contextmanager
     def _zeros_still(self) -> Iterator[None]:

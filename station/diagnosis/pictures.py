@@ -120,7 +120,7 @@ def compared(found: Diagnosis) -> list[Compared]:
     if found.held_out:
         # Another day: its noise and gust are its own.
         kept = Problem(found.held_out, found.after, [])
-        own = kept.relevelled(kept.state({}, np.zeros(len(found.held_out)))).levels
+        own = kept.relevelled(kept.state({}, kept.of_profile)).levels
         uses += [(m, "held out", own.of(k)) for k, m in enumerate(found.held_out)]
     made = []
     for m, use, levels in uses:

@@ -139,7 +139,7 @@ def test_scales_that_are_known_change_nothing() -> None:
     one = Problem([manoeuvre(record, plain)], plain)
     other = Problem([manoeuvre(seen_through(record), known)], known)
     sensors = one.manoeuvres[0].trim.sensors
-    a = np.zeros(one.ends.shape[1])
+    a = one.of_profile
     here = one.state({}, a)
     # The gust is stated as the vane shows it.
     levels = replace(other.prior, gust=one.prior.gust * 1.2**2)
@@ -153,7 +153,7 @@ def test_no_scale_of_a_sensor_shrinks_what_is_left() -> None:
     """A vane that is said to show five times too much leaves a fifth of its residual, and of its noise."""
     record = fly_case(Case(seed=992, fit_on=("doublets",)), "doublets", 0)
     problem = Problem([manoeuvre(record, aircraft())], aircraft())
-    a = np.zeros(problem.ends.shape[1])
+    a = problem.of_profile
     q = [problem.state({"alpha_vane.scale": x}, a).q for x in (0.0, 0.5, 1.4)]
     assert q[0] < q[1] < q[2]
 
@@ -164,7 +164,7 @@ def test_a_series_in_another_unit_is_no_likelier() -> None:
     problem = Problem(
         [manoeuvre(fly_case(Case(seed=992, fit_on=("doublets",)), "doublets", 0), aircraft())], aircraft()
     )
-    here = problem.state({}, np.zeros(problem.ends.shape[1]))
+    here = problem.state({}, problem.of_profile)
     units = np.array([1.0, 3.3, 0.3, 57.3, 2.0, 0.01, 1e3])[:, None]
     there = replace(here, responses=tuple(units * r for r in here.responses))
     assert problem.volume(there) == pytest.approx(problem.volume(here), abs=1e-6)
@@ -181,7 +181,7 @@ def test_the_levels_are_those_of_the_noise_laid_on(navion: Aircraft, stated: flo
     rig = {{"v_along": "v_north"}.get(name, name): stated * sd for name, sd in true.items()}
     record = replace(still, dt=0.04, signals=signals, stated=rig)
     problem = Problem([manoeuvre(record, navion)], navion, [])
-    s = problem.state({}, np.zeros(1))
+    s = problem.state({}, problem.of_profile)
     for _ in range(3):
         s = problem.relevelled(s)
     sensors = problem.manoeuvres[0].trim.sensors

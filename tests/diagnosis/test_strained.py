@@ -33,7 +33,8 @@ def test_what_is_far_together_is_told_unless_it_has_a_name_of_its_own(
 ) -> None:
     """Five parameters 4.5 standard deviations off make 101 where chance leaves 43 +- 9; derivatives have names."""
     problem, null = sound
-    a = np.where([f.name in names for f in problem.frees] + [False] * len(problem.manoeuvres), 4.5, 0.0)
+    a = problem.of_profile
+    a[[i for i, f in enumerate(problem.frees) if f.name in names]] = 4.5
     strained = remaining_residual(problem, replace(null, state=replace(null.state, a=a))).strained
     assert ({n for n, _ in strained} == set(names)) is told
     assert bool(strained) is told
