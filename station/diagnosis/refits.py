@@ -129,9 +129,10 @@ class Refits:
         return self._better(self._judged(p.estimate(here, ROUNDS, slopes, beaten=beaten)))
 
     def fit_the_promising(self, size: int, cost: float) -> None:
-        """Of the candidates that a few steps left short of what is asked on `cost`, the one that promises that and
-        most, from the linear model's start, however bad that is: where an effect multiplies a constant that has taken
-        its place, the way from none of it is bent, and steps that must gain each are short."""
+        """Fits to the end, of the candidates that a few steps left short of what is asked on `cost`, the one that
+        promises most, if that is enough. It begins at the linear model's start, however bad that is: where an effect
+        multiplies a constant that has taken its place, the way from none of it is bent, and steps that must each gain
+        are short."""
         short = [e for e in self.of_size(size) if cost - e.cost <= ASKED < cost - _promised(e)]
         e = min(short, key=_promised, default=None)
         if e is None or (begun := self._begun.pop(frozenset(e.state.ids), None)) is None:

@@ -111,21 +111,8 @@ class Constants(NamedTuple):
     elevator: float
 
 
-POS, VEL, QUAT, RATES, SURF, WAKE, TURN, VANE, BETA, SEP, MODE, FUEL, BEFORE = (
-    0,
-    3,
-    6,
-    10,
-    13,
-    16,
-    18,
-    20,
-    22,
-    24,
-    25,
-    27,
-    29,
-)
+POS, VEL, QUAT, RATES, SURF, WAKE = 0, 3, 6, 10, 13, 16
+TURN, VANE, BETA, SEP, MODE, FUEL, BEFORE = 18, 20, 22, 24, 25, 27, 29
 STATES: Final = 30
 BRIEF: Final = 0.02
 """Seconds over which the angle of attack's rate is taken."""
@@ -208,8 +195,8 @@ def at(field: Array, place: float) -> float:
 
 @njit(cache=True)
 def lifted(gust: float, angle: float, speed: float) -> float:
-    """By how much an updraught (m/s) raises the angle of a flow whose speed it leaves at `speed`: the law of sines, so
-    that what follows it at once has the angle of attack of the vane and the velocities."""
+    """rad, by how much an updraught `gust` (m/s) raises a flow that comes at `angle` (rad), by the law of sines;
+    `speed` (m/s) is that of the flow with the gust in it. What follows at once so has the vane's angle of attack."""
     return math.asin(gust * math.cos(angle) / speed)
 
 

@@ -68,7 +68,7 @@ def test_what_strong_gusts_hide_is_found_without_another_name(
     index: int, hidden: str, station: Station, tmp_path: Path
 ) -> None:
     """At 12 ft/s. Backlash behind a pilot's drive, once named with half of Cm_de; and a vane that is late, once named
-    with a bent lift curve: gusts were carried to the wing as angles that follow the airspeed to the first order only.
+    with a bent lift curve, as long as this simulation's gusts turned wing and vane by different angles.
     The gyro's zero of the first, -0.19 deg/s, is a true difference; it is told as -0.210, 2.1 standard deviations
     off."""
     found = scored(station, diagnose_cases(3, index), tmp_path)
