@@ -17,7 +17,7 @@ from station.diagnosis.corrections import all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
-from station.diagnosis.recorded_noise import GUST_SCALE_M, stated_noise, white_noise
+from station.diagnosis.recorded_noise import GUST_SCALE_M, judged_noise, stated_noise, white_noise
 from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of
 from station.diagnosis.sensor_noise import Trim, answering, of_force, responses, trim_of
 from station.diagnosis.series_spectra import Spectra, spectra
@@ -119,7 +119,7 @@ class Manoeuvre:
 
     def noise(self, name: str) -> float:
         """Standard deviation of a sensor's noise, SI, as the record shows it, at the rate at which it is compared."""
-        return white_noise(name, self.recorded) * self.thinner
+        return judged_noise(name, self.recorded) * self.thinner
 
     def responses(self, aircraft: Aircraft, pick: Pick = EVERY, flown: Aircraft | None = None) -> Complex:
         """(bins, series, sensors + 1), see sensor_noise.responses, at the bins picked. `flown`: what answers the gusts
@@ -178,10 +178,13 @@ class Manoeuvre:
         return out
 
     def _deviations(self, variances: Array) -> tuple[Array, Array]:
-        """(groups, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares."""
+        """(groups, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares. None
+        of a smoothed sensor: the mean of what is true, given what was shown, has no noise that bends a slope (Berkson
+        1950, Are There Two Regressions?)."""
         n = len(self.trim.sensors)
         white, slow, gust = (x[self.grouped.pick] for x in self.shapes)
         power = variances[:n] * white[:, None] + variances[n : 2 * n] * slow[:, None]
+        power *= (self.left == 1).all(1)
         sd = np.sqrt(np.concatenate([power, (variances[2 * n] * gust)[:, None]], axis=1))
         return sd, np.sqrt(variances[2 * n + 1 :])
 
@@ -316,8 +319,8 @@ def _air_shares(record: Record, recorded: Record, aircraft: Aircraft, s: Setting
     for name, values in beyond.items():
         if name not in record.held:
             gain = (instrument_of(aircraft, name) or Instrument()).gain
-            shown = (white_noise(name, recorded) / (gain * units[name])) ** 2
-            found[name] = share_of(values, record.dt, shown * recorded.dt / record.dt, SLOW_SHARE * shown)
+            white, shown = (of(name, recorded) / (gain * units[name]) for of in (judged_noise, white_noise))
+            found[name] = share_of(values, record.dt, white**2 * recorded.dt / record.dt, SLOW_SHARE * shown**2)
     return found
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from station.conventions import to_si
 from station.diagnosis.measured_record import Record
+from station.diagnosis.processing import HIGH_HZ, LOW_HZ
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import NO_BOOM, Aircraft
 
@@ -23,6 +24,8 @@ ROUNDED: Final = 1e-6
 """Of a signal's range: smaller steps are a file's rounding, or the grid's."""
 FEWEST: Final = 4
 """Steps of rounding in a signal's range: of fewer, what it does is not seen, or it is a test input of few levels."""
+LINES: Final = 40
+"""Of a saw's tooth that are counted: what lies beyond is 2 % of its variance."""
 RECORDED_THRUST: Final = 0.005
 """Of the mean thrust: noise of a recorded one."""
 GUST_SCALE_M: Final = to_si(1750, "ft")
@@ -62,8 +65,33 @@ def white_noise(name: str, record: Record) -> float:
     if record.dt > FAST_S or name in record.held:
         return stated_noise(name, record)
     x = record.signals[name]
-    rough = float(np.median(np.abs(np.diff(x, 4)))) / 0.6745 / math.sqrt(70.0)
-    return max(rough, quantum(x) / math.sqrt(12.0), 0.1 * stated_noise(name, record))
+    size, step = np.abs(np.diff(x, 4)), quantum(x)
+    # Outliers leave the median alone; of rounded differences it is a whole number of steps, and the mean is none.
+    sd = float(size.mean()) * math.sqrt(0.5 * math.pi) if step else float(np.median(size)) / 0.6745
+    return max(sd / math.sqrt(70.0), step / math.sqrt(12.0), 0.1 * stated_noise(name, record))
+
+
+def judged_noise(name: str, record: Record) -> float:
+    """Noise of one sensor as white noise of the record's rate that is as dense between LOW_HZ and HIGH_HZ: rounding
+    that lasts leaves more there than its variance, spread to half of the rate, would."""
+    white = white_noise(name, record)
+    if record.dt > FAST_S or name in record.held:
+        return white
+    return max(white, math.sqrt(_rounding_density(record.signals[name], record.dt) / (2 * record.dt)))
+
+
+def _rounding_density(x: Array, dt: float) -> float:
+    """Of the error of rounding, its variance per Hz between LOW_HZ and HIGH_HZ: while a signal takes T for a step q,
+    the error is a saw's tooth with lines of variance q2 / (2 pi2 k2) at k/T, and each T counts by its share of the time
+    (Bennett 1948, Spectra of Quantized Signals, and Woodward's theorem on frequency modulation)."""
+    if not (step := quantum(x)):
+        return 0.0
+    ends = np.flatnonzero(np.abs(np.diff(x)) > ROUNDED * float(np.ptp(x)))
+    lasts = np.diff(np.concatenate([[-1], ends, [len(x) - 1]])) * dt
+    k = np.arange(1, LINES + 1)[:, None]
+    judged = (k / lasts > LOW_HZ) & (k / lasts < HIGH_HZ)
+    power = float((0.5 * (step / (np.pi * k)) ** 2 * judged * lasts).sum() / lasts.sum())
+    return power / (HIGH_HZ - LOW_HZ)
 
 
 def quantum(x: Array) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from station.conventions import G0, to_si
 from station.diagnosis.manoeuvre import AIR_DATA, SLOW_SHARE, Manoeuvre
 from station.diagnosis.measured_record import Record
-from station.diagnosis.recorded_noise import FAST_S, quantum, stated_noise, white_noise
+from station.diagnosis.recorded_noise import FAST_S, judged_noise, quantum, stated_noise, white_noise
 from station.diagnosis.residuals import LIFT
 from station.diagnosis.series_spectra import Spectra, spectra
 
@@ -83,8 +83,10 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
         known = dict(axis.always) | (air_noise(m.recorded) if "pitot" in sensors else {})
         if "thrust" not in m.record.signals:
             known["thrust"] = THRUST_SHARE * max(m.setting.thrust, 1.0)
-        sd = np.array([known.get(s) or white_noise(s, m.recorded) for s in sensors])
-        white, slow = (sd * m.thinner) ** 2, SLOW_SHARE * sd**2
+        sd, judged = (
+            np.array([known.get(s) or of(s, m.recorded) for s in sensors]) for of in (white_noise, judged_noise)
+        )
+        white, slow = (judged * m.thinner) ** 2, SLOW_SHARE * sd**2
         if "thrust" in m.record.signals and "thrust" in sensors:
             # What an engine's deck gives is smooth, and no righter for that.
             slow[sensors.index("thrust")] = SLOW_SHARE * stated_noise("thrust", m.recorded) ** 2
@@ -108,13 +110,14 @@ def air_noise(record: Record) -> dict[str, float]:
     fourth differences of their samples where these are fast enough; else as if one sensor showed both."""
     x = record.signals
     slope = _pressure_slope(record)
-    speed, pressure = white_noise("airspeed", record), white_noise("dynamic_pressure", record) / slope
+    speed, pressure = (white_noise(name, record) / unit for name, unit in zip(AIR_DATA, (1.0, slope), strict=True))
     alike = min(speed, pressure)
     if record.dt <= FAST_S:
         a, b = (np.diff(x[n], 4) for n in ("airspeed", "dynamic_pressure"))
         # Sheppard 1899: of normal pairs, the correlation by how often their signs agree; outliers do not upset it.
         agreed = math.sin(0.5 * math.pi * float(np.mean(np.sign(a) * np.sign(b))))
         alike = math.sqrt(max(agreed, 0.0) * speed * pressure)
+    speed, pressure = (judged_noise(name, record) / unit for name, unit in zip(AIR_DATA, (1.0, slope), strict=True))
     least = LEAST_OWN * max(speed, pressure)
     return {
         "pitot": max(alike, least),

@@ -8,12 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
-from scipy.signal import lfilter
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, sosfiltfilt, welch
 
 from station.diagnosis.manoeuvre import at_rate_judged, groups_of, manoeuvre
-from station.diagnosis.processing import Setting, bridge_of, integral, rate, thinned
-from station.diagnosis.recorded_noise import quantum
+from station.diagnosis.measured_record import Record
+from station.diagnosis.processing import HIGH_HZ, LOW_HZ, Setting, bridge_of, integral, rate, thinned
+from station.diagnosis.recorded_noise import judged_noise, quantum, white_noise
 from station.diagnosis.variances import LEVEL_SD, SEEN_SD, prior_levels, stiffness_of
+
+Array = NDArray[np.float64]
 
 
 def test_the_step_of_a_rounded_signal_is_told_and_of_a_noisy_one_none() -> None:
@@ -37,6 +41,36 @@ def test_a_simulated_surface_that_stands_still_between_doublets_is_not_rounded()
     lagging = lfilter([0.2], [1.0, -0.8], commanded)
     assert quantum(lagging) == 0.0
     assert quantum(np.where(np.abs(commanded) > 3.0, 3.0 * np.sign(commanded), commanded)) == 0.0
+
+
+def rounded(top: float, steps: float, noise: float, dt: float) -> tuple[Record, Array]:
+    """Motion up to `top` Hz by so many steps a standard deviation, and white noise, rounded; and the error of that."""
+    rng = np.random.default_rng(6)
+    motion = sosfiltfilt(butter(2, top, fs=1 / dt, output="sos"), rng.standard_normal(round(240.0 / dt)))
+    motion *= steps / motion.std()
+    shown = np.round(motion + noise * rng.standard_normal(len(motion)))
+    return Record("rounded", dt, 0.0, {"alpha_vane": shown}, 1.2, 500.0, stated={"alpha_vane": 1e-3}), shown - motion
+
+
+@pytest.mark.parametrize("top", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("steps", [5.0, 20.0])
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.5, 1.0])
+def test_noise_of_a_rounded_signal_is_that_of_its_error(top: float, steps: float, noise: float) -> None:
+    """By the median of fourth differences, a whole number of steps, it was 1.8 times as large, or none."""
+    record, error = rounded(top, steps, noise, 0.01)
+    assert white_noise("alpha_vane", record) == pytest.approx(error.std(), rel=0.2)
+
+
+@pytest.mark.parametrize("top", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("steps", [0.5, 2.0, 10.0, 50.0])
+def test_noise_of_rounding_is_as_dense_as_its_error_at_the_frequencies_judged(top: float, steps: float) -> None:
+    """Held against the spectrum of the error itself. As white noise of step/sqrt(12), slow motion by coarse steps had a
+    quarter of it."""
+    dt = 0.01
+    record, error = rounded(top, steps, 0.0, dt)
+    f, density = welch(error, fs=1 / dt, nperseg=round(10.0 / dt))
+    seen = math.sqrt(density[(f > LOW_HZ) & (f < HIGH_HZ)].mean() / (2 * dt))
+    assert judged_noise("alpha_vane", record) == pytest.approx(seen, rel=0.35)
 
 
 def test_how_rounding_is_spread_over_the_frequencies_is_left_to_the_fit() -> None:

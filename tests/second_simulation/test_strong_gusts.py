@@ -9,30 +9,16 @@ import numpy as np
 import pytest
 
 from station.diagnosis.effects import BY_ID
-from station.diagnosis.likelihood import Problem
-from station.diagnosis.manoeuvre import manoeuvre
-from station.diagnosis.measured_record import manoeuvres
 from station.diagnosis.refits import ASKED, Refits
 from station.diagnosis.screening import screened
-from station.profile import load_aircraft
-from tests.second_simulation.flights import QUIET, Flown, diagnose_cases, flown
+from tests.second_simulation.fitted import fitted
+from tests.second_simulation.flights import QUIET
 from tests.second_simulation.motion import RATE
-
-
-def fitted(index: int) -> tuple[Problem, list[Flown]]:
-    """Two manoeuvres of a case of seed 3, about the shipped profile, which is not that aircraft's."""
-    profile, made, flights = load_aircraft("twin_otter"), [], []
-    for case in diagnose_cases(3, index)[:2]:
-        flight = flown(case)
-        (record,) = manoeuvres(case.name, flight.time, flight.shown, profile, [(QUIET, QUIET + case.seconds)])
-        made.append(manoeuvre(record, profile))
-        flights.append(flight)
-    return Problem(made, profile), flights
 
 
 def test_a_mean_updraught_is_told_from_the_zero_of_the_vane() -> None:
     """By how lift and moment follow the airspeed; the vane is scaled by 10 % besides, and has a zero of its own."""
-    problem, flights = fitted(8)
+    problem, flights = fitted(3, 8)
     null = problem.null()
     count = len(flights)
     told = null.state.a[-count:] * problem.lasting_sd[1]
@@ -44,7 +30,7 @@ def test_a_mean_updraught_is_told_from_the_zero_of_the_vane() -> None:
 
 def test_an_effect_that_multiplies_a_constant_which_took_its_place_is_followed_all_the_way() -> None:
     """Gusts that meet the vane late, where the fit has put the vane 1.4 m nearer: few steps make a tenth of the way."""
-    problem, flights = fitted(4)
+    problem, flights = fitted(3, 4)
     null, term = problem.null(), BY_ID["gust.lead"]
     refits = Refits(problem, null, {})
     _, ids, values, a = screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0]
