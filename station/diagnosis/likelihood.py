@@ -43,6 +43,8 @@ MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
 """Prior standard deviations: after a longer step the slopes are made anew."""
+HELD: Final = 1e6
+"""Times a prior's information, of what is held: it moves by less than a thousandth of its standard deviation."""
 UNKNOWN: Final = 1e-4
 """Of a prior's information, what is left where the data contradict it: a standard deviation a hundred times as wide."""
 
@@ -286,7 +288,7 @@ class Problem:
 
     def from_profile(self, values: Mapping[str, float], on_the_way: State | None = None) -> Estimate:
         """Fitted from the profile on, with effects that begin at `values`; or from a state on the way."""
-        with self._zeros_still():
+        with self._far_off(held=on_the_way is None):
             start = on_the_way or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         return self.estimate(near.state, ROUNDS, self.whole)
@@ -299,7 +301,7 @@ class Problem:
     def few_steps(self, values: Mapping[str, float], free: Sequence[Slopes], rounds: int) -> Estimate:
         """From the profile on, by the free parameters' slopes there: of what is nearly right the constants hardly move.
         With the normal equations of where that ends."""
-        with self._zeros_still():
+        with self._far_off(held=False):
             s = self.estimate(self._profile_state(values), rounds, self.with_free(free)).state
         return self._here(s, *self.with_free(free)(s))
 
@@ -311,13 +313,15 @@ class Problem:
         return self.relevelled(self.state(values, self.of_profile))
 
     @contextmanager
-    def _zeros_still(self) -> Iterator[None]:
-        """A zero that all manoeuvres share is looked for before zeros are let wander."""
+    def _far_off(self, held: bool) -> Iterator[None]:
+        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: what lies between two
+        ends stays the profile's; before the rest is near, steps take it to the other end, where it is held."""
         self._zeros_wander = False
+        self._known[np.isfinite(self.ends).all(0)] = HELD if held else 1.0
         try:
             yield
         finally:
-            self._zeros_wander = True
+            self._zeros_wander, self._known[:] = True, 1.0
 
     def freed(self, e: Estimate, which: Sequence[int]) -> Estimate:
         """An estimate again, with free parameters `which` known by the data alone: a prior that they contradict draws
