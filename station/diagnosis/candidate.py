@@ -93,9 +93,9 @@ class Normal:
     gradient: Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """A state at its best, with its last normal equations."""
+    """A state at its best, with its last normal equations. The same only where it is the same object."""
 
     state: State
     solved: Solved

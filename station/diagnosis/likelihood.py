@@ -23,6 +23,7 @@ from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State,
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.memo import Memo
 from station.diagnosis.recorded_noise import lasting_gust, lasting_updraught
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.surface_sampling import of_sampling
@@ -80,6 +81,7 @@ class Problem:
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
+        self.memo = Memo()
 
     @property
     def of_profile(self) -> Array:

@@ -178,13 +178,10 @@ class Manoeuvre:
         return out
 
     def _deviations(self, variances: Array) -> tuple[Array, Array]:
-        """(groups, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares. None
-        of a smoothed sensor: the mean of what is true, given what was shown, has no noise that bends a slope (Berkson
-        1950, Are There Two Regressions?)."""
+        """(groups, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares."""
         n = len(self.trim.sensors)
         white, slow, gust = (x[self.grouped.pick] for x in self.shapes)
         power = variances[:n] * white[:, None] + variances[n : 2 * n] * slow[:, None]
-        power *= (self.left == 1).all(1)
         sd = np.sqrt(np.concatenate([power, (variances[2 * n] * gust)[:, None]], axis=1))
         return sd, np.sqrt(variances[2 * n + 1 :])
 

@@ -1,4 +1,4 @@
-"""Stages of a computation that many candidates share, the latest few of each kept."""
+"""Stages of a computation that several ask for, the latest few of each kept."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
 
-_KEPT: Final = {"signal": 48, "motion": 8, "path": 8, "shown": 8, "flow": 8, "spectra": 8, "span": 16, "trim": 4}
+_KEPT: Final = {
+    "signal": 48, "motion": 8, "path": 8, "shown": 8, "flow": 8, "spectra": 8, "span": 16, "trim": 4,
+    "freed": 1,
+}  # fmt: skip
 """How many of each stage."""
 
 
 class Memo:
-    """Stages of the residuals that candidates for one manoeuvre share, the latest few of each."""
+    """Of residuals, those that candidates for one manoeuvre share; of a diagnosis, those that its steps share."""
 
     def __init__(self) -> None:
         self._kept: dict[str, dict[Hashable, Any]] = {}

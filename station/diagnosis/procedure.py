@@ -325,14 +325,18 @@ def _is_named_alone(problem: Problem, free: Free) -> bool:
 
 def _freed(problem: Problem, accepted: Estimate) -> Estimate:
     """The same with derivatives and zeros freed from priors that the data contradict."""
-    if not _contradicting(problem, accepted):
-        return accepted
-    # To the end first: a search leaves its best after few steps, some of a standard deviation before.
-    e, far = problem.freed(accepted, ()), set[int]()
-    while more := _contradicting(problem, e) - far:
-        far |= more
-        e = problem.freed(accepted, sorted(far))
-    return e
+
+    def made() -> Estimate:
+        if not _contradicting(problem, accepted):
+            return accepted
+        # To the end first: a search leaves its best after few steps, some of a standard deviation before.
+        e, far = problem.freed(accepted, ()), set[int]()
+        while more := _contradicting(problem, e) - far:
+            far |= more
+            e = problem.freed(accepted, sorted(far))
+        return e
+
+    return problem.memo.get("freed", accepted, made)
 
 
 def _contradicting(problem: Problem, e: Estimate) -> set[int]:

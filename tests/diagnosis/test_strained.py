@@ -15,6 +15,7 @@ from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.procedure import _freed
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +107,23 @@ def test_a_fit_that_fails_leaves_the_next_ones_as_they_were(
         with pytest.raises(np.linalg.LinAlgError):
             problem.from_profile({})
     assert np.array_equal(problem.relevelled(null.state).levels.zeros, wandered)
+
+
+def test_what_contradicts_its_prior_is_freed_from_it_once(
+    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The steps of a diagnosis ask for the same estimate three times."""
+    problem, null = sound
+    a = null.state.a.copy()
+    a[[f.name for f in problem.frees].index("q bias")] = 4.5
+    off = replace(null, state=replace(null.state, a=a))
+    freed, asked = Problem.freed, []
+    monkeypatch.setattr(Problem, "freed", lambda self, e, far: asked.append(far) or freed(self, e, far))
+    once = _freed(problem, off)
+    assert asked
+    asked.clear()
+    assert _freed(problem, off) is once
+    assert not asked
 
 
 def test_shares_stay_the_profile_s_until_the_rest_is_near(
