@@ -26,6 +26,7 @@ its few independent values reach one to either side. With more, a drive that nev
 CORRECTION_STOP_HZ: Final = (6.0, 9.0)
 """Corrections that would raise noise (lags, backlash) are passed up to the first and stopped from the second."""
 
+AIR_DATA: Final = ("airspeed", "dynamic_pressure")
 PRESENT: Final = {
     "v_along": "v_north",
     "v_ahead": "v_north",
@@ -36,6 +37,12 @@ PRESENT: Final = {
 
 def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
     return aircraft.instruments.get(PRESENT.get(name, name))
+
+
+def air_data_timing(aircraft: Aircraft) -> list[tuple[float, float]]:
+    """How late airspeed and dynamic pressure are: latency and lag, s."""
+    found = (instrument_of(aircraft, name) or Instrument() for name in AIR_DATA)
+    return [(i.latency, i.lag) for i in found]
 
 
 def all_corrected(

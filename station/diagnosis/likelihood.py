@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from station.diagnosis.air_data import Lasting
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers, solution
+from station.diagnosis.corrections import air_data_timing
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.free_parameters import Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
@@ -221,7 +222,7 @@ class Problem:
         nothing. What answers the gusts that nothing measures stays: the flight has the answer of the aircraft that
         flew, and no candidate's slopes change that."""
         out = []
-        lasting = self._lasting(s.a)
+        lasting, timing = self._lasting(s.a), air_data_timing(self.aircraft_at(s.values, s.a))
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
@@ -235,6 +236,8 @@ class Problem:
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
                     response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
+                    if air_data_timing(craft) != timing:
+                        response[i][..., m.smoothed] = 0.0
             out.append(Slopes(bins, steady, response))
         return out
 
@@ -351,8 +354,7 @@ class Problem:
     def whole(self, s: State) -> tuple[list[Slopes], Sequence[Term]]:
         """All slopes of a state, its effects first."""
         terms = [BY_ID[i] for i in s.values]
-        own = zip(self.free_slopes(s), self.effect_slopes(s, terms), strict=True)
-        return [f.after(e) for f, e in own], terms
+        return [f.after(e) for f, e in zip(self.free_slopes(s), self.effect_slopes(s, terms), strict=True)], terms
 
     def estimate(
         self,

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from station.diagnosis.air_data import STILL, Lasting, share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
-from station.diagnosis.corrections import all_corrected, instrument_of
+from station.diagnosis.corrections import AIR_DATA, all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
@@ -26,7 +26,6 @@ from station.profile import Aircraft, Instrument
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-AIR_DATA: Final = ("airspeed", "dynamic_pressure")
 SLOW_SHARE: Final = 0.25
 """Of a sensor's variance, slow where nothing is known."""
 SPREAD_BINS: Final = 4.0
@@ -147,6 +146,13 @@ class Manoeuvre:
             ],
             axis=-1,
         )
+
+    @property
+    def smoothed(self) -> NDArray[np.bool_]:
+        """(sensors + 1,) those of which `left` is not 1. What they show is the mean of what is true, and its errors are
+        none of it (Berkson 1950, Are There Two Regressions?): they bend no slope of what shapes these signals
+        themselves, a lag. They do that of what weighs signals which answer what is true, a mass."""
+        return np.append((self.left != 1).any(1), False)
 
     def place(self, name: str) -> tuple[int, int] | None:
         """Of a series, its row and its head's column in a response; None where it is not judged."""

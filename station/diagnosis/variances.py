@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
-from station.diagnosis.manoeuvre import AIR_DATA, SLOW_SHARE, Manoeuvre
+from station.diagnosis.corrections import AIR_DATA
+from station.diagnosis.manoeuvre import SLOW_SHARE, Manoeuvre
 from station.diagnosis.measured_record import Record
 from station.diagnosis.recorded_noise import FAST_S, judged_noise, quantum, stated_noise, white_noise
 from station.diagnosis.residuals import LIFT
