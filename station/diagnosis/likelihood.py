@@ -236,7 +236,7 @@ class Problem:
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
                     response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
-                    if air_data_timing(craft) != timing:
+                    if air_data_timing(craft) != timing:  # see Manoeuvre.smoothed
                         response[i][..., m.smoothed] = 0.0
             out.append(Slopes(bins, steady, response))
         return out
