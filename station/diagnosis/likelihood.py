@@ -236,7 +236,7 @@ class Problem:
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
                     response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
-                    if air_data_timing(craft) != timing:  # see Manoeuvre.smoothed
+                    if air_data_timing(craft) != timing:  # of a lag, see Manoeuvre.smoothed
                         response[i][..., m.smoothed] = 0.0
             out.append(Slopes(bins, steady, response))
         return out
@@ -319,8 +319,8 @@ class Problem:
 
     @contextmanager
     def _far_off(self, held: bool) -> Iterator[None]:
-        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: what lies between two
-        ends stays the profile's; before the rest is near, steps take it to the other end, where it is held."""
+        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
+        between two ends stay the profile's; while the rest is far off, a step may take them to the wrong one for good."""
         self._zeros_wander = False
         self._known[np.isfinite(self.ends).all(0)] = HELD if held else 1.0
         try:

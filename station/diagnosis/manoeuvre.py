@@ -149,9 +149,11 @@ class Manoeuvre:
 
     @property
     def smoothed(self) -> NDArray[np.bool_]:
-        """(sensors + 1,) those of which `left` is not 1. What they show is the mean of what is true, and its errors are
-        none of it (Berkson 1950, Are There Two Regressions?): they bend no slope of what shapes these signals
-        themselves, a lag. They do that of what weighs signals which answer what is true, a mass."""
+        """(sensors + 1,) of the columns of a response, those of sensors whose signal was smoothed, see `left`.
+
+        A smoothed signal is the mean of what is true, given what was shown, and its error is independent of it (Berkson
+        1950, Are There Two Regressions?). So the error bends no slope that is made of that signal alone, as a lag's is.
+        It does bend that of a mass, which weighs accelerations: these answer the pressure that is true."""
         return np.append((self.left != 1).any(1), False)
 
     def place(self, name: str) -> tuple[int, int] | None:
@@ -322,8 +324,8 @@ def _air_shares(record: Record, recorded: Record, aircraft: Aircraft, s: Setting
     for name, values in beyond.items():
         if name not in record.held:
             gain = (instrument_of(aircraft, name) or Instrument()).gain
-            white, shown = (of(name, recorded) / (gain * units[name]) for of in (judged_noise, white_noise))
-            found[name] = share_of(values, record.dt, white**2 * recorded.dt / record.dt, SLOW_SHARE * shown**2)
+            white, judged = (of(name, recorded) / (gain * units[name]) for of in (white_noise, judged_noise))
+            found[name] = share_of(values, record.dt, judged**2 * recorded.dt / record.dt, SLOW_SHARE * white**2)
     return found
 
 

@@ -62,22 +62,28 @@ def lasting_gust(record: Record) -> float:
 
 def white_noise(name: str, record: Record) -> float:
     """Noise of one sensor as the record shows it, sample against sample, where it is fast enough; else as stated."""
-    if record.dt > FAST_S or name in record.held:
+    if not _shows_noise(name, record):
         return stated_noise(name, record)
     x = record.signals[name]
     size, step = np.abs(np.diff(x, 4)), quantum(x)
-    # Outliers leave the median alone; of rounded differences it is a whole number of steps, and the mean is none.
+    # Outliers do not move the median; but of rounded ones that is a whole number of steps, which the mean is not.
     sd = float(size.mean()) * math.sqrt(0.5 * math.pi) if step else float(np.median(size)) / 0.6745
     return max(sd / math.sqrt(70.0), step / math.sqrt(12.0), 0.1 * stated_noise(name, record))
 
 
 def judged_noise(name: str, record: Record) -> float:
-    """Noise of one sensor as white noise of the record's rate that is as dense between LOW_HZ and HIGH_HZ: rounding
-    that lasts leaves more there than its variance, spread to half of the rate, would."""
+    """Standard deviation, SI, of white noise at the record's rate that has between LOW_HZ and HIGH_HZ the density of a
+    sensor's noise. Where rounding repeats a value for long, its error lies at low frequencies, and that is more than
+    `white_noise`, which has it spread to half of the rate."""
     white = white_noise(name, record)
-    if record.dt > FAST_S or name in record.held:
+    if not _shows_noise(name, record):
         return white
     return max(white, math.sqrt(_rounding_density(record.signals[name], record.dt) / (2 * record.dt)))
+
+
+def _shows_noise(name: str, record: Record) -> bool:
+    """Whether the samples of a signal follow each other so fast that they do."""
+    return record.dt <= FAST_S and name not in record.held
 
 
 def _rounding_density(x: Array, dt: float) -> float:

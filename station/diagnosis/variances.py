@@ -111,19 +111,22 @@ def air_noise(record: Record) -> dict[str, float]:
     fourth differences of their samples where these are fast enough; else as if one sensor showed both."""
     x = record.signals
     slope = _pressure_slope(record)
-    speed, pressure = (white_noise(name, record) / unit for name, unit in zip(AIR_DATA, (1.0, slope), strict=True))
-    alike = min(speed, pressure)
+    white, judged = (
+        [of(name, record) / unit for name, unit in zip(AIR_DATA, (1.0, slope), strict=True)]
+        for of in (white_noise, judged_noise)
+    )
+    alike = min(white)
     if record.dt <= FAST_S:
         a, b = (np.diff(x[n], 4) for n in ("airspeed", "dynamic_pressure"))
         # Sheppard 1899: of normal pairs, the correlation by how often their signs agree; outliers do not upset it.
         agreed = math.sin(0.5 * math.pi * float(np.mean(np.sign(a) * np.sign(b))))
-        alike = math.sqrt(max(agreed, 0.0) * speed * pressure)
-    speed, pressure = (judged_noise(name, record) / unit for name, unit in zip(AIR_DATA, (1.0, slope), strict=True))
-    least = LEAST_OWN * max(speed, pressure)
+        alike = math.sqrt(max(agreed, 0.0) * math.prod(white))
+    least = LEAST_OWN * max(judged)
+    speed, pressure = (math.sqrt(max(sd**2 - alike**2, least**2)) for sd in judged)
     return {
         "pitot": max(alike, least),
-        "airspeed": math.sqrt(max(speed**2 - alike**2, least**2)),
-        "dynamic_pressure": slope * math.sqrt(max(pressure**2 - alike**2, least**2)),
+        "airspeed": speed,
+        "dynamic_pressure": slope * pressure,
     }
 
 
@@ -164,7 +167,7 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
     for k, m in enumerate(manoeuvres):
         n = len(m.trim.sensors)
         if m.recorded.dt <= FAST_S:
-            # Of rounding, samples show the step, not how it is spread over the frequencies.
+            # Of rounding, samples show the step, and how long it lasts; not what noise there is below it.
             rounded = {name for name, x in m.recorded.signals.items() if quantum(x)}
             made[k, [i for i, name in enumerate(m.trim.sensors) if name not in rounded]] = 1 / SEEN_SD**2
         made[k, [n + i for i in _of_air(m.trim.sensors)]] = 1 / SEEN_SD**2

@@ -13,10 +13,9 @@ LAG = "dynamic_pressure.lag"
 
 @pytest.mark.parametrize("index", [7, 17])
 def test_a_lag_of_noisy_air_data_is_neither_too_long_nor_too_short(index: int) -> None:
-    """What smoothing left has no error that bends a lag's slope: taken out of it once more, it made the lag 5.5 and
-    2.0 standard deviations too long; and in 07 the pressure is rounded by 17 Pa, which last 0.1 s: as if that were
-    white to 50 Hz, too little was smoothed. Taken out of no slope, the mass came out 15 % too small, where it is right.
-    """
+    """Smoothed, the air data have no error that bends a lag's slope. Corrected for one, the lag was 5.5 and 2.0 sd too
+    long. In 07 the pressure is rounded by 17 Pa, each value for 0.1 s: taken for white to 50 Hz, that
+    was smoothed too little. With no slope corrected for it, the mass, which is right, was 20 and 11 % too small."""
     problem, flights = fitted(1, index)
     hidden = flights[0].answers["hidden"][LAG]
     told = problem.from_profile({LAG: 0.9 * hidden})
