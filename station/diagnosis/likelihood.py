@@ -320,7 +320,7 @@ class Problem:
     @contextmanager
     def _far_off(self, held: bool) -> Iterator[None]:
         """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
-        between two ends stay the profile's; while the rest is far off, a step may take them to the wrong one for good."""
+        between two ends stay the profile's; while the rest is far off, a step may take them to the wrong one."""
         self._zeros_wander = False
         self._known[np.isfinite(self.ends).all(0)] = HELD if held else 1.0
         try:
