@@ -1,4 +1,4 @@
-"""Airspeed and dynamic pressure, smoothed as far as their own spectra say that they show noise.
+"""Airspeed, dynamic pressure and the gust at the vane, smoothed as far as their own spectra say that they show noise.
 
 They are inputs of the coefficients, with no equation of their own. Taken as they are, what a candidate undoes (a lag)
 raises their noise in the coefficients, and predicts worse whether it is there or not. Motion along the path is told by
@@ -6,6 +6,10 @@ the accelerations; of what the air data show beyond it, the mean of what the air
 W = (P - n) / P of the spectrum P that is no noise n, and what is not known of it has the variance W n (Wiener 1949,
 Extrapolation, Interpolation, and Smoothing of Stationary Time Series). W is of what was shown, and so the same for all
 candidates.
+
+The gust has a series of its own, the vane's. Of which share lift and moment are told only combines the same series
+anew, and no candidate is likelier for it. But the slopes are made with that share: told of all, in calm air they would
+show how the wing averages the vane's noise.
 """
 
 from __future__ import annotations
@@ -84,14 +88,29 @@ def share_of(x: Array, dt: float, white: float, slow: float) -> Share:
 
     `white`, `slow`: variances of the noise, the second of correlation time SLOW_S. Of the slow, no more is assumed than
     the spectrum shows above QUIET_HZ."""
+    f, power, shown = _spectrum(x, dt)
+    shape = slow_spectrum(f, dt)
+    quiet = np.where((f > QUIET_HZ) & (f < HIGH_HZ), shape, 0.0)
+    seen = float(quiet @ (power - white)) / max(float(quiet @ quiet), 1e-30)
+    return _beyond(f, white + min(max(seen, 0.0), slow) * shape, shown)
+
+
+def share_beyond(x: Array, dt: float, frequencies: Array, noise: Array) -> Share:
+    """The same where the spectrum of the noise is known at some frequencies, Hz."""
+    f, _, shown = _spectrum(x, dt)
+    return _beyond(f, np.interp(f, frequencies, noise), shown)
+
+
+def _spectrum(x: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Frequencies, Hz, the spectrum of a series (n,), which is 1 of white noise of variance 1, and that smoothed."""
     n = len(x)
     window = signal.windows.hann(n, sym=False)
     power = np.abs(fft.rfft(signal.detrend(x) * window)[1:]) ** 2 / (window @ window)
     f = fft.rfftfreq(n, dt)[1:]
     near = np.exp(-0.5 * np.square((f[:, None] - f) / np.hypot(SMOOTHED * f, f[0])[:, None]))
-    shown, shape = near @ power / near.sum(1), slow_spectrum(f, dt)
-    quiet = np.where((f > QUIET_HZ) & (f < HIGH_HZ), shape, 0.0)
-    seen = float(quiet @ (power - white)) / max(float(quiet @ quiet), 1e-30)
-    noise = white + min(max(seen, 0.0), slow) * shape
+    return f, power, near @ power / near.sum(1)
+
+
+def _beyond(f: Array, noise: Array, shown: Array) -> Share:
     share = np.clip(1 - noise / np.maximum(shown, 1e-30), LEAST_SHARE, 1.0)
     return Share(f, np.where(f < LOW_HZ, 1.0, share))

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from station.diagnosis.air_data import STILL, Lasting, share_of
+from station.diagnosis.air_data import STILL, Lasting, share_beyond, share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.corrections import AIR_DATA, all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
 from station.diagnosis.recorded_noise import GUST_SCALE_M, judged_noise, stated_noise, white_noise
-from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of
+from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of, series
 from station.diagnosis.sensor_noise import Trim, answering, of_force, responses, trim_of
 from station.diagnosis.series_spectra import Spectra, spectra
 from station.profile import Aircraft, Instrument
@@ -163,6 +163,11 @@ class Manoeuvre:
             return None
         return self.setting.judged.index(j), self.trim.sensors.index(self.axis.heads[j])
 
+    @property
+    def _forces(self) -> slice:
+        """Of the series judged, those of lift, moment and drag."""
+        return slice(sum(j < LIFT for j in self.setting.judged), None)
+
     def own_responses(self, response: Complex, slopes: Complex | None = None) -> Complex:
         """(..., bins, Axis.missed): see `of_force`, of the forces judged; 1 of what is no force."""
         made = response if slopes is None else slopes
@@ -206,7 +211,9 @@ class Manoeuvre:
         own = self.own_responses(response)
         size = (np.conj(own) * self.own_responses(response, slopes)).real / np.maximum(np.abs(own), 1e-30)
         shown = self._missing(slopes, size, self.grouped.pick)
-        return np.concatenate([slopes * sd[:, None, :], shown * missing], axis=-1)
+        scaled = slopes * sd[:, None, :]
+        scaled[..., self._forces, -1] = 0.0  # what is not told of the gust is in the forces, and in no slope
+        return np.concatenate([scaled, shown * missing], axis=-1)
 
     def steady_variances(self, variances: Array, zeros: Array) -> Array:
         """(k,) variances of the steady parts: what sensors' noise and the gusts leave, zeros that wander by `zeros`
@@ -303,6 +310,10 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         _left(trim.sensors, {name: share.at(f) for name, share in shares.items()}, np.ones(len(f))),
         axis,
     )
+    if not axis.lateral and VANE in judged:
+        told = _gust_share(made, aircraft)
+        own, straight = replace(own, gust_share=told), replace(trim.setting, gust_share=told)
+        made = replace(made, setting=own, trim=replace(trim, setting=straight))
     made.missed[:] = _motion(made, aircraft)
     made.memo._kept.clear()
     return made
@@ -327,6 +338,18 @@ def _air_shares(record: Record, recorded: Record, aircraft: Aircraft, s: Setting
             white, judged = (of(name, recorded) / (gain * units[name]) for of in (white_noise, judged_noise))
             found[name] = share_of(values, record.dt, judged**2 * recorded.dt / record.dt, SLOW_SHARE * white**2)
     return found
+
+
+def _gust_share(m: Manoeuvre, aircraft: Aircraft) -> Share:
+    """Of what the vane shows beyond the motion, as far as it is more than all sensors' noise there."""
+    answer = m.responses(aircraft)[:, m.setting.judged.index(VANE)]
+    noise = np.zeros(len(answer))
+    for k, name in enumerate(m.trim.sensors):
+        if name in m.record.signals:
+            slow = SLOW_SHARE * white_noise(name, m.recorded) ** 2
+            noise += np.abs(answer[:, k]) ** 2 * (m.noise(name) ** 2 + slow * m.shapes[1])
+    shown = series(m.record.signals, m.loaded(aircraft), m.setting)[VANE]
+    return share_beyond(shown, m.record.dt, m.setting.frequencies, noise)
 
 
 def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:

@@ -68,7 +68,8 @@ class Setting:
     """Signals that repeat their values, and the samples at which they are fresh."""
     airspeed_share: Share | None = None
     pressure_share: Share | None = None
-    """What of them, beyond the motion, is no noise: see air_data; None where they are taken as they are."""
+    gust_share: Share | None = None
+    """What of them, and of the gust, beyond the motion, is no noise: see air_data; None where taken as they are."""
 
     @property
     def omega(self) -> Array:

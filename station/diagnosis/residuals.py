@@ -272,7 +272,8 @@ def _shown(
     averaged[..., slow] = memo.get("span", (span, v0.tobytes()), lambda: span_response(*span, (w / v0)[..., slow]))
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
-    quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ), s)
+    told = 1.0 if s.gust_share is None else s.gust_share.at(w / (2 * np.pi))
+    quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ) * told, s)
     faster = 1 / (1 - unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s))
     lasting = up / v0 * met[..., :1].real
     gust = transform(_swinging(at_places(quick, there), faster, lasting), s) / met

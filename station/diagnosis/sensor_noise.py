@@ -111,10 +111,11 @@ def answering(trim: Trim, record: Record, aircraft: Aircraft) -> Trim:
 
 def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
     """(bins, series judged, sensors + 1): what a sensor's noise makes of each series, at frequencies `bins` (Hz). The
-    last is the gust's, rad of flow angle at the vane: it shows in the vane's series alone, for lift and moment are fed
-    with what the vane shows."""
+    last is the gust's, rad of flow angle at the vane: it shows in the vane's series, and in lift and moment as far as
+    these are not fed with what the vane shows (Setting.gust_share)."""
     rows = list(trim.setting.judged)
-    there = trim.axis.series_of(trim.moved, aircraft, trim.setting, STILL, trim.memo)[:, rows, :]
+    fed = replace(trim.setting, gust_share=None)
+    there = trim.axis.series_of(trim.moved, aircraft, fed, STILL, trim.memo)[:, rows, :]
     shown = fft.rfft(there[:-1] - there[-1], axis=-1)[..., trim.lines] / trim.given[:, None, :]
     # Integrals fall with frequency: between the lines the products with it are the straighter.
     f = trim.frequencies
@@ -135,6 +136,10 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
             load = trim.sensors.index(trim.axis.load)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a candidate far beyond any aircraft
                 out[:, vane, -1] -= out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
+        if (told := trim.setting.gust_share) is not None:
+            forces = slice(lift, None)
+            answer = out[:, forces, at] / out[:, vane, None, at]
+            out[:, forces] -= ((1 - told.at(bins))[:, None] * answer)[..., None] * out[:, None, vane]
     return out
 
 

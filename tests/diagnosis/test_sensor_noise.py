@@ -56,11 +56,12 @@ class Shown:
 
 
 def shown(subject: Aircraft, smoothed: bool = False) -> Shown:
-    """Responses with the air data as they are; `smoothed`: of a record whose air data show nothing but motion."""
+    """Responses with air data and gust as they are; `smoothed`: of a record whose air data show nothing but motion."""
     m = manoeuvre(level_flight(), subject)
+    plain, trim = (replace(s, gust_share=None) for s in (m.setting, m.trim.setting))
     if not smoothed:
-        plain, trim = (replace(s, airspeed_share=None, pressure_share=None) for s in (m.setting, m.trim.setting))
-        m = replace(m, setting=plain, trim=replace(m.trim, setting=trim, memo=Memo()))
+        plain, trim = (replace(s, airspeed_share=None, pressure_share=None) for s in (plain, trim))
+    m = replace(m, setting=plain, trim=replace(m.trim, setting=trim, memo=Memo()))
     return Shown(m, m.responses(subject), 2j * np.pi * m.setting.frequencies)
 
 
