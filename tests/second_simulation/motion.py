@@ -285,8 +285,8 @@ def rates(x, c, h, gusts, command, surface, places, values, newest, out):
     yaw = force * SPAN * cn - (c.iyy - IXX) * p * q - IXZ * q * r
     inverse = 1.0 / (IXX * IZZ - IXZ * IXZ)
     pdot, rdot = (IZZ * roll + IXZ * yaw) * inverse, (IXZ * roll + IXX * yaw) * inverse
-    for k in range(3):
-        dx[POS + k] = x[VEL + k]
+    # Gusts and wakes stand along the path: the boom meets them a boom's length before the CG, in a dive too.
+    dx[POS], dx[POS + 1], dx[POS + 2] = math.sqrt(vn * vn + ve * ve + vd * vd), ve, vd
     dx[VEL] = r00 * fx + r01 * fy + r02 * fz
     dx[VEL + 1] = r10 * fx + r11 * fy + r12 * fz
     dx[VEL + 2] = r20 * fx + r21 * fy + r22 * fz + G
