@@ -7,9 +7,9 @@ W = (P - n) / P of the spectrum P that is no noise n, and what is not known of i
 Extrapolation, Interpolation, and Smoothing of Stationary Time Series). W is of what was shown, and so the same for all
 candidates.
 
-The gust has a series of its own, the vane's. Of which share lift and moment are told only combines the same series
-anew, and no candidate is likelier for it. But the slopes are made with that share: told of all, in calm air they would
-show how the wing averages the vane's noise.
+The gust has a series of its own, the vane's. Feeding lift and moment with a share of it only combines the same series
+anew: no candidate is likelier for it. But slopes are made of what is fed: of the whole, in calm air they would tell how
+the wing follows gusts, by nothing but the vane's noise.
 """
 
 from __future__ import annotations
