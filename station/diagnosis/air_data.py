@@ -33,35 +33,38 @@ from station.diagnosis.processing import (
 
 Array = NDArray[np.float64]
 
-SMOOTHED: Final = 0.12
-"""Standard deviation of the window that smooths the spectrum, as a share of the frequency, and a line at least: at 1 Hz
-the level is known to a quarter in half a minute, and a peak keeps its place."""
+SMOOTHED: Final = 0.2
+"""Standard deviation of the window that smooths the spectrum, as a share of the frequency, and a line at least: by it
+W comes nearest to what it is, of a minute of autoregressions in white noise; by wider ones knees are cut off."""
 QUIET_HZ: Final = 1.0
 """Above it an aircraft's speed does not change in calm air: what is seen there is noise, or gusts."""
 SLOWEST: Final = 0.5
 """Of the mean airspeed: below it, what the accelerations say is an error of theirs."""
-LEAST_SHARE: Final = 1e-4
-"""That its root can be divided by: a hundredth of the noise is left."""
 
 
-class Lasting(NamedTuple):
-    """Air that moves as long as the manoeuvre lasts, m/s."""
+class Unseen(NamedTuple):
+    """Of a manoeuvre's air and its sensors, what no instrument shows."""
 
     along: float = 0.0
-    """How much faster the aircraft moves through it than its mean airspeed says."""
+    """m/s. How much faster the aircraft moves through it than its mean airspeed says."""
     up: float = 0.0
-    """A mean updraught, which hides in the vane's mean as its zero does. Its angle follows the airspeed."""
+    """m/s. A mean updraught, which hides in the vane's mean as its zero does. Its angle follows the airspeed."""
+    noise: float = 0.0
+    """Logarithm of the variance of the air data's slow noise over that assumed. What the accelerations answer of the
+    air that was shown tells it; without it, a lag of the air data is told too sharp, and off by as much as W is."""
 
 
-STILL: Final = Lasting()
+STILL: Final = Unseen()
+"""Air, and noise as assumed."""
 
 
-def air_data(airspeed: Array, pressure: Array, own: Array, s: Setting) -> tuple[Array, Array]:
-    """Airspeed (..., n), m/s, and dynamic pressure, Pa, smoothed about the speed of the `own_motion`."""
+def air_data(airspeed: Array, pressure: Array, own: Array, s: Setting, noise: float = 0.0) -> tuple[Array, Array]:
+    """Airspeed (..., n), m/s, and dynamic pressure, Pa, smoothed about the speed of the `own_motion`; `noise`: see
+    Unseen."""
     if s.airspeed_share is not None:
-        airspeed = own + _passed(airspeed - own, s.airspeed_share, s)
+        airspeed = own + _passed(airspeed - own, s.airspeed_share, s, noise)
     if s.pressure_share is not None:
-        pressure = own**2 * _passed(pressure / own**2, s.pressure_share, s)
+        pressure = own**2 * _passed(pressure / own**2, s.pressure_share, s, noise)
     return airspeed, pressure
 
 
@@ -78,9 +81,9 @@ def _level(x: Array, s: Setting) -> Array:
     return without_line(x) if s.bridge else x - x.mean(-1, keepdims=True)
 
 
-def _passed(x: Array, share: Share, s: Setting) -> Array:
+def _passed(x: Array, share: Share, s: Setting, noise: float) -> Array:
     level = _level(x, s)
-    return x - level + back(transform(level, s) * share.at(s.omega / (2 * np.pi)), s)
+    return x - level + back(transform(level, s) * share.at(s.omega / (2 * np.pi), noise), s)
 
 
 def share_of(x: Array, dt: float, white: float, slow: float) -> Share:
@@ -92,25 +95,31 @@ def share_of(x: Array, dt: float, white: float, slow: float) -> Share:
     shape = slow_spectrum(f, dt)
     quiet = np.where((f > QUIET_HZ) & (f < HIGH_HZ), shape, 0.0)
     seen = float(quiet @ (power - white)) / max(float(quiet @ quiet), 1e-30)
-    return _beyond(f, white + min(max(seen, 0.0), slow) * shape, shown)
+    return _beyond(f, shown, white, min(max(seen, 0.0), slow) * shape)
 
 
 def share_beyond(x: Array, dt: float, frequencies: Array, noise: Array) -> Share:
     """The same where the spectrum of the noise is known at some frequencies, Hz."""
     f, _, shown = _spectrum(x, dt)
-    return _beyond(f, np.interp(f, frequencies, noise), shown)
+    return _beyond(f, shown, np.interp(f, frequencies, noise))
 
 
 def _spectrum(x: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Frequencies, Hz, the spectrum of a series (n,), which is 1 of white noise of variance 1, and that smoothed."""
+    """Frequencies, Hz, the spectrum of a series (n,), which is 1 of white noise of variance 1, and that smoothed: the
+    mean of the neighbours, tilted by the power of the frequency by which they fall (prewhitening: Blackman and Tukey
+    1958, The Measurement of Power Spectra). A gust's falls so steeply that the mean as it is lies above it."""
     n = len(x)
     window = signal.windows.hann(n, sym=False)
     power = np.abs(fft.rfft(signal.detrend(x) * window)[1:]) ** 2 / (window @ window)
     f = fft.rfftfreq(n, dt)[1:]
+    log, height = np.log(f), np.log(np.maximum(power, 1e-300))
     near = np.exp(-0.5 * np.square((f[:, None] - f) / np.hypot(SMOOTHED * f, f[0])[:, None]))
-    return f, power, near @ power / near.sum(1)
+    near /= near.sum(1, keepdims=True)
+    middle = near @ log
+    slope = (near @ (log * height) - middle * (near @ height)) / (near @ log**2 - middle**2)
+    return f, power, (near * np.exp(slope[:, None] * (log[:, None] - log))) @ power
 
 
-def _beyond(f: Array, noise: Array, shown: Array) -> Share:
-    share = np.clip(1 - noise / np.maximum(shown, 1e-30), LEAST_SHARE, 1.0)
-    return Share(f, np.where(f < LOW_HZ, 1.0, share))
+def _beyond(f: Array, shown: Array, known: Array | float, slow: Array | float = 0.0) -> Share:
+    judged = (f >= LOW_HZ) / np.maximum(shown, 1e-30)
+    return Share(f, known * judged, slow * judged)

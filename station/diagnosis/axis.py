@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from station.conventions import G0, LATERAL, to_si
 from station.diagnosis import free_parameters, gust_answer, lateral_free, lateral_residuals, residuals
-from station.diagnosis.air_data import Lasting
+from station.diagnosis.air_data import Unseen
 from station.diagnosis.free_parameters import Free
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
@@ -37,8 +37,8 @@ class Axis:
     lateral: bool
     series: tuple[str, ...]
     """(7,) names."""
-    series_of: Callable[[Signals, Aircraft, Setting, Lasting, Memo], Array]
-    spectra_of: Callable[[Signals, Aircraft, Setting, Lasting, Memo], Spectra]
+    series_of: Callable[[Signals, Aircraft, Setting, Unseen, Memo], Array]
+    spectra_of: Callable[[Signals, Aircraft, Setting, Unseen, Memo], Spectra]
     heads: tuple[str, ...]
     """(7,) the sensor at the head of each series."""
     signals_of: tuple[tuple[str, ...], ...]

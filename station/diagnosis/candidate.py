@@ -52,7 +52,7 @@ class State:
     values: Mapping[str, float]
     """Of the effects, by id, SI."""
     a: Array
-    """Free parameters, then lasting gusts, in prior standard deviations."""
+    """Free parameters, then what is unseen, in prior standard deviations."""
     flown: Aircraft
     """What answers the gusts that nothing measures."""
     levels: Levels
@@ -76,7 +76,7 @@ class Solved:
     """Normal equations of a state."""
 
     step: Array
-    """Effects, then free parameters and lasting gusts."""
+    """Effects, then free parameters and what is unseen."""
     covariance: Array
     gained: float
     """What Q falls by along the step, if all is linear."""

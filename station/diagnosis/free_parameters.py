@@ -45,6 +45,8 @@ SCATTER: Final = {"CL_q": 0.25, "CL_de": 0.15}
 methods miss by a quarter (CL_q) and by an eighth (CL_de), whatever error the source states."""
 
 
+STEP: Final = 0.3
+"""Prior standard deviations over which a slope is taken: far above rounding, and near enough to straight."""
 LEAST_SHAPE: Final = 0.1
 """Of a span's lag: more even than any loading makes it."""
 DAY: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
@@ -59,7 +61,7 @@ class Free:
     name: str
     sd: float
     extend: Extend
-    step: float = 0.3
+    step: float = STEP
     """Over how many standard deviations its slope is taken."""
     of: str = ""
     """The effect that it is a constant of: it changes nothing without that."""

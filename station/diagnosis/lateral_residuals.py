@@ -20,7 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.air_data import STILL, Lasting
+from station.diagnosis.air_data import STILL, Unseen
 from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
@@ -87,16 +87,16 @@ _OF_MOTION: Final = (
 
 
 def lateral_series(
-    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting = STILL, memo: Memo | None = None
+    signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen = STILL, memo: Memo | None = None
 ) -> Array:
-    """The seven differences (..., 7, n) for one candidate; `lasting` and `memo` as residuals.series has them."""
-    x, motion, flow, _ = _stages(signals, aircraft, s, lasting, memo or Memo())
+    """The seven differences (..., 7, n) for one candidate; `unseen` and `memo` as residuals.series has them."""
+    x, motion, flow, _ = _stages(signals, aircraft, s, unseen, memo or Memo())
     return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft)], axis=-2)
 
 
-def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo) -> Spectra:
+def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo) -> Spectra:
     """The spectra of `lateral_series`, those without aerodynamics from the memo where they are there."""
-    x, motion, flow, key = _stages(signals, aircraft, s, lasting, memo)
+    x, motion, flow, key = _stages(signals, aircraft, s, unseen, memo)
     return both_spectra(lambda: _kinematic(motion, flow), _forces(x, motion, flow, aircraft), s, memo, key)
 
 
@@ -105,12 +105,12 @@ def _kinematic(motion: _Motion, flow: _Flow) -> Array:
 
 
 def _stages(
-    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo
+    signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo
 ) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what the kinematic series were made from."""
     found, x = all_corrected(signals, aircraft, s, memo)
-    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, aircraft.unsteady.convection, lasting.along)
-    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s, lasting.along))
+    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, aircraft.unsteady.convection, unseen.along)
+    motion = memo.get("motion", first, lambda: _motion(x, aircraft, s, unseen.along))
     seen = (first, aircraft.boom)
     key = (seen, aircraft.fin, aircraft.unsteady.gust_turning)
     return x, motion, memo.get("flow", key, lambda: _flow(x, motion, aircraft, s)), seen

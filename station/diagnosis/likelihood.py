@@ -18,18 +18,26 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.air_data import Lasting
+from station.diagnosis.air_data import Unseen
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers, solution
 from station.diagnosis.corrections import air_data_timing
 from station.diagnosis.effects import BY_ID, extended
-from station.diagnosis.free_parameters import Free, moved
+from station.diagnosis.free_parameters import STEP, Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.memo import Memo
-from station.diagnosis.recorded_noise import lasting_gust, lasting_updraught
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.surface_sampling import of_sampling
 from station.diagnosis.term import Term
-from station.diagnosis.variances import INDEPENDENT, ZERO_DOF, Levels, fitted, prior_levels, stiffness_of, wandering
+from station.diagnosis.variances import (
+    INDEPENDENT,
+    ZERO_DOF,
+    Levels,
+    fitted,
+    prior_levels,
+    prior_unseen,
+    stiffness_of,
+    wandering,
+)
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -55,10 +63,7 @@ class Problem:
     """All manoeuvres of a diagnosis and one base aircraft; candidates are effects on top of it."""
 
     def __init__(
-        self,
-        manoeuvres: Sequence[Manoeuvre],
-        aircraft: Aircraft,
-        frees: Sequence[Free] | None = None,
+        self, manoeuvres: Sequence[Manoeuvre], aircraft: Aircraft, frees: Sequence[Free] | None = None
     ) -> None:
         self.manoeuvres = tuple(manoeuvres)
         self.aircraft = aircraft
@@ -68,17 +73,13 @@ class Problem:
         if frees is None:
             frees = [*self.axis.free_parameters(aircraft, speed, recorded), *of_sampling(self.manoeuvres)]
         self.frees = tuple(frees)
-        drift = aircraft.uncertainty.drift
-        lasting = [[math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres]]
-        if not self.axis.lateral:
-            lasting.append([lasting_updraught(m.record, aircraft) for m in manoeuvres])
-        self.lasting_sd = np.array(lasting)
-        """(1 or 2, manoeuvres) of Lasting."""
-        ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * self.lasting_sd.size
+        self.unseen_sd = prior_unseen(manoeuvres, aircraft)
+        """(1 or 3, manoeuvres) of Unseen."""
+        ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * self.unseen_sd.size
         self.ends = np.array(ends).T
-        """(2, parameters) where free parameters and lasting gusts end."""
+        """(2, parameters) where free parameters and what is unseen end."""
         self._known = np.ones(len(ends))
-        """Weights of the priors of free parameters and lasting gusts."""
+        """Weights of the priors of free parameters and what is unseen."""
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
@@ -100,14 +101,14 @@ class Problem:
         measures; the aircraft itself, if left out."""
         craft = self.aircraft_at(values, a)
         flown = flown or craft
-        spectra = tuple(m.differences(craft, x) for m, x in zip(self.manoeuvres, self._lasting(a), strict=True))
+        spectra = tuple(m.differences(craft, x) for m, x in zip(self.manoeuvres, self._unseen(a), strict=True))
         responses_ = tuple(m.responses(craft, flown=flown) for m in self.manoeuvres)
         return self._with_levels(values, a, flown, spectra, responses_, levels or self.prior)
 
-    def _lasting(self, a: Array) -> list[Lasting]:
+    def _unseen(self, a: Array) -> list[Unseen]:
         """By manoeuvre."""
-        rows = a[len(self.frees) :].reshape(self.lasting_sd.shape) * self.lasting_sd
-        return [Lasting(*x) for x in rows.T.tolist()]
+        rows = a[len(self.frees) :].reshape(self.unseen_sd.shape) * self.unseen_sd
+        return [Unseen(*x) for x in rows.T.tolist()]
 
     def beside(self, s: State, values: Mapping[str, float], a: Array) -> State:
         """A candidate near the state `s`, with its levels. Where gusts are answered (Axis.answers), the likelier of
@@ -177,7 +178,7 @@ class Problem:
         return self._slopes(s, moves)
 
     def free_slopes(self, s: State, rough: bool = False) -> list[Slopes]:
-        """Per prior standard deviation of each free parameter and lasting gust, by manoeuvre."""
+        """Per prior standard deviation of each free parameter and of what is unseen, by manoeuvre."""
         made = self._slopes(
             s,
             [
@@ -185,16 +186,16 @@ class Problem:
                 for i, f in enumerate(self.frees)
             ],
         )
-        craft, count = self.aircraft_at(s.values, s.a), self.lasting_sd.size
+        craft, count = self.aircraft_at(s.values, s.a), self.unseen_sd.size
         out = []
         for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
             z = s.spectra[k]
             bins, steady = np.zeros((count, *z.bins.shape), dtype=complex), np.zeros((count, len(z.steady)))
             for i in range(k, count, len(self.manoeuvres)):
                 there = s.a.copy()
-                there[len(self.frees) + i] += 1
-                moved_ = m.differences(craft, self._lasting(there)[k]).minus(z)
-                bins[i], steady[i] = moved_.bins, moved_.steady
+                there[len(self.frees) + i] += STEP
+                moved_ = m.differences(craft, self._unseen(there)[k]).minus(z)
+                bins[i], steady[i] = moved_.bins / STEP, moved_.steady / STEP
             none = np.zeros((count, *own.response.shape[1:]), dtype=complex)
             out.append(Slopes(bins, steady, none).after(own))
         return out
@@ -222,7 +223,7 @@ class Problem:
         nothing. What answers the gusts that nothing measures stays: the flight has the answer of the aircraft that
         flew, and no candidate's slopes change that."""
         out = []
-        lasting, timing = self._lasting(s.a), air_data_timing(self.aircraft_at(s.values, s.a))
+        unseen, timing = self._unseen(s.a), air_data_timing(self.aircraft_at(s.values, s.a))
         for k, m in enumerate(self.manoeuvres):
             z, r = s.spectra[k], s.responses[k][m.grouped.pick]
             bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
@@ -232,7 +233,7 @@ class Problem:
                 if move is None:
                     continue
                 craft, h, of_noise = move
-                there = m.differences(craft, lasting[k]).minus(z)
+                there = m.differences(craft, unseen[k]).minus(z)
                 bins[i], steady[i] = there.bins / h, there.steady / h
                 if of_noise:
                     response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
@@ -275,12 +276,11 @@ class Problem:
     def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
         """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
         noise that grows: on a long way, where Sigma follows, and where the aircraft answers gusts, at any step."""
-        e = len(terms)
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
         try:
-            there = self.beside(s, values, np.clip(s.a + solved.step[e:], *self.ends))
+            there = self.beside(s, values, np.clip(s.a + solved.step[len(terms) :], *self.ends))
             far = solved.gained > NEAR or self.axis.answers is not None
             better = self.cost(there) < self.cost(s) if far else there.q < s.q
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told

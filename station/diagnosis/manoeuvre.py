@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from station.diagnosis.air_data import STILL, Lasting, share_beyond, share_of
+from station.diagnosis.air_data import STILL, Unseen, share_beyond, share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.corrections import AIR_DATA, all_corrected, instrument_of
 from station.diagnosis.measured_record import Record
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SLOW_SHARE: Final = 0.25
-"""Of a sensor's variance, slow where nothing is known."""
+"""Variance of a sensor's slow noise over that of its white noise, where nothing is known."""
 SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
@@ -107,9 +107,9 @@ class Manoeuvre:
             update={"air_density": self.record.density, "inertia": own.model_copy(update=update)}
         )
 
-    def differences(self, aircraft: Aircraft, lasting: Lasting = STILL) -> Spectra:
+    def differences(self, aircraft: Aircraft, unseen: Unseen = STILL) -> Spectra:
         """Measured less predicted, in the series judged."""
-        return self.axis.spectra_of(self.record.signals, self.loaded(aircraft), self.setting, lasting, self.memo)
+        return self.axis.spectra_of(self.record.signals, self.loaded(aircraft), self.setting, unseen, self.memo)
 
     @property
     def thinner(self) -> float:
@@ -155,8 +155,8 @@ class Manoeuvre:
         1950, Are There Two Regressions?). So the error bends no slope that is made of that signal alone, as a lag's is.
         It does bend that of a mass, which weighs accelerations: these answer the pressure that is true.
 
-        All this as far as the noise is known: where slow noise is stronger than assumed, too much of it is kept, and a
-        lag comes out shorter by that part (in the station's simulation 0.17 s of 0.2 s)."""
+        All this as far as the noise is known, for the slope is short or long by the part that is kept too much or too
+        little: so the slow noise is estimated beside all else, see air_data.Unseen."""
         return np.append((self.left != 1).any(1), False)
 
     def place(self, name: str) -> tuple[int, int] | None:

@@ -33,19 +33,28 @@ THIN_PASS_HZ: Final = (6.0, 12.0)
 """Passed up to the first and stopped from the second where a record is thinned: nothing judged lies between."""
 SLOW_S: Final = 0.3
 """Correlation time of the slow part of a sensor's noise."""
+LEAST_SHARE: Final = 1e-4
+"""That its root can be divided by: a hundredth of the noise is left."""
+ALL_NOISE: Final = 30.0
+"""Logarithm of a noise beside which no signal is left, and which numbers hold."""
 ALIKE: Final = 0.02
 """Of a sample: paths that are no further apart are one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Share:
-    """By frequency, Hz, from 0 to 1."""
+    """Of a spectrum, what is no noise, by frequency, Hz."""
 
     frequencies: Array
-    values: Array
+    known: Array
+    """Share of noise that is known."""
+    slow: Array
+    """Share of noise that is assumed."""
 
-    def at(self, frequencies: Array) -> Array:
-        return np.asarray(np.interp(frequencies, self.frequencies, self.values))
+    def at(self, frequencies: Array, noise: float = 0.0) -> Array:
+        """From LEAST_SHARE to 1; the slow noise's variance is exp(`noise`) times that assumed."""
+        rest = 1 - self.known - math.exp(min(noise, ALL_NOISE)) * self.slow
+        return np.asarray(np.interp(frequencies, self.frequencies, np.clip(rest, LEAST_SHARE, 1.0)))
 
 
 @dataclass(frozen=True, slots=True)

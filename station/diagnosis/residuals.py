@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, SEA_LEVEL_DENSITY
-from station.diagnosis.air_data import STILL, Lasting, air_data, own_motion
+from station.diagnosis.air_data import STILL, Unseen, air_data, own_motion
 from station.diagnosis.attached_flow import attached_along
 from station.diagnosis.corrections import all_corrected
 from station.diagnosis.memo import Memo
@@ -130,23 +130,21 @@ _OF_MOTION: Final = (
 )
 
 
-def series(
-    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting = STILL, memo: Memo | None = None
-) -> Array:
+def series(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen = STILL, memo: Memo | None = None) -> Array:
     """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
 
-    `lasting`: gusts as long as the manoeuvre, which hide in its means. Units of the result:
+    `unseen`: of its air, what no instrument shows. Units of the result:
     rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is. With a `memo` of
     these signals and this setting, what earlier candidates share is taken from there.
     """
     memo = memo or Memo()
-    x, motion, flow, _ = _stages(signals, aircraft, s, lasting, memo)
+    x, motion, flow, _ = _stages(signals, aircraft, s, unseen, memo)
     return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft, s)], axis=-2)
 
 
-def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo) -> Spectra:
+def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo) -> Spectra:
     """The spectra of `series`, those without aerodynamics from the memo where they are there."""
-    x, motion, flow, key = _stages(signals, aircraft, s, lasting, memo)
+    x, motion, flow, key = _stages(signals, aircraft, s, unseen, memo)
     return both_spectra(lambda: _kinematic(motion, flow), _forces(x, motion, flow, aircraft, s), s, memo, key)
 
 
@@ -170,26 +168,26 @@ def _kinematic(motion: _Motion, flow: _Flow) -> Array:
 
 
 def _stages(
-    signals: Signals, aircraft: Aircraft, s: Setting, lasting: Lasting, memo: Memo
+    signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo
 ) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what they were made from."""
     found, x = all_corrected(signals, aircraft, s, memo)
-    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset)
-    motion = memo.get("motion", first, lambda: motion_of(x, aircraft, s))
+    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, unseen.noise)
+    motion = memo.get("motion", first, lambda: motion_of(x, aircraft, s, unseen.noise))
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
-    on_path = (first, lasting.along, unsteady.convection, unsteady.turned_at_once)
-    path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, lasting.along))
+    on_path = (first, unseen.along, unsteady.convection, unsteady.turned_at_once)
+    path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, unseen.along))
     spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut, unsteady.gust_speed)
     of_wing = (unsteady.reference_chord, chord, unsteady.upwash_motion, unsteady.upwash_gust, *spread)
-    of_air = (aircraft.gust_edge, aircraft.air_density, lasting.up)
+    of_air = (aircraft.gust_edge, aircraft.air_density, unseen.up)
     seen = (on_path, found.get("alpha_vane"), aircraft.boom, of_wing, of_air)
-    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s, lasting.up, memo))
+    shown = memo.get("shown", seen, lambda: _shown(x, motion, path, aircraft, s, unseen.up, memo))
     key = (seen, unsteady)
-    return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s, lasting.up)), seen
+    return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s, unseen.up)), seen
 
 
-def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion:
-    """What instruments say of the motion, of signals (..., n) without their errors."""
+def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, noise: float = 0.0) -> _Motion:
+    """What instruments say of the motion, of signals (..., n) without their errors; `noise`: Unseen.noise."""
     theta, q = x["theta"], x["q"]
     imu = aircraft.imu_at(s.imu)
     qdot = rate(q, s)
@@ -208,7 +206,7 @@ def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting) -> _Motion
     else:
         down = between_fresh(x["v_down"], climb, s.held.get("v_down"))
     own = own_motion(x["airspeed"], along, down, s)
-    v, pressure = air_data(x["airspeed"], x["dynamic_pressure"], own, s)
+    v, pressure = air_data(x["airspeed"], x["dynamic_pressure"], own, s, noise)
     out = np.zeros((*q.shape[:-1], 3, s.n))
     out[..., THETA, :] = theta - integral(turned, s)
     out[..., DOWN, :] = down - climb

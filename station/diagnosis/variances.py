@@ -14,9 +14,18 @@ from station.conventions import G0, to_si
 from station.diagnosis.corrections import AIR_DATA
 from station.diagnosis.manoeuvre import SLOW_SHARE, Manoeuvre
 from station.diagnosis.measured_record import Record
-from station.diagnosis.recorded_noise import FAST_S, judged_noise, quantum, stated_noise, white_noise
+from station.diagnosis.recorded_noise import (
+    FAST_S,
+    judged_noise,
+    lasting_gust,
+    lasting_updraught,
+    quantum,
+    stated_noise,
+    white_noise,
+)
 from station.diagnosis.residuals import LIFT
 from station.diagnosis.series_spectra import Spectra, spectra
+from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -99,6 +108,15 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
         rows.append(np.concatenate([white, slow]))
     least = manoeuvres[0].axis.least_missed
     return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(least), np.square(ZERO_SD))
+
+
+def prior_unseen(manoeuvres: Sequence[Manoeuvre], aircraft: Aircraft) -> Array:
+    """(1 or 3, manoeuvres) prior standard deviations of air_data.Unseen."""
+    drift = aircraft.uncertainty.drift
+    rows = [[math.hypot(drift, lasting_gust(m.record)) for m in manoeuvres]]
+    if not manoeuvres[0].axis.lateral:
+        rows += [[lasting_updraught(m.record, aircraft) for m in manoeuvres], [LEVEL_SD] * len(manoeuvres)]
+    return np.array(rows)
 
 
 def _of_air(sensors: Sequence[str]) -> list[int]:

@@ -118,6 +118,8 @@ class Case:
     """Nothing is named that does not explain what is held out."""
     noise: float = 1.0
     """The sensors' true noise over what the rig states."""
+    slow: float = 0.25
+    """Share of its variance that is slow, of a correlation time of 0.3 s."""
     derivative_sd: float = 0.0
     """The true derivatives are drawn with this relative standard deviation."""
     thrust: bool = True
@@ -231,7 +233,7 @@ def _sense(case: Case, truth, biases, kind: str, k: int) -> Record:
             kicks = rng.standard_normal(len(x)) * math.sqrt(1 - decay**2)
             kicks[0] /= math.sqrt(1 - decay**2)
             drifting = lfilter([1.0], [1.0, -decay], kicks)
-            x = x + sd * (math.sqrt(0.75) * rng.standard_normal(len(x)) + 0.5 * drifting)
+            x = x + sd * (math.sqrt(1 - case.slow) * rng.standard_normal(len(x)) + math.sqrt(case.slow) * drifting)
         quantum = QUANTUM.get(name, 0.0)
         columns[name] = quantum * np.round(x / quantum) if quantum else x
     density = truth["static_pressure"].mean() / (287.05287 * truth["air_temperature"].mean())

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from station.diagnosis.air_data import Lasting
+from station.diagnosis.air_data import Unseen
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.measured_record import NEEDED, manoeuvres
@@ -184,7 +184,7 @@ def test_gusts_along_the_path_are_no_motion_where_only_the_speed_to_the_north_is
     for kept in (flight.shown, {n: x for n, x in flight.shown.items() if n != "v_north"}):
         (record,) = manoeuvres("plane", flight.time, kept, profiled, [(QUIET, QUIET + case.seconds)])
         made = manoeuvre(record, profiled)
-        bins = made.differences(profiled, Lasting(slower)).bins[made.setting.judged.index(MOMENT)]
+        bins = made.differences(profiled, Unseen(slower)).bins[made.setting.judged.index(MOMENT)]
         rest.append(float(np.sqrt(np.mean(np.abs(bins[made.setting.frequencies > 0.5]) ** 2))))
     assert rest[0] < 0.5 * rest[1]
 
@@ -207,7 +207,7 @@ def test_a_gust_goes_from_the_vane_to_the_wing_as_a_velocity(seed: int) -> None:
     def rest(gust_speed: float, turned_at_once: float) -> float:
         update = {"gust_speed": gust_speed, "turned_at_once": turned_at_once, "gust_span": 0.4 * book.SPAN / 2}
         craft = profiled.model_copy(update={"unsteady": profiled.unsteady.model_copy(update=update)})
-        bins = made.differences(craft, Lasting(drift)).bins[made.setting.judged.index(LIFT)]
+        bins = made.differences(craft, Unseen(drift)).bins[made.setting.judged.index(LIFT)]
         return float(np.sqrt(np.mean(np.abs(bins[made.setting.frequencies > 0.5]) ** 2)))
 
     assert rest(1.0, 1.0) < 0.85 * rest(0.0, 1.0)
@@ -230,7 +230,7 @@ def test_strong_gusts_leave_little_unexplained_where_the_constants_are_right(spe
     up = float(np.mean(flight.true["w_gust"][round(QUIET * RATE) :]))
     at_once = profiled.model_copy(update={"unsteady": profiled.unsteady.model_copy(update={"turned_at_once": 1.0})})
     for name, row in (("CL", LIFT), ("Cm", MOMENT)):
-        rest = made.differences(at_once, Lasting(along, up)).bins[made.setting.judged.index(row)]
+        rest = made.differences(at_once, Unseen(along, up)).bins[made.setting.judged.index(row)]
         shown = flight.true[name][:: round(made.setting.dt * RATE)][None, -made.setting.n :]
         moved = spectra(shown, made.setting, (0,), False).bins[0]
         assert np.linalg.norm(rest) < 0.016 * np.linalg.norm(moved), name

@@ -20,11 +20,11 @@ def test_a_mean_updraught_is_told_from_the_zero_of_the_vane() -> None:
     """By how lift and moment follow the airspeed; the vane is scaled by 10 % besides, and has a zero of its own."""
     problem, flights = fitted(3, 8)
     null = problem.null()
-    count = len(flights)
-    told = null.state.a[-count:] * problem.lasting_sd[1]
-    sd = np.sqrt(np.diag(null.solved.covariance))[-count:] * problem.lasting_sd[1]
+    up = len(problem.frees) + len(flights) + np.arange(len(flights))
+    told = null.state.a[up] * problem.unseen_sd[1]
+    sd = np.sqrt(np.diag(null.solved.covariance))[up] * problem.unseen_sd[1]
     true = [f.true["w_gust"][round(QUIET * RATE) :].mean() for f in flights]
-    assert (sd < 0.2 * problem.lasting_sd[1]).all()
+    assert (sd < 0.2 * problem.unseen_sd[1]).all()
     np.testing.assert_array_less(np.abs(told - true), 3 * sd)
 
 
