@@ -50,12 +50,12 @@ class Unseen(NamedTuple):
     up: float = 0.0
     """m/s. A mean updraught, which hides in the vane's mean as its zero does. Its angle follows the airspeed."""
     noise: float = 0.0
-    """Logarithm of the variance of the air data's slow noise over that assumed. What the accelerations answer of the
-    air that was shown tells it; without it, a lag of the air data is told too sharp, and off by as much as W is."""
+    """Logarithm of the variance of the air data's slow noise over that assumed. The accelerations tell it, which follow
+    the air and not the noise; were it taken for known, a lag of the air data would be off by as much as W is."""
 
 
 STILL: Final = Unseen()
-"""Air, and noise as assumed."""
+"""Still air, and noise as assumed."""
 
 
 def air_data(airspeed: Array, pressure: Array, own: Array, s: Setting, noise: float = 0.0) -> tuple[Array, Array]:

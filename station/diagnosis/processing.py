@@ -36,23 +36,24 @@ SLOW_S: Final = 0.3
 LEAST_SHARE: Final = 1e-4
 """That its root can be divided by: a hundredth of the noise is left."""
 ALL_NOISE: Final = 30.0
-"""Logarithm of a noise beside which no signal is left, and which numbers hold."""
+"""Largest logarithm of a noise over that assumed: no signal is left beside it, and exp does not overflow."""
 ALIKE: Final = 0.02
 """Of a sample: paths that are no further apart are one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Share:
-    """Of a spectrum, what is no noise, by frequency, Hz."""
+    """The share of a spectrum that is no noise, by frequency."""
 
     frequencies: Array
+    """(n,) Hz."""
     known: Array
-    """Share of noise that is known."""
+    """(n,) noise of known size, over the spectrum."""
     slow: Array
-    """Share of noise that is assumed."""
+    """(n,) slow noise of the size assumed, over the spectrum."""
 
     def at(self, frequencies: Array, noise: float = 0.0) -> Array:
-        """From LEAST_SHARE to 1; the slow noise's variance is exp(`noise`) times that assumed."""
+        """From LEAST_SHARE to 1, at `frequencies`, Hz; the slow noise's variance is exp(`noise`) times that assumed."""
         rest = 1 - self.known - math.exp(min(noise, ALL_NOISE)) * self.slow
         return np.asarray(np.interp(frequencies, self.frequencies, np.clip(rest, LEAST_SHARE, 1.0)))
 

@@ -133,7 +133,7 @@ _OF_MOTION: Final = (
 def series(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen = STILL, memo: Memo | None = None) -> Array:
     """The seven differences (..., 7, n), measured less predicted, for one candidate `aircraft`.
 
-    `unseen`: of its air, what no instrument shows. Units of the result:
+    `unseen`: of the air and of noise, what no instrument shows. Units of the result:
     rad, m/s, m/s, rad, 1, 1, 1; a series that cannot be judged is still filled, from what there is. With a `memo` of
     these signals and this setting, what earlier candidates share is taken from there.
     """
