@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.processing import Setting, back, transform
+from station.diagnosis.stacked import some
 from station.numerics.separation import BRIEF, attached
 from station.profile import Separation
 
@@ -16,10 +17,10 @@ def attached_along(alpha: Array, leaving: Separation, alpha_star: float, passage
     """Share (..., n) of the chord along which the flow is attached; `passage`: s that a chord takes to pass."""
     w = 1j * s.omega
     felt = alpha
-    if leaving.tau2:
+    if some(leaving.tau2):
         turning = back(transform(alpha, s) * w / (1 + BRIEF * w), s)
         felt = alpha - leaving.tau2 * passage * np.minimum(turning, 0.0)
     x = attached(felt, leaving.a1, alpha_star)
-    if leaving.tau1:
+    if some(leaving.tau1):
         x = np.clip(back(transform(x, s) / (1 + leaving.tau1 * passage * w), s), 0.0, 1.0)
     return np.asarray(x)

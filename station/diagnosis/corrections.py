@@ -14,6 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from station.diagnosis.backlash import linearised, lost_motion
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting, back, passed, transform
+from station.diagnosis.stacked import some
 from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
@@ -60,15 +61,16 @@ def corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
     """A signal with its instrument's errors taken out."""
     if found is None:
         return x
-    if found.bias:
+    if some(found.bias):
         x = x - found.bias
-    if found.latency or found.lag:
+    if some(found.latency) or some(found.lag):
         w = s.omega
         inverse = np.exp(1j * w * found.latency)
-        if found.lag:
-            inverse = inverse * (1 + 1j * w * found.lag) * passed(w, CORRECTION_STOP_HZ)
+        if some(found.lag):
+            stop = np.where(np.equal(found.lag, 0), 1.0, passed(w, CORRECTION_STOP_HZ))
+            inverse = inverse * (1 + 1j * w * found.lag) * stop
         x = back(transform(x, s) * inverse, s)
-    if found.gain != 1:
+    if some(found.gain - 1):
         x = x / found.gain
     if found.cubic:
         x = linearised(x, found.cubic)

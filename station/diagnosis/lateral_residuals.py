@@ -38,6 +38,7 @@ from station.diagnosis.processing import (
 )
 from station.diagnosis.residuals import GUST_PASS_HZ, Signals, both_spectra
 from station.diagnosis.series_spectra import Spectra
+from station.diagnosis.stacked import joined, together
 from station.model import coefficients
 from station.numerics.second_order import second_order_response
 from station.profile import NO_BOOM, Aircraft
@@ -91,7 +92,7 @@ def lateral_series(
 ) -> Array:
     """The seven differences (..., 7, n) for one candidate; `unseen` and `memo` as residuals.series has them."""
     x, motion, flow, _ = _stages(signals, aircraft, s, unseen, memo or Memo())
-    return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft)], axis=-2)
+    return joined([_kinematic(motion, flow), _forces(x, motion, flow, aircraft)])
 
 
 def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo) -> Spectra:
@@ -101,7 +102,7 @@ def lateral_spectra(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Un
 
 
 def _kinematic(motion: _Motion, flow: _Flow) -> Array:
-    return np.concatenate([motion.differences, flow.vane[..., None, :]], axis=-2)
+    return joined([motion.differences, flow.vane[..., None, :]])
 
 
 def _stages(
@@ -125,12 +126,7 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, drift: float
     sin, cos, sin_b, cos_b = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
     turning = (q * sin_b + r * cos_b) / cos
     turned = integral(turning, s)
-    out = np.zeros((*p.shape[:-1], 3, s.n))
-    out[..., 0, :] = phi - integral(p + turning * sin, s)
-    heading = turned
-    if "psi" in x:
-        heading = x["psi"]
-        out[..., 1, :] = heading - turned
+    heading = x.get("psi", turned)
     off = heading - heading.mean(-1, keepdims=True)
     forward = ax * cos + (ay * sin_b + az * cos_b) * sin
     sideways = ay * cos_b - az * sin_b
@@ -138,9 +134,10 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, drift: float
     driven = integral(forward * np.cos(off) - sideways * np.sin(off), s)
     if "v_across" in x:
         across = between_fresh(x["v_across"], pushed, s.held.get("v_across"))
-        out[..., 2, :] = across - pushed
+        aside = across - pushed
     else:
-        across = without_line(pushed)
+        across, aside = without_line(pushed), np.zeros_like(pushed)
+    out = together([phi - integral(p + turning * sin, s), heading - turned, aside])
     across = across - across.mean(-1, keepdims=True)
     along = between_fresh(x["v_ahead"], driven, s.held.get("v_ahead")) if "v_ahead" in x else without_line(driven)
     speed = x["airspeed"].mean(-1, keepdims=True)
@@ -187,7 +184,8 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     own, span = aircraft.inertia, aircraft.geometry.span
     p, q, r = x["p"], x["q"], x["r"]
     force = x["dynamic_pressure"] * aircraft.geometry.wing_area
-    inertia = (own.ixx or 1.0, own.iyy or 1.0, own.izz or 1.0, own.ixz)
+    ixx, iyy, izz = (1.0 if i is None else i for i in (own.ixx, own.iyy, own.izz))
+    inertia = (ixx, iyy, izz, own.ixz)
     roll, yaw = coefficients.roll_and_yaw_moment(inertia, (p, q, r), motion.pdot, motion.rdot)
     shown = (own.mass * motion.ay / force, roll / (force * span), yaw / (force * span))
     reference = aircraft.reference_speed or motion.speed
@@ -201,4 +199,4 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         sum((aircraft.value(f"{c}_{name}") * y for name, y in by.items()), aircraft.value(f"{c}_0") + share * flow.late)
         for c, share in zip(COEFFICIENTS, apart, strict=True)
     ]
-    return np.stack([a - b for a, b in zip(shown, made, strict=True)], axis=-2)
+    return together([a - b for a, b in zip(shown, made, strict=True)])

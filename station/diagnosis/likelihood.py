@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from station.diagnosis.air_data import Unseen
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers, solution
-from station.diagnosis.corrections import air_data_timing
 from station.diagnosis.effects import BY_ID, extended
+from station.diagnosis.finite_differences import Differences, Move, unseen_differences
 from station.diagnosis.free_parameters import STEP, Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.memo import Memo
@@ -174,7 +174,7 @@ class Problem:
         for t in terms:
             at = s.values.get(t.id, t.null)
             h = t.step if at + t.step <= t.high else -t.step
-            moves.append((extended(here, {**s.values, t.id: at + h}), h, True))
+            moves.append(Move(extended(here, {**s.values, t.id: at + h}), h))
         return self._slopes(s, moves)
 
     def free_slopes(self, s: State, rough: bool = False) -> list[Slopes]:
@@ -186,16 +186,11 @@ class Problem:
                 for i, f in enumerate(self.frees)
             ],
         )
-        craft, count = self.aircraft_at(s.values, s.a), self.unseen_sd.size
-        out = []
-        for k, (m, own) in enumerate(zip(self.manoeuvres, made, strict=True)):
-            z = s.spectra[k]
-            bins, steady = np.zeros((count, *z.bins.shape), dtype=complex), np.zeros((count, len(z.steady)))
-            for i in range(k, count, len(self.manoeuvres)):
-                there = s.a.copy()
-                there[len(self.frees) + i] += STEP
-                moved_ = m.differences(craft, self._unseen(there)[k]).minus(z)
-                bins[i], steady[i] = moved_.bins / STEP, moved_.steady / STEP
+        craft, count, out = self.aircraft_at(s.values, s.a), self.unseen_sd.size, []
+        for k, (m, own, here) in enumerate(zip(self.manoeuvres, made, self._unseen(s.a), strict=True)):
+            air = unseen_differences(m, craft, here, STEP * self.unseen_sd[:, k])
+            bins, steady = (np.zeros((count, *x.shape[1:]), dtype=x.dtype) for x in (air.bins, air.steady))
+            bins[k :: len(made)], steady[k :: len(made)] = air.bins / STEP, air.steady / STEP
             none = np.zeros((count, *own.response.shape[1:]), dtype=complex)
             out.append(Slopes(bins, steady, none).after(own))
         return out
@@ -211,36 +206,18 @@ class Problem:
             there.bins[own], there.steady[own], there.response[own] = here.bins, here.steady, here.response
         return made
 
-    def _moved(self, s: State, i: int, of_noise: bool) -> tuple[Aircraft, float, bool]:
-        """For `_slopes`, one free parameter moved, in prior standard deviations."""
+    def _moved(self, s: State, i: int, of_noise: bool) -> Move:
+        """One free parameter moved, in prior standard deviations."""
         there, step = s.a.copy(), self.frees[i].step
         step = step if s.a[i] + step <= self.frees[i].ends[1] else -step
         there[i] += step
-        return self.aircraft_at(s.values, there), step, of_noise
+        return Move(self.aircraft_at(s.values, there), step, of_noise)
 
-    def _slopes(self, s: State, moves: Sequence[tuple[Aircraft, float, bool] | None]) -> list[Slopes]:
-        """By finite differences: each aircraft, how far it is moved, and whether the noise depends on that; None moves
-        nothing. What answers the gusts that nothing measures stays: the flight has the answer of the aircraft that
-        flew, and no candidate's slopes change that."""
-        out = []
-        unseen, timing = self._unseen(s.a), air_data_timing(self.aircraft_at(s.values, s.a))
-        for k, m in enumerate(self.manoeuvres):
-            z, r = s.spectra[k], s.responses[k][m.grouped.pick]
-            bins = np.zeros((len(moves), *z.bins.shape), dtype=complex)
-            steady = np.zeros((len(moves), len(z.steady)))
-            response = np.zeros((len(moves), *r.shape), dtype=complex)
-            for i, move in enumerate(moves):
-                if move is None:
-                    continue
-                craft, h, of_noise = move
-                there = m.differences(craft, unseen[k]).minus(z)
-                bins[i], steady[i] = there.bins / h, there.steady / h
-                if of_noise:
-                    response[i] = (m.responses(craft, m.grouped.pick, s.flown) - r) / h
-                    if air_data_timing(craft) != timing:  # of a lag, see Manoeuvre.smoothed
-                        response[i][..., m.smoothed] = 0.0
-            out.append(Slopes(bins, steady, response))
-        return out
+    def _slopes(self, s: State, moves: Sequence[Move | None]) -> list[Slopes]:
+        """By manoeuvre."""
+        differences = Differences(self.aircraft_at(s.values, s.a), moves)
+        every = enumerate(zip(self.manoeuvres, self._unseen(s.a), strict=True))
+        return [differences.of(m, s, k, unseen) for k, (m, unseen) in every]
 
     def normal(self, s: State, slopes: Sequence[Slopes]) -> Normal:
         """Normal equations of Q at a state, for the parameters of `slopes`."""

@@ -102,7 +102,8 @@ class Manoeuvre:
     def loaded(self, aircraft: Aircraft) -> Aircraft:
         """An aircraft in the record's air and with its loading."""
         own = aircraft.inertia
-        update = {"mass": own.mass * self.loading[0], "iyy": (own.iyy or 1.0) * self.loading[1]}
+        iyy = 1.0 if own.iyy is None else own.iyy
+        update = {"mass": own.mass * self.loading[0], "iyy": iyy * self.loading[1]}
         return aircraft.model_copy(
             update={"air_density": self.record.density, "inertia": own.model_copy(update=update)}
         )

@@ -21,9 +21,13 @@ class Memo:
         self._kept: dict[str, dict[Hashable, Any]] = {}
 
     def get(self, stage: str, key: Hashable, make: Callable[[], T]) -> T:
-        """The stage for a key, made where it is not there."""
+        """The stage for a key, made where it is not there; of a key with columns in it (stacked.py), each time."""
         kept = self._kept.setdefault(stage, {})
-        if key not in kept:
+        try:
+            there = key in kept
+        except TypeError:
+            return make()
+        if not there:
             if len(kept) >= _KEPT.get(stage, len(kept) + 1):
                 del kept[next(iter(kept))]
             kept[key] = make()

@@ -52,10 +52,13 @@ class Share:
     slow: Array
     """(n,) slow noise of the size assumed, over the spectrum."""
 
-    def at(self, frequencies: Array, noise: float = 0.0) -> Array:
-        """From LEAST_SHARE to 1, at `frequencies`, Hz; the slow noise's variance is exp(`noise`) times that assumed."""
-        rest = 1 - self.known - math.exp(min(noise, ALL_NOISE)) * self.slow
-        return np.asarray(np.interp(frequencies, self.frequencies, np.clip(rest, LEAST_SHARE, 1.0)))
+    def at(self, frequencies: Array, noise: float | Array = 0.0) -> Array:
+        """From LEAST_SHARE to 1, at `frequencies`, Hz; the slow noise's variance is exp(`noise`) times that assumed, a
+        number or a column (p, 1)."""
+        rest = np.clip(1 - self.known - np.exp(np.minimum(noise, ALL_NOISE)) * self.slow, LEAST_SHARE, 1.0)
+        if rest.ndim == 1:
+            return np.asarray(np.interp(frequencies, self.frequencies, rest))
+        return np.stack([np.interp(frequencies, self.frequencies, row) for row in rest])
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +163,8 @@ def back(x: Complex, s: Setting) -> Array:
     return out
 
 
-def passed(omega: Array, band: tuple[float, float]) -> Array:
-    """1 below the first frequency (Hz), 0 above the second, half a cosine between."""
+def passed(omega: Array, band: tuple[float | Array, float | Array]) -> Array:
+    """1 below the first frequency (Hz), 0 above the second, half a cosine between; of columns (..., 1), (..., n)."""
     part = np.clip((omega / (2 * np.pi) - band[0]) / (band[1] - band[0]), 0, 1)
     out: Array = 0.5 + 0.5 * np.cos(np.pi * part)
     return out

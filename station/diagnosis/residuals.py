@@ -42,6 +42,7 @@ from station.diagnosis.processing import (
 )
 from station.diagnosis.series_spectra import Spectra, spectra
 from station.diagnosis.span_lags import span_response
+from station.diagnosis.stacked import joined, some, together
 from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
@@ -139,7 +140,7 @@ def series(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen = ST
     """
     memo = memo or Memo()
     x, motion, flow, _ = _stages(signals, aircraft, s, unseen, memo)
-    return np.concatenate([_kinematic(motion, flow), _forces(x, motion, flow, aircraft, s)], axis=-2)
+    return joined([_kinematic(motion, flow), _forces(x, motion, flow, aircraft, s)])
 
 
 def series_spectra(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo) -> Spectra:
@@ -153,8 +154,8 @@ def both_spectra(kinematic: Callable[[], Array], forces: Array, s: Setting, memo
     count = sum(j < LIFT for j in s.judged)
     first = memo.get("spectra", key, lambda: spectra(kinematic(), s, s.judged[:count]))
     last = spectra(forces, s, tuple(j - LIFT for j in s.judged[count:]), False)
-    bins = np.concatenate([first.bins, last.bins], axis=-2)
-    return Spectra(bins, np.concatenate([first.steady, last.steady], axis=-1))
+    bins = joined([first.bins, last.bins])
+    return Spectra(bins, joined([first.steady, last.steady], -1))
 
 
 def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> Array:
@@ -164,7 +165,7 @@ def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> 
 
 
 def _kinematic(motion: _Motion, flow: _Flow) -> Array:
-    return np.concatenate([motion.differences, flow.vane[..., None, :]], axis=-2)
+    return joined([motion.differences, flow.vane[..., None, :]])
 
 
 def _stages(
@@ -193,7 +194,7 @@ def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, noise: flo
     qdot = rate(q, s)
     p, r = x.get("p", 0.0), x.get("r", 0.0)
     # Roll and yaw acceleration matter to these two axes only where the imu is beside the plane of symmetry.
-    pdot, rdot = (rate(x[n], s) if imu[1] and n in x else 0.0 for n in ("p", "r"))
+    pdot, rdot = (rate(x[n], s) if some(imu[1]) and n in x else 0.0 for n in ("p", "r"))
     ax, _, az = coefficients.specific_force_at_cg((x["ax"], 0.0, x["az"]), (p, q, r), (pdot, qdot, rdot), imu)
     bank = x.get("phi")
     turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
@@ -207,12 +208,9 @@ def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, noise: flo
         down = between_fresh(x["v_down"], climb, s.held.get("v_down"))
     own = own_motion(x["airspeed"], along, down, s)
     v, pressure = air_data(x["airspeed"], x["dynamic_pressure"], own, s, noise)
-    out = np.zeros((*q.shape[:-1], 3, s.n))
-    out[..., THETA, :] = theta - integral(turned, s)
-    out[..., DOWN, :] = down - climb
     ground = between_fresh(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
-    if ground is not None:
-        out[..., NORTH, :] = ground - along
+    north = np.zeros_like(along) if ground is None else ground - along
+    out = together([theta - integral(turned, s), down - climb, north])
     base = own_speed(v, along, s) if ground is None else ground
     base, mean = base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True)
     return _Motion(q, qdot, ax, az, out, theta, down, base, ground is not None, mean, v, pressure, own)
@@ -252,12 +250,12 @@ def _shown(
     turned_boom = at_places(-at_boom * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s), again)
     upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * path.along
     upwash = at_places(back(upwash_spectrum + path.turned_mean + gust_upwash * path.turned_moving, s), again)
-    if boom.vane_y and "p" in x:
+    if some(boom.vane_y) and "p" in x:
         sinking = sinking - x["p"] * boom.vane_y
     inside = (1 + boom.upwash_body) * (path.alpha_i - sinking / path.inertial + turned_boom) + boom.upwash_wing * upwash
     shown = transform(inside, s)
     given: float | Complex = 1.0
-    if boom.flexure or boom.tip_load:
+    if some(boom.flexure) or some(boom.tip_load):
         bend, load = _bending(boom, w, v0), motion.az
         if boom.mode_frequency is not None:
             load = load - motion.qdot * boom.vane_x
@@ -265,9 +263,10 @@ def _shown(
         shown = shown * given + transform(boom.flexure * load, s) * bend
     vane = x["alpha_vane"] - back(shown * vane_response, s) - boom.zero
     ahead = np.exp(1j * w * aircraft.gust_edge / v0)
-    averaged, slow = np.zeros((w / v0).shape, dtype=complex), w < 2 * np.pi * GUST_PASS_HZ[1]  # as fast as is passed
-    span = unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut
-    averaged[..., slow] = memo.get("span", (span, v0.tobytes()), lambda: span_response(*span, (w / v0)[..., slow]))
+    span, slow = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut), w < 2 * np.pi * GUST_PASS_HZ[1]
+    passing = memo.get("span", (span, v0.tobytes()), lambda: span_response(*span, (w / v0)[..., slow]))
+    averaged = np.zeros((*passing.shape[:-1], len(w)), dtype=complex)
+    averaged[..., slow] = passing  # no faster than is passed
     met = (1 + boom.upwash_body) * np.exp(1j * w * boom.gust_x / v0)
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     told = 1.0 if s.gust_share is None else s.gust_share.at(w / (2 * np.pi))
@@ -287,10 +286,9 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting, up: float)
         steps = 1j * w * (unsteady.reference_chord or aircraft.geometry.chord) / v0
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
         gust_lift = frequency_response(response(unsteady.lift_gust), steps)
+        met = transform(_swinging(back(gust_lift * shown.gust_wing, s), slower, lasting), s)
         wing = frequency_response(response(unsteady.lift_motion), steps) * path.along + path.turned_mean
-        wing += gust_lift * path.turned_moving + transform(
-            _swinging(back(gust_lift * shown.gust_wing, s), slower, lasting), s
-        )
+        wing = wing + (gust_lift * path.turned_moving + met)
         # Wing and tail average gusts along their span, and follow them that much later.
         gust_tail = shown.gust / (1 + 1j * w * unsteady.gust_span_tail / v0)
         turned_tail = transform(-path.moved * back(path.surging * np.exp(-1j * w * unsteady.tail_arm / v0), s), s)
@@ -317,7 +315,7 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     q, ax, az, de, v, qbar = motion.q, motion.ax, motion.az, x["elevator"], motion.airspeed, motion.pressure
     value, unsteady = aircraft.value, aircraft.unsteady
     area, chord = aircraft.geometry.wing_area, aircraft.geometry.chord
-    mass, inertia = aircraft.inertia.mass, aircraft.inertia.iyy or 1.0
+    mass, inertia = aircraft.inertia.mass, 1.0 if aircraft.inertia.iyy is None else aircraft.inertia.iyy
     thrust = x.get("thrust", s.thrust)
     alpha = flow.alpha_i + flow.gust
     force = qbar * area
@@ -332,13 +330,13 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
     reference = aircraft.reference_speed or motion.mean_speed
     qhat = 0.5 * q * chord / (reference if aircraft.rate_reference == "fixed" else v)
     faster: float | Array = 0.0
-    if value("CL_V") or value("Cm_V") or value("CD_V"):
-        spans = float(np.mean(motion.mean_speed)) / aircraft.geometry.span
+    if any(some(value(name)) for name in ("CL_V", "Cm_V", "CD_V")):
+        spans = motion.mean_speed / aircraft.geometry.span
         passing = passed(s.omega, (spans / SPEED_SPANS[0], spans / SPEED_SPANS[1]))
         faster = back(transform(v, s) * passing, s) / reference
     cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
     cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de
-    if value("CL_gust") or value("Cm_gust"):
+    if some(value("CL_gust")) or some(value("Cm_gust")):
         cl_model = cl_model + value("CL_gust") * flow.gust
         cm_model = cm_model + value("Cm_gust") * flow.gust
     cl_slope, cm_slope, cl_q, cm_q = value("CL_alpha"), value("Cm_alpha"), value("CL_q"), value("Cm_q")
@@ -347,17 +345,17 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         tail = share * (flow.tail + q * unsteady.tail_arm / v)
         cl_model = cl_model + (cl_slope - share * (1 - e)) * flow.wing + tail
         cm_model = cm_model + (cm_slope + share * arm * (1 - e)) * flow.wing - arm * tail
-        cl_q -= 2 * share * arm * (1 + e)
-        cm_q += 2 * share * arm**2 * (1 + e)
+        cl_q = cl_q - 2 * share * arm * (1 + e)
+        cm_q = cm_q + 2 * share * arm**2 * (1 + e)
     else:
         cl_model = cl_model + cl_slope * alpha
         cm_model = cm_model + cm_slope * alpha
     cl_model = cl_model + cl_q * qhat
     cm_model = cm_model + cm_q * qhat
     for power in (2, 3):
-        for name, bent in (("CL", cl_model), ("Cm", cm_model)):
-            if value(f"{name}_alpha{power}"):
-                bent += value(f"{name}_alpha{power}") * alpha**power
+        for_lift, for_moment = value(f"CL_alpha{power}"), value(f"Cm_alpha{power}")
+        if some(for_lift) or some(for_moment):
+            cl_model, cm_model = cl_model + for_lift * alpha**power, cm_model + for_moment * alpha**power
     if aircraft.drag is not None:
         cd_model = aircraft.drag.zero_lift + aircraft.drag.induced * cl * cl
     else:
@@ -368,7 +366,7 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         cm_model = cm_model + leaving.Cm_X * (1 - along)
         cd_model = cd_model + leaving.CD_X * (1 - along)
 
-    return np.stack([cl - cl_model, cm - cm_model, cd - cd_model], axis=-2)
+    return together([cl - cl_model, cm - cm_model, cd - cd_model])
 
 
 def _vane_response(boom: Boom, omega: Array) -> Complex:
@@ -378,6 +376,6 @@ def _vane_response(boom: Boom, omega: Array) -> Complex:
 def _bending(boom: Boom, omega: Array, speed: Array) -> Complex:
     """The vane's response to a load that would flex the boom by an angle of 1: the mode also moves the tip."""
     if boom.mode_frequency is None:
-        return np.full(len(omega), boom.mode_turn, dtype=complex)
+        return np.asarray(boom.mode_turn * np.ones(len(omega), dtype=complex))
     bent = second_order_response(boom.mode_frequency, boom.mode_damping, 1j * omega)
     return np.asarray(bent * (boom.mode_turn - 1j * omega * boom.mode_length / speed), dtype=complex)

@@ -115,31 +115,32 @@ def responses(trim: Trim, aircraft: Aircraft, bins: Array) -> Complex:
     these are not fed with what the vane shows (Setting.gust_share)."""
     rows = list(trim.setting.judged)
     fed = replace(trim.setting, gust_share=None)
-    there = trim.axis.series_of(trim.moved, aircraft, fed, STILL, trim.memo)[:, rows, :]
-    shown = fft.rfft(there[:-1] - there[-1], axis=-1)[..., trim.lines] / trim.given[:, None, :]
+    there = trim.axis.series_of(trim.moved, aircraft, fed, STILL, trim.memo)[..., rows, :]
+    moved = there[..., :-1, :, :] - there[..., -1:, :, :]
+    shown = fft.rfft(moved, axis=-1)[..., trim.lines] / trim.given[:, None, :]
     # Integrals fall with frequency: between the lines the products with it are the straighter.
     f = trim.frequencies
-    out = np.empty((len(bins), len(rows), len(trim.sensors) + 1), dtype=complex)
+    out = np.empty((*there.shape[:-3], len(bins), len(rows), len(trim.sensors) + 1), dtype=complex)
     scaled = shown * f
     place = np.clip(np.searchsorted(f, bins) - 1, 0, len(f) - 2)
     share = (bins - f[place]) / (f[place + 1] - f[place])
     mixed = scaled[..., place] * (1 - share) + scaled[..., place + 1] * share
-    out[..., :-1] = np.moveaxis(mixed / bins, -1, 0).swapaxes(1, 2)
+    out[..., :-1] = np.moveaxis(mixed / bins, -1, -3).swapaxes(-1, -2)
     out[..., -1] = 0.0
     if VANE in rows:
         # As the vane shows it, less what is taken out of the vane by the lift that the gust itself makes: were it 1, a
         # vane scaled down, or a boom that bends with the load, would seem to leave less of a gust to explain.
         vane, lift = rows.index(VANE), rows.index(LIFT)
         at = trim.sensors.index(trim.axis.heads[VANE])
-        out[:, vane, -1] = out[:, vane, at]
+        out[..., vane, -1] = out[..., vane, at]
         if trim.axis.load:
             load = trim.sensors.index(trim.axis.load)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a candidate far beyond any aircraft
-                out[:, vane, -1] -= out[:, vane, load] * out[:, lift, at] / out[:, lift, load]
+                out[..., vane, -1] -= out[..., vane, load] * out[..., lift, at] / out[..., lift, load]
         if (told := trim.setting.gust_share) is not None:
             forces = slice(lift, None)
-            answer = out[:, forces, at] / out[:, vane, None, at]
-            out[:, forces] -= ((1 - told.at(bins))[:, None] * answer)[..., None] * out[:, None, vane]
+            answer = out[..., forces, at] / out[..., vane, None, at]
+            out[..., forces, :] -= ((1 - told.at(bins))[:, None] * answer)[..., None] * out[..., None, vane, :]
     return out
 
 

@@ -28,10 +28,13 @@ class Response(NamedTuple):
 
 
 def response(indicial: Indicial | None) -> Response:
-    """As the profile has it."""
-    made = Response(len(indicial.a) if indicial else 0, np.zeros(MOST_TERMS), np.zeros(MOST_TERMS))
-    if indicial is not None:
-        made.a[: made.n], made.b[: made.n] = indicial.a, indicial.b
+    """As the profile has it; of amplitudes or rates that are columns, (MOST_TERMS, p, 1)."""
+    if indicial is None:
+        return Response(0, np.zeros(MOST_TERMS), np.zeros(MOST_TERMS))
+    shape = np.broadcast_shapes(*(np.shape(x) for x in (*indicial.a, *indicial.b)))
+    made = Response(len(indicial.a), np.zeros((MOST_TERMS, *shape)), np.zeros((MOST_TERMS, *shape)))
+    for j, (a, b) in enumerate(zip(indicial.a, indicial.b, strict=True)):
+        made.a[j], made.b[j] = a, b
     return made
 
 

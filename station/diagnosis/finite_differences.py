@@ -1,0 +1,91 @@
+"""Slopes by finite differences: of residual spectra, and of the noise's way into them, for many moved aircraft."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from station.diagnosis.air_data import Unseen
+from station.diagnosis.candidate import Slopes, State
+from station.diagnosis.corrections import air_data_timing
+from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.series_spectra import Spectra
+from station.diagnosis.stacked import stacked, stacks
+from station.profile import Aircraft
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One parameter moved."""
+
+    aircraft: Aircraft
+    step: float
+    """How far, in the parameter's unit."""
+    of_noise: bool = True
+    """Whether the noise's way into the residuals depends on it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pass:
+    """Moves that are made at once: the first row of a stack is the aircraft not moved; of one alone there is none."""
+
+    places: list[int]
+    series: Aircraft
+    noisy: list[int]
+    noise: Aircraft | None
+    """For signals with an axis more: the sensors', one moved after the other."""
+
+
+class Differences:
+    """Of aircraft moved from `here`; None moves nothing."""
+
+    def __init__(self, here: Aircraft, moves: Sequence[Move | None]) -> None:
+        self.moves = moves
+        moved = {i: m for i, m in enumerate(moves) if m}
+        at = list(moved)
+        timing = air_data_timing(here)
+        self._retimed = [i for i, m in moved.items() if air_data_timing(m.aircraft) != timing]
+        self._passes = []
+        for group in stacks([moved[i].aircraft for i in at], here):
+            places = [at[j] for j in group]
+            noisy = [i for i in places if moved[i].of_noise]
+            self._passes.append(
+                _Pass(places, self._stack(here, places, 1), noisy, self._stack(here, noisy, 2) if noisy else None)
+            )
+
+    def _stack(self, here: Aircraft, places: Sequence[int], axes: int) -> Aircraft:
+        rows = [m.aircraft for i in places if (m := self.moves[i])]
+        return rows[0] if len(rows) == 1 else stacked([here, *rows], axes)
+
+    def of(self, m: Manoeuvre, s: State, k: int, unseen: Unseen) -> Slopes:
+        """Per unit of each parameter, of manoeuvre `k` of a state. What answers the gusts that nothing measures stays:
+        the flight has the answer of the aircraft that flew, and no candidate's slopes change that."""
+        z, r, count = s.spectra[k], s.responses[k][m.grouped.pick], len(self.moves)
+        bins = np.zeros((count, *z.bins.shape), dtype=complex)
+        steady = np.zeros((count, len(z.steady)))
+        response = np.zeros((count, *r.shape), dtype=complex)
+        for p in self._passes:
+            there = m.differences(p.series, unseen)
+            alone = len(p.places) == 1
+            bins[p.places] = there.bins - z.bins if alone else there.bins[1:] - there.bins[0]
+            steady[p.places] = there.steady - z.steady if alone else there.steady[1:] - there.steady[0]
+            if p.noise is not None:
+                shown = m.responses(p.noise, m.grouped.pick, s.flown)
+                response[p.noisy] = shown - r if len(p.noisy) == 1 else shown[1:] - shown[0]
+        for i in self._retimed:  # lags', see Manoeuvre.smoothed
+            response[i][..., m.smoothed] = 0.0
+        steps = np.array([m.step if m else 1.0 for m in self.moves])
+        return Slopes(bins / steps[:, None, None], steady / steps[:, None], response / steps[:, None, None, None])
+
+
+def unseen_differences(m: Manoeuvre, aircraft: Aircraft, here: Unseen, steps: Array) -> Spectra:
+    """What each of `steps` (k,) in the first of what is unseen changes, (k, ...)."""
+    rows = np.tile(np.array(here), (len(steps) + 1, 1))
+    rows[np.arange(1, len(rows)), np.arange(len(steps))] += steps
+    there = m.differences(aircraft, Unseen(*rows.T[:, :, None]))
+    return Spectra(there.bins[1:] - there.bins[0], there.steady[1:] - there.steady[0])
