@@ -134,10 +134,10 @@ def _motion(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, drift: float
     driven = integral(forward * np.cos(off) - sideways * np.sin(off), s)
     if "v_across" in x:
         across = between_fresh(x["v_across"], pushed, s.held.get("v_across"))
-        aside = across - pushed
+        drifted = across - pushed
     else:
-        across, aside = without_line(pushed), np.zeros_like(pushed)
-    out = together([phi - integral(p + turning * sin, s), heading - turned, aside])
+        across, drifted = without_line(pushed), np.zeros_like(pushed)
+    out = together([phi - integral(p + turning * sin, s), heading - turned, drifted])
     across = across - across.mean(-1, keepdims=True)
     along = between_fresh(x["v_ahead"], driven, s.held.get("v_ahead")) if "v_ahead" in x else without_line(driven)
     speed = x["airspeed"].mean(-1, keepdims=True)
