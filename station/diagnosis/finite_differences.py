@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from station.diagnosis.stacked import stacked, stacks
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
+T = TypeVar("T", np.float64, np.complex128)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +72,12 @@ class Differences:
         steady = np.zeros((count, len(z.steady)))
         response = np.zeros((count, *r.shape), dtype=complex)
         for p in self._passes:
-            there = m.differences(p.series, unseen)
-            alone = len(p.places) == 1
-            bins[p.places] = there.bins - z.bins if alone else there.bins[1:] - there.bins[0]
-            steady[p.places] = there.steady - z.steady if alone else there.steady[1:] - there.steady[0]
+            there, alone = m.differences(p.series, unseen), len(p.places) == 1
+            bins[p.places] = there.bins - z.bins if alone else _changes(there.bins, z.bins.ndim)
+            steady[p.places] = there.steady - z.steady if alone else _changes(there.steady, z.steady.ndim)
             if p.noise is not None:
                 shown = m.responses(p.noise, m.grouped.pick, s.flown)
-                response[p.noisy] = shown - r if len(p.noisy) == 1 else shown[1:] - shown[0]
+                response[p.noisy] = shown - r if len(p.noisy) == 1 else _changes(shown, r.ndim)
         for i in self._retimed:  # lags', see Manoeuvre.smoothed
             response[i][..., m.smoothed] = 0.0
         steps = np.array([m.step if m else 1.0 for m in self.moves])
@@ -88,4 +89,10 @@ def unseen_differences(m: Manoeuvre, aircraft: Aircraft, here: Unseen, steps: Ar
     rows = np.tile(np.array(here), (len(steps) + 1, 1))
     rows[np.arange(1, len(rows)), np.arange(len(steps))] += steps
     there = m.differences(aircraft, Unseen(*rows.T[:, :, None]))
-    return Spectra(there.bins[1:] - there.bins[0], there.steady[1:] - there.steady[0])
+    return Spectra(_changes(there.bins, 2), _changes(there.steady, 1))
+
+
+def _changes(rows: NDArray[T], own: int) -> NDArray[T]:
+    """From the first of the rows to each other; none where what is moved shows in nothing judged, and the rows, of
+    `own` axes, are one."""
+    return rows[1:] - rows[0] if rows.ndim > own else 0 * rows

@@ -17,7 +17,7 @@ from station.diagnosis.free_parameters import moved
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.stacked import MOST, stacked, stacks
 from station.profile import Aircraft, load_aircraft
-from station.profile.profile_changes import backlash, boom_mode, derivative, separation
+from station.profile.profile_changes import backlash, boom_mode, derivative, separation, zero_lift_drag
 
 ROUNDING = 1e-9
 """Of the residuals: double precision leaves 1e-13 of them."""
@@ -89,6 +89,15 @@ def test_what_is_unseen_moves_the_series_as_one_by_one(case):
         there = m.differences(case.here, Unseen(*values.tolist())).minus(z)
         assert np.abs(got.bins[i] - there.bins).max() < ROUNDING * np.abs(z.bins).max()
         assert np.abs(got.bins[i]).max() > 100 * ROUNDING * np.abs(z.bins).max()
+
+
+def test_what_shows_in_no_series_judged_changes_nothing(case):
+    """As drag does not across the flight, nor along it without a recorded thrust."""
+    problem, s = case.problem, case.problem.state({}, case.a)
+    moves = [Move(zero_lift_drag(case.here, 0.001 * k), 0.001 * k) for k in (1, 2, 3)]
+    got = Differences(case.here, moves).of(problem.manoeuvres[0], s, 0, problem._unseen(case.a)[0])
+    drag = problem.axis.series[-1] == "drag" and problem.manoeuvres[0].place("drag") is not None
+    assert np.abs(got.bins).any() == np.abs(got.steady).any() == drag
 
 
 def test_aircraft_of_another_kind_come_by_themselves():
