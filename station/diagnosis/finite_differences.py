@@ -44,7 +44,7 @@ class _Pass:
 
 
 class Differences:
-    """Of aircraft moved from `here`; None moves nothing."""
+    """Slopes at `here`, from aircraft that are moved by one parameter each; of a move that is None they are 0."""
 
     def __init__(self, here: Aircraft, moves: Sequence[Move | None]) -> None:
         self.moves = moves
@@ -72,9 +72,9 @@ class Differences:
         steady = np.zeros((count, len(z.steady)))
         response = np.zeros((count, *r.shape), dtype=complex)
         for p in self._passes:
-            there, alone = m.differences(p.series, unseen), len(p.places) == 1
-            bins[p.places] = there.bins - z.bins if alone else _changes(there.bins, z.bins.ndim)
-            steady[p.places] = there.steady - z.steady if alone else _changes(there.steady, z.steady.ndim)
+            there = m.differences(p.series, unseen)
+            moved = there.minus(z) if len(p.places) == 1 else _of_rows(there)
+            bins[p.places], steady[p.places] = moved.bins, moved.steady
             if p.noise is not None:
                 shown = m.responses(p.noise, m.grouped.pick, s.flown)
                 response[p.noisy] = shown - r if len(p.noisy) == 1 else _changes(shown, r.ndim)
@@ -85,14 +85,17 @@ class Differences:
 
 
 def unseen_differences(m: Manoeuvre, aircraft: Aircraft, here: Unseen, steps: Array) -> Spectra:
-    """What each of `steps` (k,) in the first of what is unseen changes, (k, ...)."""
+    """Changes (k, ...) of the spectra, by `steps` (k,) of one field of Unseen each, the first k of them."""
     rows = np.tile(np.array(here), (len(steps) + 1, 1))
     rows[np.arange(1, len(rows)), np.arange(len(steps))] += steps
-    there = m.differences(aircraft, Unseen(*rows.T[:, :, None]))
+    return _of_rows(m.differences(aircraft, Unseen(*rows.T[:, :, None])))
+
+
+def _of_rows(there: Spectra) -> Spectra:
     return Spectra(_changes(there.bins, 2), _changes(there.steady, 1))
 
 
 def _changes(rows: NDArray[T], own: int) -> NDArray[T]:
-    """From the first of the rows to each other; none where what is moved shows in nothing judged, and the rows, of
-    `own` axes, are one."""
+    """From the first row to each other, of `own` axes. What shows in nothing judged leaves one row without an axis for
+    rows: no change."""
     return rows[1:] - rows[0] if rows.ndim > own else 0 * rows

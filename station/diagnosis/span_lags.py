@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -19,12 +18,24 @@ SPAN_NODES: Final = 48
 """Exact to 1e-6 for lags that turn a gust by up to 60 rad."""
 
 
-def span_response(length: float, shape: float, cut: float, wave: Array) -> Complex:
+def span_response(length: float | Array, shape: float | Array, cut: float | Array, wave: Array) -> Complex:
     """What a span makes of gusts of `wave` rad/m: the transform of a beta distribution of lags (Pearson 1895, type I)
     with the mean `length` (m), the longest length/`cut`, and `shape` of the variance of lags that thin out from the
-    first on; without end a gamma distribution. Each may be a column, (p, 1) or (p, 1, 1)."""
-    if wave.ndim > 1 or any(isinstance(x, np.ndarray) for x in (length, shape, cut)):
-        return _by_row((length, shape, cut), wave)
+    first on; without end a gamma distribution. `wave` (..., n); the others numbers or columns (..., 1)."""
+    lead = np.broadcast_shapes(wave.shape, *(np.shape(x) for x in (length, shape, cut)))[:-1]
+    columns = [np.broadcast_to(np.asarray(x), (*lead, 1)).ravel().tolist() for x in (length, shape, cut)]
+    waves = np.broadcast_to(wave, (*lead, wave.shape[-1])).reshape(-1, wave.shape[-1])
+    made: dict[tuple[float, float, float, bytes], Complex] = {}
+    rows = []
+    for mean, spread, least, row in zip(*columns, waves, strict=True):
+        key = (mean, spread, least, row.tobytes())  # most rows are the same
+        if key not in made:
+            made[key] = _response(mean, spread, least, row)
+        rows.append(made[key])
+    return np.stack(rows).reshape(*lead, -1)
+
+
+def _response(length: float, shape: float, cut: float, wave: Array) -> Complex:
     endless = (1 + 1j * wave * length * shape) ** (-1 / shape)
     end = max(cut, LEAST_CUT)
     share = min(cut / end, 1.0)
@@ -34,21 +45,6 @@ def span_response(length: float, shape: float, cut: float, wave: Array) -> Compl
     lags, weights = _beta_nodes(a, a * (1 - end) / end)
     ended = np.exp(-1j * wave[..., None] * (length / end) * lags) @ weights
     return np.asarray((1 - share) * endless + share * ended, dtype=complex)
-
-
-def _by_row(columns: Sequence[float | Array], wave: Array) -> Complex:
-    """Rows that are the same, as most are, once."""
-    lead = np.broadcast_shapes(wave.shape, *(np.shape(x) for x in columns))[:-1]
-    numbers = [np.broadcast_to(np.asarray(x), (*lead, 1)).ravel().tolist() for x in columns]
-    waves = np.broadcast_to(wave, (*lead, wave.shape[-1])).reshape(-1, wave.shape[-1])
-    made: dict[tuple[float, ...], Complex] = {}
-    out = np.empty(waves.shape, dtype=complex)
-    for k, (length, shape, cut) in enumerate(zip(*numbers, strict=True)):
-        key = (length, shape, cut, float(waves[k, -1]))  # all are multiples of the same frequencies
-        if key not in made:
-            made[key] = span_response(length, shape, cut, waves[k])
-        out[k] = made[key]
-    return out.reshape(*lead, -1)
 
 
 @lru_cache(maxsize=64)

@@ -21,7 +21,8 @@ Quantity = Any
 """A number, or a column of them."""
 
 MOST: Final = 16
-"""At a time: their series of a minute then fit into a processor's second cache."""
+"""Aircraft in a pass, at most: an array of their series of a minute is 200 kB, of which a processor's second cache
+holds a few. With twice as many a pass is no faster for each."""
 _PARTS: Final = ("instruments", "imu_offset", "boom", "unsteady", "fin")
 """Of an aircraft, what changes more than the coefficients."""
 _MISSING: Final = {"derivatives": Derivative(value=0.0), "instruments": Instrument()}
@@ -45,8 +46,8 @@ def joined(parts: Sequence[NDArray[T]], axis: int = -2) -> NDArray[T]:
 
 
 def stacks(aircraft: Sequence[Aircraft], about: Aircraft) -> Iterator[list[int]]:
-    """Places of aircraft that are stacked with `about`, MOST at most; those that cannot be, one by one. Apart by what
-    they change: all that comes before it in a pass is then made once."""
+    """Groups, by their places, of aircraft to be stacked with `about`: MOST at most, that change the same parts, so
+    that what comes before these is computed once. One that cannot be stacked is a group by itself."""
     own, alike = _kind(about), defaultdict[Hashable, list[int]](list)
     for i, a in enumerate(aircraft):
         if _kind(a) == own:
@@ -58,15 +59,16 @@ def stacks(aircraft: Sequence[Aircraft], about: Aircraft) -> Iterator[list[int]]
 
 
 def _kind(a: Aircraft) -> Hashable:
-    """What must be the same within a stack: what is there at all, and what is followed sample by sample."""
+    """What must be the same within a stack: which parts there are, and what is computed sample after sample."""
     played = tuple((name, i) for name, i in sorted(a.instruments.items()) if i.backlash or i.cubic)
     boom = (True, True) if a.boom is None else (False, a.boom.mode_frequency is None)
     return boom, a.drag is None, a.fin is None, a.separation.alpha_star is None, played
 
 
 def stacked(aircraft: Sequence[Aircraft], axes: int) -> Aircraft:
-    """Of one kind, as one: numbers that differ are (aircraft, 1, ...), of as many further axes as signals have. Raises
-    TypeError where anything else differs."""
+    """Aircraft as one: numbers that differ become columns, (aircraft, 1) for `axes` 1, (aircraft, 1, 1) for 2: as many
+    as the signals have. Nothing computed with it may be edited in place: that would edit the column. Raises TypeError
+    where anything else differs."""
     made: Aircraft = _one(aircraft, axes)
     return made
 
@@ -75,6 +77,8 @@ def _one(values: Sequence[Any], axes: int) -> Any:
     first = values[0]
     if all(v is first or (isinstance(v, float) and v == first) for v in values):
         return first
+    if any(type(v) is not type(first) for v in values) and not all(isinstance(v, int | float) for v in values):
+        raise TypeError(f"aircraft of different kinds: {first!r} and others")
     if isinstance(first, Derivative):
         return first.model_copy(update={"value": _one([v.value for v in values], axes)})
     if isinstance(first, BaseModel):
