@@ -250,16 +250,16 @@ class Problem:
         """The step of all parameters, effects first; those at an end do not go beyond it."""
         return solution(s.a, normal, effects, self._known, self.ends, damping)
 
-    def advance(self, s: State, solved: Solved, terms: Sequence[Term]) -> State | None:
+    def advance(self, s: State, solved: Solved, terms: Sequence[Term], far: bool) -> State | None:
         """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
-        noise that grows: on a long way, where Sigma follows, and where the aircraft answers gusts, at any step."""
+        noise that grows: `far` off, where Sigma follows, and where the aircraft answers gusts, at any step."""
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
         try:
             there = self.beside(s, values, np.clip(s.a + solved.step[len(terms) :], *self.ends))
-            far = solved.gained > NEAR or self.axis.answers is not None
-            better = self.cost(there) < self.cost(s) if far else there.q < s.q
+            by_cost = far or self.axis.answers is not None
+            better = self.cost(there) < self.cost(s) if by_cost else there.q < s.q
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return None
         return there if better else None
@@ -297,9 +297,10 @@ class Problem:
     @contextmanager
     def _far_off(self, held: bool) -> Iterator[None]:
         """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
-        between two ends stay the profile's; while the rest is far off, a step may take them to the wrong one."""
+        between two ends stay the profile's, and the air still: while the rest is far off, a step may take them to the
+        wrong side for good."""
         self._zeros_wander = False
-        self._known[np.isfinite(self.ends).all(0)] = HELD if held else 1.0
+        self._known[np.isfinite(self.ends).all(0)] = self._known[len(self.frees) :] = HELD if held else 1.0
         try:
             yield
         finally:
@@ -352,14 +353,16 @@ class Problem:
                 made, terms = slopes(s)
                 stale = False
             normal = self.normal(s, made)
+            # However short a damped step is: the way left is as long as an undamped one promises.
+            far = self.solve(s, normal, len(terms)).gained > NEAR
             solved = self.solve(s, normal, len(terms), damping)
             if self.cost(s) - HOPED * solved.gained > beaten:
                 break
-            there = self.advance(s, solved, terms)
+            there = self.advance(s, solved, terms, far)
             while there is None and damping < MOST_DAMPED:
                 damping = max(10 * damping, 0.01)
                 solved = self.solve(s, normal, len(terms), damping)
-                there = self.advance(s, solved, terms)
+                there = self.advance(s, solved, terms, far)
             if there is None:
                 if not stale:
                     break

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from station.conventions import G0, to_si
 from station.diagnosis.measured_record import Record
 from station.diagnosis.oscillation import LEAST_SHOWN, apart, oscillation
-from station.diagnosis.vane_gust import as_the_gust, inertial_angle, inputs_of, undone
+from station.diagnosis.vane_gust import as_the_gust, inertial_angle, inputs_of, without_errors
 from station.numerics.secant_fit import secant_fit
 from station.profile import Aircraft
 from station.rows import ProfileError
@@ -135,8 +135,8 @@ def simulated(record: Record, aircraft: Aircraft, slopes: Array | None = None) -
     """COMPARED as the aircraft's instruments would have shown them, trim and initial state fitted, and what moving
     these does to the differences; `slopes`: the same of an aircraft like it. Raises ProfileError for one that cannot be
     flown."""
-    flight = MeasuredFlight(aircraft, inputs_of(record, aircraft), record.height, record.imu)
-    x = {name: undone(v, aircraft.instruments.get(name), record.dt) for name, v in record.signals.items()}
+    x = without_errors(record, aircraft)
+    flight = MeasuredFlight(aircraft, inputs_of(x, record.dt, aircraft), record.height, record.imu)
     first = slice(0, max(2, round(_BEGIN_S / record.dt)))
     alpha, _ = inertial_angle(x, record.dt)
     begin = {name: float(np.mean(x[s][first])) for name, s in (("speed", "airspeed"), ("theta", "theta"), ("q", "q"))}

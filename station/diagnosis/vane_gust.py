@@ -17,7 +17,10 @@ from scipy.interpolate import CubicSpline
 
 from station.conventions import G0
 from station.diagnosis.backlash import linearised
+from station.diagnosis.corrections import all_corrected
+from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.measured_record import Record
+from station.diagnosis.residuals import motion_of
 from station.numerics.indicial import frequency_response, respond_throughout, response
 from station.numerics.second_order import second_order_inverse
 from station.profile import NO_BOOM, Aircraft, Instrument
@@ -46,11 +49,21 @@ def undone(x: Array, found: Instrument | None, dt: float) -> Array:
     return linearised(x, found.cubic) if found.cubic else np.asarray(x)
 
 
-def inputs_of(record: Record, aircraft: Aircraft) -> Inputs:
-    """What drove the aircraft, by an aircraft whose `instruments` say what the sensors did to it."""
+def without_errors(record: Record, aircraft: Aircraft) -> dict[str, Array]:
+    """The signals (n,) without what the aircraft's `instruments` say that the sensors did to them. A lag undone raises
+    noise: that of the air data, whose lags are long, is smoothed about the aircraft's own motion, see air_data."""
     x = {name: undone(v, aircraft.instruments.get(name), record.dt) for name, v in record.signals.items()}
-    gust = vertical_gust(x, aircraft, record.dt)
-    return Inputs(record.dt, x["elevator"], x["airspeed"], gust, along_gust(x, record.dt), x.get("thrust"))
+    m = manoeuvre(record, aircraft)
+    motion = motion_of(all_corrected(m.record.signals, aircraft, m.setting, m.memo)[1], aircraft, m.setting)
+    t, judged = record.dt * np.arange(record.n), m.record.dt * np.arange(m.record.n)
+    smoothed = {"airspeed": motion.airspeed, "dynamic_pressure": motion.pressure}
+    return x | {name: np.interp(t, judged, v) for name, v in smoothed.items()}
+
+
+def inputs_of(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> Inputs:
+    """What drove the aircraft, of signals `without_errors`, `dt` s apart."""
+    gust = vertical_gust(x, aircraft, dt)
+    return Inputs(dt, x["elevator"], x["airspeed"], gust, along_gust(x, dt), x.get("thrust"))
 
 
 def along_gust(x: Mapping[str, Array], dt: float) -> Array | None:

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from station.convert import import_file
 from station.diagnosis.measured_record import manoeuvres
 from station.diagnosis.qualification import flown_beside
-from station.diagnosis.vane_gust import inputs_of
+from station.diagnosis.vane_gust import inputs_of, without_errors
 from station.log import table
 from station.profile import load_aircraft
 from station.simulation.measured_inputs import MeasuredFlight, Start
@@ -37,7 +37,9 @@ def test_trim_and_initial_state_are_those_of_the_least_difference(tmp_path: Path
     record = manoeuvres("flight", read.t_s, read.columns, profile)[0]
     aircraft = profile.model_copy(update={"air_density": record.density})
     found = flown_beside(record, profile)
-    flight = MeasuredFlight(aircraft, inputs_of(record, aircraft), record.height, record.imu)
+    flight = MeasuredFlight(
+        aircraft, inputs_of(without_errors(record, profile), record.dt, aircraft), record.height, record.imu
+    )
     begin = {n: float(record.signals[n][:10].mean()) for n in ("theta", "q")}
     begin |= {"speed": float(record.signals["airspeed"][:10].mean())}
 
