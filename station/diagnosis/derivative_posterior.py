@@ -16,7 +16,7 @@ from station.diagnosis.vane_gust import undone
 from station.model.flying_qualities import Condition, Qualities, bend, qualities
 from station.model.late_lift import constants_of
 from station.numerics.atmosphere import scale_height
-from station.numerics.separation import steady
+from station.numerics.separation import of_wing, steady
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
@@ -60,8 +60,9 @@ def local(aircraft: Aircraft, alpha: float) -> dict[str, float]:
         made[f"{c}_alpha"] += bend(aircraft, c, alpha)
     if aircraft.separation.alpha_star is not None:
         (below, less), (above, more) = (steady(aircraft.separation, alpha + k * _BESIDE) for k in (-1, 1))
-        lift = (more * (alpha + _BESIDE) - less * (alpha - _BESIDE)) / (2 * _BESIDE)
-        made["CL_alpha"] += aircraft.value("CL_alpha") * (lift - 1)
+        from_no_lift = alpha - aircraft.separation.alpha_0
+        lift = (more * (from_no_lift + _BESIDE) - less * (from_no_lift - _BESIDE)) / (2 * _BESIDE)
+        made["CL_alpha"] += of_wing(aircraft) * (lift - 1)
         made["Cm_alpha"] -= aircraft.separation.Cm_X * (above - below) / (2 * _BESIDE)
     return made
 

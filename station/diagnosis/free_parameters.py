@@ -199,9 +199,18 @@ def _of_separation(aircraft: Aircraft) -> list[Free]:
     of = "" if there else SEPARATION
     return [
         *([Free("alpha_star", u.alpha_star, of_separation("alpha_star"))] if there else []),
+        Free("alpha_0", u.alpha_0, of_separation("alpha_0"), of=of, read=lambda a: a.separation.alpha_0),
         Free("a1", u.a1, of_separation("a1", relative=True), of=of, read=lambda a: a.separation.a1),
         Free("tau1", u.tau1, of_separation("tau1"), of=of, read=lambda a: a.separation.tau1),
         Free("tau2", u.tau2, of_separation("tau2"), of=of, read=lambda a: a.separation.tau2),
+        Free(
+            "tau2_rising",
+            u.tau2_rising,
+            of_separation("tau2_rising"),
+            of=of,
+            read=lambda a: a.separation.tau2_rising,
+            ends=(-aircraft.separation.tau2_rising / u.tau2_rising if u.tau2_rising else 0.0, math.inf),
+        ),
         Free("CD_X", u.CD_X, of_separation("CD_X"), of=of, read=lambda a: a.separation.CD_X),
         Free("Cm_X", u.Cm_X, of_separation("Cm_X"), of=of, read=lambda a: a.separation.Cm_X),
     ]

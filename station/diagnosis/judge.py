@@ -152,7 +152,7 @@ def _missed(problem: Problem, s: State) -> tuple[tuple[str, float], ...]:
             continue
         without = s.levels.missed.copy()
         without[k] = problem.axis.least_missed[k] ** 2
-        there = problem.relevelled(replace(s, levels=replace(s.levels, missed=without)), frozen=k)
+        there = problem.relevelled(replace(s, levels=replace(s.levels, missed=without)), frozen=[k])
         if problem.cost(there) - here > ASKED:
             out.append((name, share))
     return tuple(sorted(out, key=lambda x: -x[1]))

@@ -53,6 +53,8 @@ MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
 """Prior standard deviations: after a longer step the slopes are made anew."""
+BLAMED: Final = 3.0
+"""Times the least share that a sensor misses, from which it is asked whether the model misses it instead."""
 HELD: Final = 1e6
 """Times a prior's information, of what is held: it moves by less than a thousandth of its standard deviation."""
 UNKNOWN: Final = 1e-4
@@ -83,6 +85,7 @@ class Problem:
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
+        self._frozen: list[int] = []
         self.memo = Memo()
 
     @property
@@ -119,8 +122,9 @@ class Problem:
         both = own, self.state(values, a, s.levels, s.flown)
         return min((self.relevelled(x) for x in both), key=self.cost)
 
-    def relevelled(self, s: State, frozen: int | None = None) -> State:
+    def relevelled(self, s: State, frozen: Sequence[int] = ()) -> State:
         """The same candidate with the variances fitted to it, but for what is missed `frozen`."""
+        frozen = [*frozen, *self._frozen]
         columns = [m.columns(r, m.grouped.pick) for m, r in zip(self.manoeuvres, s.responses, strict=True)]
         bins = [m.grouped.gathered(z.bins.T) for m, z in zip(self.manoeuvres, s.spectra, strict=True)]
         counts = [m.grouped.count for m in self.manoeuvres]
@@ -273,7 +277,22 @@ class Problem:
         with self._far_off(held=on_the_way is None):
             start = on_the_way or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
-        return self.estimate(near.state, ROUNDS, self.whole)
+        return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
+
+    def _laid_to_the_model(self, e: Estimate) -> Estimate:
+        """An estimate by which sensors miss a share of what they show, or one that lays it to forces first, whichever
+        is likelier: either may explain what is missed, and once one does, nothing is left for the other."""
+        missed, least = e.state.levels.missed, self.prior.missed
+        of_sensors = np.array([name not in self.axis.forces for name in self.axis.missed])
+        if not (missed > BLAMED**2 * least)[of_sensors].any():
+            return e
+        s = replace(e.state, levels=replace(e.state.levels, missed=np.where(of_sensors, least, missed)))
+        self._frozen = np.flatnonzero(of_sensors).tolist()
+        try:
+            s = self.estimate(self.relevelled(s), ROUNDS, self.whole, NEAR).state
+        finally:
+            self._frozen = []
+        return min(e, self.estimate(self.relevelled(s), ROUNDS, self.whole), key=lambda e: e.cost)
 
     def at_profile(self, values: Mapping[str, float]) -> Estimate:
         """The profile's aircraft with these effects, and the variances fitted to it."""

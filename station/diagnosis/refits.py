@@ -17,6 +17,7 @@ from station.diagnosis.screening import (
     LEAST_SHARE,
     Start,
     free_slopes_of,
+    hopeful,
     least_judged,
     own_first,
     screened,
@@ -173,9 +174,9 @@ class Refits:
         least = least_judged(p, there.state, ordered, made)
         self._least |= {i: min(x, self._least.get(i, x)) for i, x in least.items()}
         own, free = screened(p, there, terms, made)[1], free_slopes_of(there)
-        for size, first, second in ((1, SINGLES, MORE), (2, MORE, 1)):
+        for size, first, here in ((1, SINGLES, hopeful(own[1], MORE)), (2, MORE, own[2][:1])):
             tried: dict[frozenset[str], Estimate] = {}
-            for _, ids, values, _ in (*starts[size][:first], *own[size][:second]):
+            for _, ids, values, _ in (*starts[size][:first], *here):
                 try:
                     e = p.few_steps(_physical(values), free, REFITS)
                 except np.linalg.LinAlgError:  # so far off that its noise cannot be told

@@ -46,7 +46,7 @@ from station.diagnosis.stacked import joined, some, together
 from station.model import coefficients
 from station.numerics.indicial import frequency_response, response
 from station.numerics.second_order import second_order_response
-from station.numerics.separation import lift_left
+from station.numerics.separation import lift_left, of_wing
 from station.profile import NO_BOOM, Aircraft, Boom, Unsteady
 
 Array = NDArray[np.float64]
@@ -362,7 +362,8 @@ def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Airc
         cd_model = value("CD_0") + value("CD_V") * faster + value("CD_alpha") * alpha
     if (leaving := aircraft.separation).alpha_star is not None:
         along = attached_along(alpha, leaving, leaving.alpha_star, chord / motion.mean_speed, s)
-        cl_model = cl_model - cl_slope * (1 - lift_left(along)) * alpha
+        lifting = flow.wing if unsteady.memory else alpha
+        cl_model = cl_model - of_wing(aircraft) * (1 - lift_left(along)) * (lifting - leaving.alpha_0)
         cm_model = cm_model + leaving.Cm_X * (1 - along)
         cd_model = cd_model + leaving.CD_X * (1 - along)
 

@@ -212,12 +212,12 @@ def _step(fisher: Array, gradient: Array, goes: NDArray[np.bool_], damping: floa
 
 def fitted(
     bins: Sequence[Complex], columns: Sequence[Complex], counts: Sequence[Array], start: Levels, prior: Levels,
-    stiffness: Array, frozen: int | None = None,
+    stiffness: Array, frozen: Sequence[int] = (),
 ) -> Levels:  # fmt: skip
     """The most likely variances at fixed parameters, by Fisher scoring of their logarithms.
 
     By manoeuvre: `bins` residuals (groups, k, most), `columns` of Manoeuvre (groups, k, components), `counts` of bins
-    (groups,); `stiffness`: see `stiffness_of`; `frozen`: which of those missed stays as it is.
+    (groups,); `stiffness`: see `stiffness_of`; `frozen`: which of those missed stay as they are.
     """
     (count, many), missed = prior.noise.shape, len(prior.missed)
     x, centre = (np.log(np.concatenate([lv.noise.ravel(), lv.gust, lv.missed])) for lv in (start, prior))
@@ -254,8 +254,7 @@ def fitted(
         return total, gradient, fisher
 
     may = np.ones(len(x), dtype=bool)
-    if frozen is not None:
-        may[frozen - missed] = False
+    may[[k - missed for k in frozen]] = False
     here, gradient, fisher = scored(x, True)
     for _ in range(SCORINGS):
         # What would fall below its lowest stays there, and the others go where they would without it.

@@ -1,12 +1,14 @@
 """Flow that leaves the wing: the share of the chord along which it is attached, and the lift that this leaves.
 
 A thin wing whose flow leaves it at the share X of its chord has ((1 + sqrt X)/2)^2 of the lift of attached flow
-(Kirchhoff's flow past a plate). X follows the angle of attack along half a hyperbolic tangent, and late (Goman and
-Khrabrov 1994, Journal of Aircraft 31; Fischenberg 1995, AIAA 95-3439; Jategaonkar 2015, chapter 12):
+(Kirchhoff's flow past a plate), from the angle of attack on at which that does not lift. X follows the angle of attack
+along half a hyperbolic tangent, and late (Goman and Khrabrov 1994, Journal of Aircraft 31; Fischenberg 1995, AIAA
+95-3439; Jategaonkar 2015, chapter 12, who counts the lift from the reference line on):
 
     tau1 c/V dX/dt + X = 0.5 (1 - tanh(a1 (alpha - tau2 c/V alphadot - alpha_star)))
 
-tau2 counts while alpha falls only: flow comes back later than it left.
+Fischenberg and Jategaonkar count tau2 while alpha falls only, for flow comes back later than it left; Goman and
+Khrabrov count it always. While alpha rises, tau2_rising stands for it.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from station.profile import Separation
+from station.profile import Aircraft, Separation
 
 BRIEF: Final = 0.05
 """s: the rate of the angle of attack is that behind a lag of this length, as it is flown."""
@@ -29,6 +31,12 @@ def attached(alpha: Any, sharpness: float, alpha_star: float) -> Any:
 def lift_left(x: Any) -> Any:
     """Of the lift of attached flow."""
     return 0.25 * (1.0 + np.sqrt(x)) ** 2
+
+
+def of_wing(aircraft: Aircraft) -> Any:
+    """The wing's part of CL_alpha, whose flow leaves: where lift has a memory, the profile has the tail's apart."""
+    tail, whole = aircraft.unsteady, aircraft.value("CL_alpha")
+    return whole - tail.tail_lift_slope * (1 - tail.downwash) if tail.memory else whole
 
 
 def steady(separation: Separation, alpha: float) -> tuple[float, float]:

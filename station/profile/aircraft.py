@@ -211,18 +211,22 @@ class Unsteady(Frozen):
 
 
 class Separation(Frozen):
-    """How the flow leaves the wing: of CL_alpha alpha, ((1 + sqrt X)/2)^2 is left, where X, the share of the chord with
-    attached flow, is 0.5 (1 - tanh(a1 (alpha - tau2 c/V alphadot - alpha_star))) behind a lag of tau1 c/V (Kirchhoff;
-    Goman and Khrabrov 1994)."""
+    """How the flow leaves the wing: of the wing's CL_alpha (alpha - alpha_0), ((1 + sqrt X)/2)^2 is left, where X, the
+    share of the chord with attached flow, is 0.5 (1 - tanh(a1 (alpha - tau2 c/V alphadot - alpha_star))) behind a lag
+    of tau1 c/V (Kirchhoff; Goman and Khrabrov 1994); while alpha rises, tau2_rising for tau2."""
 
     alpha_star: Radians | None = None
     """Angle of attack at which the flow has left half of the chord; without one it stays attached."""
+    alpha_0: Radians = 0.0
+    """Angle of attack at which attached flow does not lift; below the reference line with a wing set or cambered."""
     a1: Annotated[float, Positive] = 20.0
     """How sharply it does, per rad."""
     tau1: float = Field(default=10.0, ge=0)
     """Lag of X, in chords travelled."""
     tau2: float = Field(default=10.0, ge=0)
     """How much later the flow comes back, in chords travelled: counts while the angle of attack falls."""
+    tau2_rising: float = Field(default=0.0, ge=0)
+    """How much later it leaves: counts while the angle of attack rises; in Goman's and Khrabrov's own law as tau2."""
     CD_X: float = 0.0
     """Drag of separated flow: CD has CD_X (1 - X)."""
     Cm_X: float = 0.0

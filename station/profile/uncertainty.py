@@ -104,12 +104,16 @@ class Uncertainty(Frozen):
     """Of the thrust, recorded or not: an engine deck's."""
     alpha_star: Radians = math.radians(2.0)
     """Of the angle of attack at which the flow leaves the wing, where the profile has one."""
+    alpha_0: Radians = math.radians(5.0)
+    """Of the angle of attack of no lift: the incidence and the camber of a wing."""
     a1: float = Field(default=0.5, ge=0)
     """Of how sharply it does, of the logarithm."""
     tau1: float = Field(default=15.0, ge=0)
     """Of the lag of the separation, chords travelled."""
     tau2: float = Field(default=15.0, ge=0)
     """Of how much later the flow comes back, chords travelled."""
+    tau2_rising: float = Field(default=15.0, ge=0)
+    """Of how much later it leaves, chords travelled."""
     CD_X: float = Field(default=0.2, ge=0)
     """Of the drag of separated flow."""
     Cm_X: float = Field(default=0.1, ge=0)

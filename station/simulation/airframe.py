@@ -72,12 +72,18 @@ class Constants(NamedTuple):
     separates: float
     """1: the flow leaves the wing, 0: it stays attached at every angle of attack."""
     alpha_star: float
+    no_lift: float
+    """alpha_0."""
     sharpness: float
     """a1, per rad."""
     separation_lag: float
     """tau1, chords travelled."""
     return_delay: float
     """tau2, the same."""
+    leave_delay: float
+    """tau2_rising."""
+    cl_separating: float
+    """CL per angle of attack of the wing, whose flow leaves."""
     cl_lost_trim: float
     """CL that the separation takes in trim."""
     cd_separated: float
@@ -119,6 +125,19 @@ HOLD_HEIGHT: Final = 0.004
 HOLD_LAG: Final = 3.0
 
 
+def _separating(aircraft: Aircraft) -> float:
+    """What flow takes with it when it leaves is the wing's lift, not the tail's."""
+    tail = aircraft.unsteady
+    of_tail = tail.tail_lift_slope * (1.0 - tail.downwash) if tail.memory else 0.0
+    return aircraft.value("CL_alpha") - of_tail
+
+
+def _lost(aircraft: Aircraft, alpha: float) -> float:
+    """CL that the separation takes at a lasting `alpha` (rad)."""
+    _, left = stalling.steady(aircraft.separation, alpha)
+    return _separating(aircraft) * (1.0 - left) * (alpha - aircraft.separation.alpha_0)
+
+
 def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float, q: float = 0.0) -> tuple[float, float, float]:
     """CL, CD, Cm in steady flight at a pitch rate (rad/s)."""
     v = aircraft.value
@@ -129,8 +148,8 @@ def _steady(aircraft: Aircraft, speed: float, alpha: float, de: float, q: float 
     cm = v("Cm_0") + v("Cm_V") * ratio + v("Cm_alpha") * alpha + v("Cm_de") * de + v("Cm_q") * qhat
     cl += v("CL_alpha2") * alpha**2 + v("CL_alpha3") * alpha**3
     cm += v("Cm_alpha2") * alpha**2 + v("Cm_alpha3") * alpha**3
-    attached, left = stalling.steady(aircraft.separation, alpha)
-    cl -= v("CL_alpha") * (1.0 - left) * alpha
+    attached, _ = stalling.steady(aircraft.separation, alpha)
+    cl -= _lost(aircraft, alpha)
     cm += aircraft.separation.Cm_X * (1.0 - attached)
     behind = aircraft.separation.CD_X * (1.0 - attached)
     if aircraft.drag is not None:
@@ -222,6 +241,24 @@ def _pitch_inertia(aircraft: Aircraft) -> float:
     return aircraft.inertia.iyy
 
 
+def _of_separation(aircraft: Aircraft, trim_alpha: float) -> dict[str, float]:
+    """Those of Constants that say how the flow leaves the wing."""
+    leaving = aircraft.separation
+    return {
+        "separates": float(leaving.alpha_star is not None),
+        "alpha_star": leaving.alpha_star or 0.0,
+        "no_lift": leaving.alpha_0,
+        "sharpness": leaving.a1,
+        "separation_lag": leaving.tau1,
+        "return_delay": leaving.tau2,
+        "leave_delay": leaving.tau2_rising,
+        "cl_separating": _separating(aircraft),
+        "cl_lost_trim": _lost(aircraft, trim_alpha),
+        "cd_separated": leaving.CD_X,
+        "cm_separated": leaving.Cm_X,
+    }
+
+
 def constants(
     aircraft: Aircraft,
     speed: float,
@@ -240,7 +277,7 @@ def constants(
     """
     iyy = _pitch_inertia(aircraft)
     trim = _stated(aircraft, speed, about) if about else find_trim(aircraft, speed, height)
-    v, unsteady, drag, leaving = aircraft.value, aircraft.unsteady, aircraft.drag, aircraft.separation
+    v, unsteady, drag = aircraft.value, aircraft.unsteady, aircraft.drag
     return Constants(
         mass=aircraft.inertia.mass,
         iyy=iyy,
@@ -280,14 +317,7 @@ def constants(
         gust_edge=aircraft.gust_edge,
         downwash=unsteady.downwash,
         downwash_delay=unsteady.downwash_delay,
-        separates=float(leaving.alpha_star is not None),
-        alpha_star=leaving.alpha_star or 0.0,
-        sharpness=leaving.a1,
-        separation_lag=leaving.tau1,
-        return_delay=leaving.tau2,
-        cl_lost_trim=v("CL_alpha") * (1.0 - stalling.steady(leaving, trim.alpha)[1]) * trim.alpha,
-        cd_separated=leaving.CD_X,
-        cm_separated=leaving.Cm_X,
+        **_of_separation(aircraft, trim.alpha),
         actuator_lag=aircraft.elevator.time_constant,
         actuator_rate=aircraft.elevator.rate_limit,
         actuator_limit=aircraft.elevator.position_limit,

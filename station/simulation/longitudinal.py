@@ -178,7 +178,7 @@ def rates(c: Constants, tables: Tables, x: NDArray[np.float64], met: Met, dx: ND
     from_gust = alpha - alpha_inertial
     square, cube = alpha**2 - c.trim_alpha**2, alpha**3 - c.trim_alpha**3
     if c.separates > 0.0:
-        cl += c.cl_lost_trim - c.cl_alpha * (1.0 - lift_left(met.attached)) * alpha
+        cl += c.cl_lost_trim - c.cl_separating * (1.0 - lift_left(met.attached)) * (wing + c.trim_alpha - c.no_lift)
         cm += c.cm_separated * (1.0 - met.attached)
     cl += c.cl_trim + c.cl_v * faster + c.cl_de * de + c.cl_gust * from_gust
     cl += c.cl_alpha2 * square + c.cl_alpha3 * cube

@@ -213,7 +213,8 @@ def _separate(c: Constants, dt: float, last: NDArray[np.float64], alpha: float, 
     last[TURNING] += brief * ((alpha - last[ALPHA]) / dt - last[TURNING])
     last[ALPHA] = alpha
     chords = dt * speed / c.chord
-    late = c.return_delay * c.chord / speed * min(last[TURNING], 0.0)
+    delay = c.leave_delay if last[TURNING] > 0.0 else c.return_delay
+    late = delay * c.chord / speed * last[TURNING]
     towards = attached(alpha - late, c.sharpness, c.alpha_star)
     share = 1.0 - math.exp(-chords / c.separation_lag) if c.separation_lag > 0.0 else 1.0
     last[ATTACHED] += share * (towards - last[ATTACHED])

@@ -57,8 +57,8 @@ def test_flow_that_leaves_beyond_the_flight_changes_nothing() -> None:
 
 def test_lift_in_flight_is_what_the_lag_leaves() -> None:
     """X by an integrator of scipy along the angle of attack that was flown."""
-    a1, star, tau1, tau2 = 25.0, math.radians(6), 12.0, 8.0
-    aircraft = leaving(a1=a1, alpha_star=star, tau1=tau1, tau2=tau2, Cm_X=-0.05)
+    a1, star, tau1, tau2, rising, none = 25.0, math.radians(6), 12.0, 8.0, 5.0, math.radians(-3)
+    aircraft = leaving(a1=a1, alpha_star=star, tau1=tau1, tau2=tau2, tau2_rising=rising, Cm_X=-0.05, alpha_0=none)
     x = flown(aircraft)
     t, alpha, v = x["time"], x["alpha"], x["airspeed"]
     chord = aircraft.geometry.chord
@@ -67,7 +67,8 @@ def test_lift_in_flight_is_what_the_lag_leaves() -> None:
     def rates(now: float, y: np.ndarray) -> list[float]:
         a, passage = np.interp(now, t, alpha), chord / np.interp(now, t, v)
         turning = (a - y[1]) / BRIEF
-        towards = 0.5 * (1 - math.tanh(a1 * (a - tau2 * passage * min(turning, 0.0) - star)))
+        late = (rising if turning > 0 else tau2) * passage * turning
+        towards = 0.5 * (1 - math.tanh(a1 * (a - late - star)))
         return [(towards - y[0]) / (tau1 * passage), turning]
 
     start = [0.5 * (1 - math.tanh(a1 * (alpha[0] - star))), alpha[0]]
@@ -75,7 +76,8 @@ def test_lift_in_flight_is_what_the_lag_leaves() -> None:
     d = aircraft.value
     qhat = 0.5 * x["q"] * chord / v
     left = 0.25 * (1 + np.sqrt(share)) ** 2
-    lift = d("CL_0") + d("CL_alpha") * left * alpha + d("CL_q") * qhat + d("CL_de") * x["elevator"]
+    circulatory = d("CL_alpha") * (none + left * (alpha - none))
+    lift = d("CL_0") + circulatory + d("CL_q") * qhat + d("CL_de") * x["elevator"]
     moment = d("Cm_0") + d("Cm_alpha") * alpha + d("Cm_q") * qhat + d("Cm_de") * x["elevator"] - 0.05 * (1 - share)
     # The share is held over a step of 5 ms: of the lift that goes, a hundredth.
     assert np.ptp(left) > 0.1
