@@ -54,7 +54,8 @@ LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
 """Prior standard deviations: after a longer step the slopes are made anew."""
 BLAMED: Final = 3.0
-"""Times the least share that a sensor misses, from which it is asked whether the model misses it instead."""
+"""Times the share that any sensor misses, from which it is asked whether the model misses it instead: in variance an
+order of magnitude. To ask costs two fits."""
 HELD: Final = 1e6
 """Times a prior's information, of what is held: it moves by less than a thousandth of its standard deviation."""
 UNKNOWN: Final = 1e-4

@@ -34,7 +34,8 @@ def lift_left(x: Any) -> Any:
 
 
 def of_wing(aircraft: Aircraft) -> Any:
-    """The wing's part of CL_alpha, whose flow leaves: where lift has a memory, the profile has the tail's apart."""
+    """CL per angle of attack (1/rad) of the wing, whose flow leaves, without the tail: where lift has a memory, the
+    profile has the tail's part by itself; where it has none, all of CL_alpha."""
     tail, whole = aircraft.unsteady, aircraft.value("CL_alpha")
     return whole - tail.tail_lift_slope * (1 - tail.downwash) if tail.memory else whole
 

@@ -235,7 +235,7 @@ def separation(a: Aircraft, x: float) -> Aircraft:
 
 
 def of_separation(field: str, relative: bool = False) -> Extend:
-    """Add to a constant of the separation, or to its logarithm; none of them is negative but those of CD and Cm."""
+    """Add to a constant of the separation, or to its logarithm; none of the lags is negative."""
 
     def change(a: Aircraft, x: float) -> Aircraft:
         old = getattr(a.separation, field)

@@ -62,7 +62,7 @@ def test_residuals_are_the_simulation_s_own() -> None:
 
 def test_the_lift_slope_of_a_stalling_aircraft_is_the_tangent_of_its_lift() -> None:
     """At 6 deg, against the formula with its derivative written out: of ((1 + sqrt X)/2)^2 (alpha - alpha_0), for the
-    wing; the tail, of which the profile says 0.81 behind a downwash of 0.43, keeps its lift."""
+    wing; the tail keeps its lift."""
     aircraft, alpha = stalling(), math.radians(6)
     x = 0.5 * (1 - math.tanh(STALL["a1"] * (alpha - STALL["alpha_star"])))
     falls = -2 * STALL["a1"] * x * (1 - x)

@@ -16,8 +16,8 @@ TRUE = {"a1": 25.0, "tau1": 15.0, "tau2": 4.0, "tau2_rising": 4.0}
 
 def test_a_stall_is_told_with_its_constants_and_leaves_no_lift_unexplained() -> None:
     """With the whole lift lost from the reference line on, and late only while it comes back, 6 % of the lift stayed
-    unexplained, and a bent lift curve was named beside the stall. 0.5 deg: the vane's zero is known to 0.15 deg, and
-    what the wing meets besides differs from what the profile says by as much."""
+    unexplained, and a bent lift curve was named beside the stall. The vane's zero, known to 0.15 deg, is in alpha_star:
+    three times that."""
     problem, _ = fitted(1, 6)
     told = problem.from_profile({SEPARATION: 0.12})
     there = problem.aircraft_at(told.state.values, told.state.a).separation
