@@ -38,6 +38,10 @@ SMOOTHED: Final = 0.2
 W comes nearest to what it is, of a minute of autoregressions in white noise; by wider ones knees are cut off."""
 QUIET_HZ: Final = 1.0
 """Above it an aircraft's speed does not change in calm air: what is seen there is noise, or gusts."""
+CONTINUED: Final = 2.0
+"""An octave tells by which power a spectrum falls."""
+GENTLEST: Final = -5 / 3
+"""The power by which gusts fall (Kolmogorov 1941); what lags falls faster."""
 SLOWEST: Final = 0.5
 """Of the mean airspeed: below it, what the accelerations say is an error of theirs."""
 
@@ -121,5 +125,21 @@ def _spectrum(x: Array, dt: float) -> tuple[Array, Array, Array]:
 
 
 def _beyond(f: Array, shown: Array, known: Array | float, slow: Array | float = 0.0) -> Share:
-    judged = (f >= LOW_HZ) / np.maximum(shown, 1e-30)
+    noise = known + slow
+    judged = (f >= LOW_HZ) / np.maximum(noise + _continued(f, shown - noise, noise), 1e-30)
     return Share(f, known * judged, slow * judged)
+
+
+def _continued(f: Array, beyond: Array, noise: Array | float) -> Array:
+    """What a spectrum shows `beyond` noise, and above the last frequency where that is more than the noise, the same
+    continued by the power of the frequency by which it falls up to there. Further up the difference of two spectra
+    is chance, and where it comes out as nothing, the air that moves there would be known to stand still."""
+    told = np.flatnonzero((f >= LOW_HZ) & (beyond > noise))
+    if not len(told):
+        return beyond
+    last = told[-1]
+    near = (f >= f[last] / CONTINUED) & (f <= f[last]) & (beyond > 0)
+    log, height = np.log(f[near] / f[last]), np.log(beyond[near])
+    slope = float(log @ (height - height[-1]) / max(float(log @ log), 1e-30)) if len(log) > 1 else GENTLEST
+    tail = beyond[last] * (f / f[last]) ** min(slope, GENTLEST)
+    return np.where(f > f[last], tail, beyond)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.variances import Levels
@@ -70,6 +71,11 @@ class State:
     def ids(self) -> tuple[str, ...]:
         return tuple(self.values)
 
+    @property
+    def at_end(self) -> bool:
+        """Whether an effect is at an end of what is physical."""
+        return any(BY_ID[i].at_end(x) for i, x in self.values.items())
+
 
 @dataclass(frozen=True, slots=True)
 class Solved:
@@ -82,8 +88,7 @@ class Solved:
     """What Q falls by along the step, if all is linear."""
 
 
-@dataclass(frozen=True, slots=True)
-class Normal:
+class Normal(NamedTuple):
     """Of p parameters: information as measured, what noise in the slopes put into it, what of that scatters the score,
     and the gradient of Q/2 without priors."""
 
@@ -110,34 +115,36 @@ class Estimate:
         return bool(a @ a > len(a) or np.abs(a).max() > BEYOND)
 
 
+def parted(slopes: Sequence[Slopes], n: int) -> list[Slopes]:
+    """Slopes without their first `n` parameters."""
+    return [Slopes(x.bins[n:], x.steady[n:], x.response[n:]) for x in slopes]
+
+
 def numbers(x: Complex) -> Array:
     """(p, ...) -> (p, n) real and imaginary parts: their products are the real part of one times the other's
     conjugate."""
     return x.reshape(len(x), -1).view(np.float64)
 
 
-def solution(a: Array, normal: Normal, effects: int, known: Array, ends: Array, damping: float = 0.0) -> Solved:
-    """The step of all parameters, effects first, then those at `a`, of priors of information `known` about 0; those at
-    one of their `ends`, (2, parameters), do not go beyond it."""
-    penalty = np.concatenate([np.zeros(effects), known])
-    at = np.concatenate([np.zeros(effects), a])
-    gradient = normal.gradient + penalty * at
-    own = np.diag(penalty) + 1e-12 * np.diag(np.diag(normal.seen)) + UNSEEN * np.eye(len(penalty))
+def solution(at: Array, normal: Normal, known: Array, ends: Array, damping: float = 0.0) -> Solved:
+    """The step of all parameters, effects first, that are `at`, of priors of information `known` about 0; those at one
+    of their `ends`, (2, parameters), do not go beyond it."""
+    gradient = normal.gradient + known * at
+    own = np.diag(known) + 1e-12 * np.diag(np.diag(normal.seen)) + UNSEEN * np.eye(len(known))
     for share in SUBTRACTED:
         matrix = normal.seen - share * normal.noise + own
         scale = 1 / np.sqrt(np.abs(np.diag(matrix)) + 1e-30)
         values = np.linalg.eigvalsh(matrix * scale[:, None] * scale)
         # No parameter may become less known than by its prior.
-        if values[0] > 0 and np.linalg.eigvalsh(matrix - (1 - LEAST_KNOWN) * np.diag(penalty))[0] > 0:
+        if values[0] > 0 and np.linalg.eigvalsh(matrix - (1 - LEAST_KNOWN) * np.diag(known))[0] > 0:
             break
     inverse = np.linalg.inv(matrix)
-    damped = matrix + damping * np.diag(np.diag(normal.seen) + penalty)
-    low, high = (np.concatenate([np.full(effects, x), end]) for x, end in zip((-np.inf, np.inf), ends, strict=True))
+    damped = matrix + damping * np.diag(np.diag(normal.seen) + known)
     step, goes = np.zeros(len(at)), np.ones(len(at), dtype=bool)
     while True:
         step[:] = 0.0
         step[goes] = -np.linalg.solve(damped[np.ix_(goes, goes)], gradient[goes])
-        beyond = ((at <= low) & (step < 0)) | ((at >= high) & (step > 0))
+        beyond = ((at <= ends[0]) & (step < 0)) | ((at >= ends[1]) & (step > 0))
         if not beyond.any():
             break
         goes &= ~beyond

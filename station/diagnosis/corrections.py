@@ -40,12 +40,6 @@ def instrument_of(aircraft: Aircraft, name: str) -> Instrument | None:
     return aircraft.instruments.get(PRESENT.get(name, name))
 
 
-def air_data_timing(aircraft: Aircraft) -> list[tuple[float, float]]:
-    """How late airspeed and dynamic pressure are: latency and lag, s."""
-    found = (instrument_of(aircraft, name) or Instrument() for name in AIR_DATA)
-    return [(i.latency, i.lag) for i in found]
-
-
 def all_corrected(
     signals: Mapping[str, Array], aircraft: Aircraft, s: Setting, memo: Memo
 ) -> tuple[dict[str, Instrument | None], dict[str, Array]]:

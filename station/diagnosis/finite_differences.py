@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from station.diagnosis.air_data import Unseen
 from station.diagnosis.candidate import Slopes, State
-from station.diagnosis.corrections import air_data_timing
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.stacked import stacked, stacks
@@ -50,8 +49,6 @@ class Differences:
         self.moves = moves
         moved = {i: m for i, m in enumerate(moves) if m}
         at = list(moved)
-        timing = air_data_timing(here)
-        self._retimed = [i for i, m in moved.items() if air_data_timing(m.aircraft) != timing]
         self._passes = []
         for group in stacks([moved[i].aircraft for i in at], here):
             places = [at[j] for j in group]
@@ -78,8 +75,6 @@ class Differences:
             if p.noise is not None:
                 shown = m.responses(p.noise, m.grouped.pick, s.flown)
                 response[p.noisy] = shown - r if len(p.noisy) == 1 else _changes(shown, r.ndim)
-        for i in self._retimed:  # lags', see Manoeuvre.smoothed
-            response[i][..., m.smoothed] = 0.0
         steps = np.array([m.step if m else 1.0 for m in self.moves])
         return Slopes(bins / steps[:, None, None], steady / steps[:, None], response / steps[:, None, None, None])
 

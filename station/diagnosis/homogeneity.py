@@ -79,7 +79,7 @@ def _tests(problem: Problem, e: Estimate, i: int, model_errs: bool) -> Iterator[
             rest.after(_parted(x, i, own, m.grouped.pick))
             for m, rest, x, own in zip(problem.manoeuvres, others, e.slopes, parts, strict=True)
         ]
-        solved = problem.solve(s, problem.normal(s, made), len(s.values) - 1 + len(parts[0]))
+        solved = problem.solve(s, problem.normal(s, made))
         values = s.values[name] + solved.step[:count]
         inverse = np.linalg.inv(solved.covariance[:count, :count])
         apart = values - float(inverse.sum(0) @ values / inverse.sum())

@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.air_data import Unseen
-from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, numbers, solution
+from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, parted, solution
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.finite_differences import Differences, Move, unseen_differences
 from station.diagnosis.free_parameters import STEP, Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.memo import Memo
+from station.diagnosis.score import normal_of
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.surface_sampling import of_sampling
 from station.diagnosis.term import Term
@@ -226,34 +227,16 @@ class Problem:
 
     def normal(self, s: State, slopes: Sequence[Slopes]) -> Normal:
         """Normal equations of Q at a state, for the parameters of `slopes`."""
-        p = len(slopes[0].bins)
-        seen, noise, scatter, gradient = np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
-        weight = 2 * INDEPENDENT
-        for k, (m, own) in enumerate(zip(self.manoeuvres, slopes, strict=True)):
-            inverse, w, variances = np.linalg.inv(s.roots[k]), s.white[k], s.levels.of(k)
-            d = numbers(np.ascontiguousarray((inverse @ own.bins.transpose(2, 1, 0)).transpose(2, 0, 1)))
-            seen += weight * (d @ d.T)
-            gradient += weight * (d @ numbers(w[None])[0])
-            pick, count = m.grouped.pick, np.sqrt(m.grouped.count)[:, None, None]
-            here = inverse[pick] @ m.scaled(s.responses[k][pick], variances)
-            there = inverse[pick] @ m.scaled_slopes(s.responses[k][pick], own.response, variances)
-            shown = there @ np.conj(here.swapaxes(-1, -2))
-            flat, said = numbers(there * count), numbers(shown * count)
-            of_noise = weight * (flat @ flat.T)
-            noise += of_noise
-            # What the residuals show of the noise in the slopes is taken out of the score: the rest scatters it.
-            scatter += of_noise - weight * (said @ said.T)
-            gathered = m.grouped.gathered(w)
-            square = gathered @ np.conj(gathered.swapaxes(-1, -2))
-            gradient -= weight * np.einsum("pgij,gji->p", shown, square, optimize=True).real
-            e = own.steady / np.sqrt(m.steady_variances(variances, s.levels.zeros))
-            seen += e @ e.T
-            gradient += e @ s.steady[k]
-        return Normal(seen, noise, scatter, gradient)
+        parts = [normal_of(m, s, k, own) for k, (m, own) in enumerate(zip(self.manoeuvres, slopes, strict=True))]
+        return Normal(*(np.sum(part, axis=0) for part in zip(*parts, strict=True)))
 
-    def solve(self, s: State, normal: Normal, effects: int, damping: float = 0.0) -> Solved:
-        """The step of all parameters, effects first; those at an end do not go beyond it."""
-        return solution(s.a, normal, effects, self._known, self.ends, damping)
+    def solve(self, s: State, normal: Normal, terms: Sequence[Term] = (), damping: float = 0.0) -> Solved:
+        """The step of all parameters, effects first, `terms` before others; those at an end do not go beyond it."""
+        effects = len(normal.gradient) - len(s.a)
+        own = [(t.low, t.high) for t in terms] + [(-math.inf, math.inf)] * (effects - len(terms))
+        at = np.concatenate([[s.values[t.id] for t in terms], np.zeros(effects - len(terms)), s.a])
+        ends = np.concatenate([np.array(own).reshape(-1, 2).T, self.ends], axis=1)
+        return solution(at, normal, np.concatenate([np.zeros(effects), self._known]), ends, damping)
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term], far: bool) -> State | None:
         """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
@@ -278,6 +261,8 @@ class Problem:
         with self._far_off(held=on_the_way is None):
             start = on_the_way or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
+        if near.state.at_end:  # not to be had as it is: how near to the best is no matter
+            return near
         return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
 
     def _laid_to_the_model(self, e: Estimate) -> Estimate:
@@ -309,7 +294,7 @@ class Problem:
 
     def _here(self, s: State, made: list[Slopes], terms: Sequence[Term]) -> Estimate:
         normal = self.normal(s, made)
-        return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
+        return Estimate(s, self.solve(s, normal, terms), made, normal, self.cost(s))
 
     def _profile_state(self, values: Mapping[str, float]) -> State:
         return self.relevelled(self.state(values, self.of_profile))
@@ -372,16 +357,18 @@ class Problem:
             if stale and long:
                 made, terms = slopes(s)
                 stale = False
+            elif stale and terms:
+                made = self.with_free(parted(made, len(terms)))(s)[0]
             normal = self.normal(s, made)
             # However short a damped step is: the way left is as long as an undamped one promises.
-            far = self.solve(s, normal, len(terms)).gained > NEAR
-            solved = self.solve(s, normal, len(terms), damping)
+            far = self.solve(s, normal, terms).gained > NEAR
+            solved = self.solve(s, normal, terms, damping)
             if self.cost(s) - HOPED * solved.gained > beaten:
                 break
             there = self.advance(s, solved, terms, far)
             while there is None and damping < MOST_DAMPED:
                 damping = max(10 * damping, 0.01)
-                solved = self.solve(s, normal, len(terms), damping)
+                solved = self.solve(s, normal, terms, damping)
                 there = self.advance(s, solved, terms, far)
             if there is None:
                 if not stale:
@@ -389,7 +376,8 @@ class Problem:
                 long, damping = True, 0.0
                 continue
             fresh, stale = not stale, True
-            long = bool(np.abs(there.a - s.a).max(initial=0.0) > LONG or len(terms))
+            far_away = [abs(there.values[t.id] - s.values[t.id]) > t.step for t in terms]
+            long = bool(np.abs(there.a - s.a).max(initial=0.0) > LONG or any(far_away))
             damping *= 0.1
             s = self.relevelled(there)
             if solved.gained < done:
@@ -397,4 +385,4 @@ class Problem:
                 if fresh or damping < LIGHTLY_DAMPED:
                     break
                 long, damping = True, 0.0
-        return Estimate(s, self.solve(s, normal, len(terms)), made, normal, self.cost(s))
+        return Estimate(s, self.solve(s, normal, terms), made, normal, self.cost(s))

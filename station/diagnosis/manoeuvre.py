@@ -150,15 +150,13 @@ class Manoeuvre:
 
     @property
     def smoothed(self) -> NDArray[np.bool_]:
-        """(sensors + 1,) of the columns of a response, those of sensors whose signal was smoothed, see `left`.
-
-        A smoothed signal is the mean of what is true, given what was shown, and its error is independent of it (Berkson
-        1950, Are There Two Regressions?). So the error bends no slope that is made of that signal alone, as a lag's is.
-        It does bend that of a mass, which weighs accelerations: these answer the pressure that is true.
-
-        All this as far as the noise is known, for the slope is short or long by the part that is kept too much or too
-        little: so the slow noise is estimated beside all else, see air_data.Unseen."""
+        """(sensors + 1,) of the columns of a response, those of sensors whose signal was smoothed, see `left`."""
         return np.append((self.left != 1).any(1), False)
+
+    @property
+    def heads(self) -> list[int]:
+        """The columns of a response that are of the sensors at the heads of the series judged."""
+        return [self.trim.sensors.index(self.axis.heads[j]) for j in self.setting.judged]
 
     def place(self, name: str) -> tuple[int, int] | None:
         """Of a series, its row and its head's column in a response; None where it is not judged."""
@@ -199,25 +197,37 @@ class Manoeuvre:
         n = len(self.trim.sensors)
         white, slow, gust = (x[self.grouped.pick] for x in self.shapes)
         power = variances[:n] * white[:, None] + variances[n : 2 * n] * slow[:, None]
+        power = power * self.left.T[self.grouped.pick]
         sd = np.sqrt(np.concatenate([power, (variances[2 * n] * gust)[:, None]], axis=1))
         return sd, np.sqrt(variances[2 * n + 1 :])
 
     def scaled(self, response: Complex, variances: Array) -> Complex:
-        """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups; of
-        the noise alone that is in the signals, for nothing else is in slopes."""
+        """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups."""
         sd, missing = self._deviations(variances)
         shown = self._missing(response, np.abs(self.own_responses(response)), self.grouped.pick)
         return np.concatenate([response * sd[:, None, :], shown * missing], axis=-1)
 
     def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array) -> Complex:
-        """The change of `scaled` per parameter, whose change of the responses is `slopes` (p, groups, ...)."""
+        """The same of the noise that is in slopes, made of measured signals, whose change of the responses is `slopes`
+        (p, groups, ...).
+
+        A smoothed signal is the mean of what is true, given what was shown, and its error is independent of it (Berkson
+        1950, Are There Two Regressions?). So the error is in no slope that is made of that signal alone, as a lag's or
+        a derivative's is. It is in those of what the aircraft answers it with, which is what is true and not what was
+        shown: a mass weighs accelerations. They show what makes of them all that the error makes of the series.
+
+        All this as far as the noise is known, for the slope is short or long by the part that is kept too much or too
+        little: so the slow noise is estimated beside all else, see air_data.Unseen."""
         sd, missing = self._deviations(variances)
         own = self.own_responses(response)
         size = (np.conj(own) * self.own_responses(response, slopes)).real / np.maximum(np.abs(own), 1e-30)
         shown = self._missing(slopes, size, self.grouped.pick)
-        scaled = slopes * sd[:, None, :]
-        scaled[..., self._forces, -1] = 0.0  # slopes are made of the gust that forces are fed with, not of the rest
-        return np.concatenate([scaled, shown * missing], axis=-1)
+        moved, errs = slopes.copy(), self.smoothed
+        if errs.any():
+            answers = np.linalg.solve(response[..., self.heads], response[..., errs])
+            moved[..., errs] = slopes[..., self.heads] @ answers
+        moved[..., self._forces, -1] = 0.0  # slopes are made of the gust that forces are fed with, not of the rest
+        return np.concatenate([moved * sd[:, None, :], shown * missing], axis=-1)
 
     def steady_variances(self, variances: Array, zeros: Array) -> Array:
         """(k,) variances of the steady parts: what sensors' noise and the gusts leave, zeros that wander by `zeros`
@@ -249,8 +259,7 @@ class Manoeuvre:
 
     def of_heads(self, response: Complex) -> Complex:
         """(groups, series, series) of a response at all bins: to the sensors at the heads of the series judged."""
-        columns = [self.trim.sensors.index(self.axis.heads[j]) for j in self.setting.judged]
-        return np.asarray(response[self.grouped.pick][:, :, columns])
+        return np.asarray(response[self.grouped.pick][..., self.heads])
 
     def motion(self, response: Complex) -> Array:
         """(series,) root mean square of what moves in each series judged: the signal at its head, the coefficient."""

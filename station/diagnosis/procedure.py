@@ -17,7 +17,7 @@ from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, 
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
 from station.diagnosis.free_parameters import BEYOND, Free
 from station.diagnosis.judge import RemainingResidual
-from station.diagnosis.likelihood import Problem
+from station.diagnosis.likelihood import ROUNDS, Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import (
     LATERAL_SURFACES,
@@ -27,7 +27,7 @@ from station.diagnosis.measured_record import (
     was_moved,
     why_not_lateral,
 )
-from station.diagnosis.refits import ASKED, WHOLE
+from station.diagnosis.refits import ASKED
 from station.diagnosis.residuals import VANE
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import Found, is_told, rivals_of_constant, search
@@ -226,7 +226,7 @@ def _less(found: Found, problem: Problem, names: Sequence[str]) -> Found:
     if not left:
         return replace(found, accepted=found.null, alternatives=())
     start = problem.relevelled(problem.beside(accepted.state, left, accepted.state.a))
-    return replace(found, accepted=problem.estimate(start, WHOLE, problem.whole), alternatives=())
+    return replace(found, accepted=problem.estimate(start, ROUNDS, problem.whole), alternatives=())
 
 
 def _still_told(found: Found, problem: Problem) -> Found:

@@ -117,7 +117,7 @@ def _several(problem: Problem, refits: Refits, terms: Sequence[Term], progress: 
                 refits.begin_at_profile(accepted, terms, starts)
         best = _contended(refits, size, accepted.cost)[:1]
         steps = size - len(accepted.state.values)
-        if best and accepted.cost - best[0].cost > steps * max(ASKED, FURTHER_SHARE * (null.cost - accepted.cost)):
+        if best and accepted.cost - best[0].cost > steps * _asked(null, accepted):
             accepted = best[0]
         elif size > 1:
             break
@@ -129,6 +129,9 @@ def _contended(refits: Refits, size: int, cost: float) -> list[Estimate]:
     `cost` with fewer effects, are fitted to the end; so is one that they left short of what is asked, and promise."""
     refits.fit_the_promising(size, cost)
     found = refits.of_size(size)
+    if found and found[0].solved.gained > ASKED:
+        refits.fit_to_the_end(found[0])
+        found = refits.of_size(size)
     if found:
         best = found[0].cost
         near = RIVAL_SHARE * (cost - best)
@@ -142,6 +145,11 @@ def _contended(refits: Refits, size: int, cost: float) -> list[Estimate]:
             refits.fit_from_profile(found[0].state.values)
             found = refits.of_size(size)
     return found
+
+
+def _asked(null: Estimate, fewer: Estimate) -> float:
+    """Deviance reduction asked of one effect more than `fewer` has."""
+    return max(ASKED, FURTHER_SHARE * (null.cost - fewer.cost))
 
 
 def is_told(term: Term, value: float, sd: float) -> bool:
@@ -161,15 +169,16 @@ def _settled(problem: Problem, refits: Refits, accepted: Estimate, progress: Cal
             fewer = refits.without(name, whole)
             if not fewer.state.values and fewer.cost < refits.null.cost:
                 refits.null = fewer
-            if fewer.cost - whole.cost < least:
-                weakest, least = name, fewer.cost - whole.cost
+            beyond = fewer.cost - whole.cost - _asked(refits.null, fewer)
+            if beyond < least:
+                weakest, least = name, beyond
         sd = np.sqrt(np.diag(whole.solved.covariance))
         for value, (name, error) in zip(
             whole.state.values.values(), zip(whole.state.ids, sd, strict=False), strict=True
         ):
             if not is_told(BY_ID[name], value, error):
-                weakest, least = name, 0.0
-        if least > ASKED:
+                weakest, least = name, -math.inf
+        if least > 0:
             return whole
         accepted = refits.without(weakest, whole)
     return refits.null

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from station.diagnosis.corrections import AIR_DATA
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.residuals import SERIES
 from station.profile import Aircraft, load_aircraft
-from station.profile.profile_changes import speed_lift
+from station.profile.profile_changes import Extend, derivative, inertia, sensor_lag, speed_lift
 
 G, SPEED, PITCH, DENSITY = 9.80665, 55.0, 0.07, 1.0
 PRESSURE = 0.5 * DENSITY * SPEED**2
@@ -171,6 +172,29 @@ def test_air_data_without_gusts_are_what_the_accelerations_say(navion: tuple[Air
     at = smooth.of.trim.sensors.index("pitot")
     left = smooth("lift", "pitot") * np.sqrt(smooth.of.left[at])
     np.testing.assert_allclose(np.abs(left), 0.01 * 2 * lift / SPEED, rtol=0.05)
+
+
+@pytest.mark.parametrize(("change", "by", "share"), [
+    (inertia("mass"), 0.01, 0.01), (derivative("CL_alpha", relative=True), 0.01, 0.0),
+    (sensor_lag(*AIR_DATA), 0.1, 0.0),
+])  # fmt: skip
+def test_the_error_of_smoothed_air_data_is_in_slopes_that_weigh_what_answers_it(
+    navion: tuple[Aircraft, Shown], change: Extend, by: float, share: float
+) -> None:
+    """A pressure that is higher than thought lifts more than thought, and the accelerometer shows it: a mass 1 % larger
+    makes 1 % of it more. A lag weighs no acceleration, nor does a lift slope. By hand where the aircraft has no time to
+    give way: that lessens it by La/(j w), La = CL_alpha q S/(m V)."""
+    subject, _ = navion
+    of = shown(subject, smoothed=True)
+    m, here = of.of, of.responses[of.of.grouped.pick]
+    there = m.responses(change(subject, by), m.grouped.pick) - here
+    variances = np.ones(2 * len(m.trim.sensors) + 1 + len(m.axis.missed))
+    row, at = m.setting.judged.index(SERIES.index("lift")), m.trim.sensors.index("pitot")
+    found = m.scaled_slopes(here, there[None], variances)[0, :, row, at] / m.scaled(here, variances)[:, row, at]
+    slope = subject.value("CL_alpha") * PRESSURE * subject.geometry.wing_area / (subject.inertia.mass * SPEED)
+    fast = np.abs(of.jw[m.grouped.pick]) > 8 * slope
+    assert fast.any()
+    np.testing.assert_array_less(np.abs(found - share)[fast], 0.01 / 4)
 
 
 def test_a_boom_carries_the_noise_of_the_rate_to_the_vane(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_slopes_are_those_of_each_aircraft_by_itself(case):
             there = m.differences(move.aircraft, air[k]).minus(z)
             assert np.abs(got.bins[i] * move.step - there.bins).max() < ROUNDING * np.abs(z.bins).max(), i
             assert np.abs(got.steady[i] * move.step - there.steady).max() < ROUNDING * np.abs(z.steady).max(), i
-            if move.of_noise and i not in made._retimed:
+            if move.of_noise:
                 shown = m.responses(move.aircraft, m.grouped.pick, s.flown) - r
                 assert np.abs(got.response[i] * move.step - shown).max() < ROUNDING * np.abs(r).max(), i
 

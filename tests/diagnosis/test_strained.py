@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,12 +11,14 @@ import pytest
 from blind import Case, aircraft, fly_case
 
 from station.diagnosis import likelihood
-from station.diagnosis.candidate import Estimate, Solved, State
+from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, solution
+from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.procedure import _freed
+from station.diagnosis.term import Term
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +73,59 @@ def test_a_step_goes_no_further_than_a_share(sound: tuple[Problem, Estimate]) ->
     there = problem.advance(replace(null.state, q=np.inf), replace(null.solved, step=wanted), (), False)
     assert there is not None
     assert problem.aircraft_at({}, there.a).unsteady.turned_at_once == 1.0
+
+
+def test_an_effect_at_an_end_goes_no_further_and_promises_nothing_there() -> None:
+    """Closed form: minimum of x'Ax/2 + g'x + 0.3 y^2/2 with x held. An effect that was clipped after the step left the
+    other where it would be with the effect beyond its end, and promised for ever what lies there."""
+    normal = Normal(np.array([[2.0, 1.0], [1.0, 3.0]]), np.zeros((2, 2)), np.zeros((2, 2)), np.array([5.0, 1.0]))
+    at, known = np.array([-0.6, 0.0]), np.array([0.0, 0.3])
+    free = solution(at, normal, known, np.array([[-9.0, -9.0], [9.0, 9.0]]))
+    held = solution(at, normal, known, np.array([[-0.6, -9.0], [9.0, 9.0]]))
+    np.testing.assert_allclose(free.step, -np.linalg.solve([[2.0, 1.0], [1.0, 3.3]], [5.0, 1.0]), rtol=1e-7)
+    np.testing.assert_allclose(held.step, [0.0, -1 / 3.3], rtol=1e-7)
+    assert held.gained == pytest.approx(1 / 3.3)
+
+
+def test_a_fit_that_ends_at_what_is_not_physical_is_not_refined(
+    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem, null = sound
+    fits: list[float] = []
+
+    def estimate(self: Problem, s: State, rounds: int, slopes: object, done: float = 0.2) -> Estimate:
+        fits.append(done)
+        return replace(null, state=replace(null.state, values={"inertia.scale": BY_ID["inertia.scale"].high}))
+
+    monkeypatch.setattr(Problem, "estimate", estimate)
+    assert problem.from_profile({"inertia.scale": 0.5}).state.at_end
+    assert fits == [likelihood.NEAR]
+
+
+@pytest.mark.parametrize(("steps", "anew"), [(0.5, 1), (2.0, 2)])
+def test_slopes_of_all_are_made_anew_where_an_effect_went_far(
+    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch, steps: float, anew: int
+) -> None:
+    """Those of the effects are at every step."""
+    problem, null = sound
+    term, made, of_effects = BY_ID["inertia.scale"], [], []
+    start = problem.relevelled(problem.state({term.id: 0.0}, null.state.a))
+    moved = iter([problem.beside(start, {term.id: steps * term.step}, start.a)])
+    effect_slopes = problem.effect_slopes
+
+    def counted(s: State, terms: Sequence[Term]) -> list[Slopes]:
+        of_effects.append(s)
+        return effect_slopes(s, terms)
+
+    def slopes(s: State) -> tuple[list[Slopes], Sequence[Term]]:
+        made.append(s)
+        return problem.whole(s)
+
+    monkeypatch.setattr(problem, "effect_slopes", counted)
+    monkeypatch.setattr(problem, "relevelled", lambda s: s)
+    monkeypatch.setattr(problem, "advance", lambda *_: next(moved, None))
+    problem.estimate(start, 2, slopes, done=-np.inf)
+    assert (len(made), len(of_effects)) == (anew, 2)
 
 
 def test_a_fit_is_left_where_only_damped_steps_lead_on_and_gain_nothing(
