@@ -261,8 +261,8 @@ class Problem:
         with self._far_off(held=on_the_way is None):
             start = on_the_way or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
-        if near.state.at_end:  # not to be had as it is: how near to the best is no matter
-            return near
+        if near.state.at_end and self.solve(near.state, near.normal).gained > near.solved.gained + NEAR:
+            return near  # far beyond what is physical: where it is best within does not matter
         return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
 
     def _laid_to_the_model(self, e: Estimate) -> Estimate:

@@ -87,19 +87,22 @@ def test_an_effect_at_an_end_goes_no_further_and_promises_nothing_there() -> Non
     assert held.gained == pytest.approx(1 / 3.3)
 
 
-def test_a_fit_that_ends_at_what_is_not_physical_is_not_refined(
-    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("beyond", "fitted"), [(likelihood.NEAR + 1, 1), (likelihood.NEAR - 1, 2)])
+def test_a_fit_that_would_go_far_beyond_what_is_physical_is_not_refined(
+    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch, beyond: float, fitted: int
 ) -> None:
+    """One that hardly would may leave the end again: an effect 10 % short of it was lost."""
     problem, null = sound
-    fits: list[float] = []
+    fits: list[object] = []
 
-    def estimate(self: Problem, s: State, rounds: int, slopes: object, done: float = 0.2) -> Estimate:
-        fits.append(done)
+    def estimate(self: Problem, *given: object) -> Estimate:
+        fits.append(given)
         return replace(null, state=replace(null.state, values={"inertia.scale": BY_ID["inertia.scale"].high}))
 
     monkeypatch.setattr(Problem, "estimate", estimate)
+    monkeypatch.setattr(Problem, "solve", lambda *_: replace(null.solved, gained=null.solved.gained + beyond))
     assert problem.from_profile({"inertia.scale": 0.5}).state.at_end
-    assert fits == [likelihood.NEAR]
+    assert len(fits) == fitted
 
 
 @pytest.mark.parametrize(("steps", "anew"), [(0.5, 1), (2.0, 2)])
