@@ -53,7 +53,8 @@ HOPED: Final = 3.0
 MOST_DAMPED: Final = 100.0
 LIGHTLY_DAMPED: Final = 0.1
 LONG: Final = 0.3
-"""Prior standard deviations: after a longer step the slopes are made anew."""
+"""Prior standard deviations: after a longer step all slopes are made anew, or where an effect went farther than its
+Term.step; those of the effects at every step."""
 BLAMED: Final = 3.0
 """Times the share that any sensor misses, from which it is asked whether the model misses it instead: in variance an
 order of magnitude. To ask costs two fits."""
