@@ -9,7 +9,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.variances import Levels
@@ -70,11 +69,6 @@ class State:
     @property
     def ids(self) -> tuple[str, ...]:
         return tuple(self.values)
-
-    @property
-    def at_end(self) -> bool:
-        """Whether an effect is at an end of what is physical."""
-        return any(BY_ID[i].at_end(x) for i, x in self.values.items())
 
 
 @dataclass(frozen=True, slots=True)

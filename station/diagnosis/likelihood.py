@@ -231,13 +231,12 @@ class Problem:
         parts = [normal_of(m, s, k, own) for k, (m, own) in enumerate(zip(self.manoeuvres, slopes, strict=True))]
         return Normal(*(np.sum(part, axis=0) for part in zip(*parts, strict=True)))
 
-    def solve(self, s: State, normal: Normal, terms: Sequence[Term] = (), damping: float = 0.0) -> Solved:
-        """The step of all parameters, effects first, `terms` before others; those at an end do not go beyond it."""
-        effects = len(normal.gradient) - len(s.a)
-        own = [(t.low, t.high) for t in terms] + [(-math.inf, math.inf)] * (effects - len(terms))
-        at = np.concatenate([[s.values[t.id] for t in terms], np.zeros(effects - len(terms)), s.a])
-        ends = np.concatenate([np.array(own).reshape(-1, 2).T, self.ends], axis=1)
-        return solution(at, normal, np.concatenate([np.zeros(effects), self._known]), ends, damping)
+    def solve(self, s: State, normal: Normal, damping: float = 0.0) -> Solved:
+        """The step of all parameters, effects first; those of the aircraft that are at an end do not go beyond it."""
+        effects = np.zeros(len(normal.gradient) - len(s.a))
+        ends = np.concatenate([np.array([[-math.inf], [math.inf]]) + effects, self.ends], axis=1)
+        at, known = (np.concatenate([effects, x]) for x in (s.a, self._known))
+        return solution(at, normal, known, ends, damping)
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term], far: bool) -> State | None:
         """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
@@ -262,8 +261,6 @@ class Problem:
         with self._far_off(held=on_the_way is None):
             start = on_the_way or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
-        if near.state.at_end and self.solve(near.state, near.normal).gained > near.solved.gained + NEAR:
-            return near  # far beyond what is physical: where it is best within does not matter
         return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
 
     def _laid_to_the_model(self, e: Estimate) -> Estimate:
@@ -284,18 +281,18 @@ class Problem:
     def at_profile(self, values: Mapping[str, float]) -> Estimate:
         """The profile's aircraft with these effects, and the variances fitted to it."""
         s = self._profile_state(values)
-        return self._here(s, *self.whole(s))
+        return self._here(s, self.whole(s)[0])
 
     def few_steps(self, values: Mapping[str, float], free: Sequence[Slopes], rounds: int) -> Estimate:
         """From the profile on, by the free parameters' slopes there: of what is nearly right the constants hardly move.
         With the normal equations of where that ends."""
         with self._far_off(held=False):
             s = self.estimate(self._profile_state(values), rounds, self.with_free(free)).state
-        return self._here(s, *self.with_free(free)(s))
+        return self._here(s, self.with_free(free)(s)[0])
 
-    def _here(self, s: State, made: list[Slopes], terms: Sequence[Term]) -> Estimate:
+    def _here(self, s: State, made: list[Slopes]) -> Estimate:
         normal = self.normal(s, made)
-        return Estimate(s, self.solve(s, normal, terms), made, normal, self.cost(s))
+        return Estimate(s, self.solve(s, normal), made, normal, self.cost(s))
 
     def _profile_state(self, values: Mapping[str, float]) -> State:
         return self.relevelled(self.state(values, self.of_profile))
@@ -362,14 +359,14 @@ class Problem:
                 made = self.with_free(parted(made, len(terms)))(s)[0]
             normal = self.normal(s, made)
             # However short a damped step is: the way left is as long as an undamped one promises.
-            far = self.solve(s, normal, terms).gained > NEAR
-            solved = self.solve(s, normal, terms, damping)
+            far = self.solve(s, normal).gained > NEAR
+            solved = self.solve(s, normal, damping)
             if self.cost(s) - HOPED * solved.gained > beaten:
                 break
             there = self.advance(s, solved, terms, far)
             while there is None and damping < MOST_DAMPED:
                 damping = max(10 * damping, 0.01)
-                solved = self.solve(s, normal, terms, damping)
+                solved = self.solve(s, normal, damping)
                 there = self.advance(s, solved, terms, far)
             if there is None:
                 if not stale:
@@ -386,4 +383,4 @@ class Problem:
                 if fresh or damping < LIGHTLY_DAMPED:
                     break
                 long, damping = True, 0.0
-        return Estimate(s, self.solve(s, normal, terms), made, normal, self.cost(s))
+        return Estimate(s, self.solve(s, normal), made, normal, self.cost(s))

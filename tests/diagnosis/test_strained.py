@@ -75,9 +75,8 @@ def test_a_step_goes_no_further_than_a_share(sound: tuple[Problem, Estimate]) ->
     assert problem.aircraft_at({}, there.a).unsteady.turned_at_once == 1.0
 
 
-def test_an_effect_at_an_end_goes_no_further_and_promises_nothing_there() -> None:
-    """Closed form: minimum of x'Ax/2 + g'x + 0.3 y^2/2 with x held. An effect that was clipped after the step left the
-    other where it would be with the effect beyond its end, and promised for ever what lies there."""
+def test_a_parameter_at_an_end_goes_no_further_and_promises_nothing_there() -> None:
+    """Closed form: minimum of x'Ax/2 + g'x + 0.3 y^2/2 with x held."""
     normal = Normal(np.array([[2.0, 1.0], [1.0, 3.0]]), np.zeros((2, 2)), np.zeros((2, 2)), np.array([5.0, 1.0]))
     at, known = np.array([-0.6, 0.0]), np.array([0.0, 0.3])
     free = solution(at, normal, known, np.array([[-9.0, -9.0], [9.0, 9.0]]))
@@ -85,24 +84,6 @@ def test_an_effect_at_an_end_goes_no_further_and_promises_nothing_there() -> Non
     np.testing.assert_allclose(free.step, -np.linalg.solve([[2.0, 1.0], [1.0, 3.3]], [5.0, 1.0]), rtol=1e-7)
     np.testing.assert_allclose(held.step, [0.0, -1 / 3.3], rtol=1e-7)
     assert held.gained == pytest.approx(1 / 3.3)
-
-
-@pytest.mark.parametrize(("beyond", "fitted"), [(likelihood.NEAR + 1, 1), (likelihood.NEAR - 1, 2)])
-def test_a_fit_that_would_go_far_beyond_what_is_physical_is_not_refined(
-    sound: tuple[Problem, Estimate], monkeypatch: pytest.MonkeyPatch, beyond: float, fitted: int
-) -> None:
-    """One that hardly would may leave the end again: an effect 10 % short of it was lost."""
-    problem, null = sound
-    fits: list[object] = []
-
-    def estimate(self: Problem, *given: object) -> Estimate:
-        fits.append(given)
-        return replace(null, state=replace(null.state, values={"inertia.scale": BY_ID["inertia.scale"].high}))
-
-    monkeypatch.setattr(Problem, "estimate", estimate)
-    monkeypatch.setattr(Problem, "solve", lambda *_: replace(null.solved, gained=null.solved.gained + beyond))
-    assert problem.from_profile({"inertia.scale": 0.5}).state.at_end
-    assert len(fits) == fitted
 
 
 @pytest.mark.parametrize(("steps", "anew"), [(0.5, 1), (2.0, 2)])
