@@ -39,7 +39,7 @@ W comes nearest to what it is, of a minute of autoregressions in white noise; by
 QUIET_HZ: Final = 1.0
 """Above it an aircraft's speed does not change in calm air: what is seen there is noise, or gusts."""
 CONTINUED: Final = 2.0
-"""An octave tells by which power a spectrum falls."""
+"""Ratio of the frequencies between which the power is fitted by which a spectrum falls: an octave."""
 GENTLEST: Final = -5 / 3
 """The power by which gusts fall (Kolmogorov 1941); what lags falls faster."""
 SLOWEST: Final = 0.5
@@ -131,9 +131,9 @@ def _beyond(f: Array, shown: Array, known: Array | float, slow: Array | float = 
 
 
 def _continued(f: Array, beyond: Array, noise: Array | float) -> Array:
-    """What a spectrum shows `beyond` noise, and above the last frequency where that is more than the noise, the same
-    continued by the power of the frequency by which it falls up to there. Further up the difference of two spectra
-    is chance, and where it comes out as nothing, the air that moves there would be known to stand still."""
+    """(n,) the spectrum of the air, of what is shown `beyond` the noise. Above the last frequency where that is more
+    than the noise, it goes on falling by the power of the frequency by which it fell up to there: further up the
+    difference of two spectra is chance, and where that is nothing the air would be taken to stand still."""
     told = np.flatnonzero((f >= LOW_HZ) & (beyond > noise))
     if not len(told):
         return beyond

@@ -109,7 +109,7 @@ class Estimate:
         return bool(a @ a > len(a) or np.abs(a).max() > BEYOND)
 
 
-def parted(slopes: Sequence[Slopes], n: int) -> list[Slopes]:
+def without_first(slopes: Sequence[Slopes], n: int) -> list[Slopes]:
     """Slopes without their first `n` parameters."""
     return [Slopes(x.bins[n:], x.steady[n:], x.response[n:]) for x in slopes]
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.diagnosis.air_data import Unseen
-from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, parted, solution
+from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, solution, without_first
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.finite_differences import Differences, Move, unseen_differences
 from station.diagnosis.free_parameters import STEP, Free, moved
@@ -356,7 +356,7 @@ class Problem:
                 made, terms = slopes(s)
                 stale = False
             elif stale and terms:
-                made = self.with_free(parted(made, len(terms)))(s)[0]
+                made = self.with_free(without_first(made, len(terms)))(s)[0]
             normal = self.normal(s, made)
             # However short a damped step is: the way left is as long as an undamped one promises.
             far = self.solve(s, normal).gained > NEAR

@@ -208,13 +208,13 @@ class Manoeuvre:
         return np.concatenate([response * sd[:, None, :], shown * missing], axis=-1)
 
     def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array) -> Complex:
-        """The same of the noise that is in slopes, made of measured signals, whose change of the responses is `slopes`
-        (p, groups, ...).
+        """(p, groups, series, components) the noise of `scaled` in slopes, whose change of the responses is `slopes`.
 
         A smoothed signal is the mean of what is true, given what was shown, and its error is independent of it (Berkson
-        1950, Are There Two Regressions?). So the error is in no slope that is made of that signal alone, as a lag's or
-        a derivative's is. It is in those of what the aircraft answers it with, which is what is true and not what was
-        shown: a mass weighs accelerations. They show what makes of them all that the error makes of the series.
+        1950, Are There Two Regressions?). So no slope that is made of that signal alone has the error in it: not a
+        lag's, nor a lift slope's. But the aircraft flies in the pressure that is true, and the accelerometers show it:
+        the slope of a mass, which weighs what they show, has it. They show as much of it as makes the same of the
+        series as the error does.
 
         All this as far as the noise is known, for the slope is short or long by the part that is kept too much or too
         little: so the slow noise is estimated beside all else, see air_data.Unseen."""

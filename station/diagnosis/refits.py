@@ -54,7 +54,7 @@ class Refits:
         """Where the linear model began them."""
         self._from_profile: set[frozenset[str]] = set()
         self._at_end: dict[str, tuple[float, int, float]] = {}
-        """Cost, effects in all, and value of those at an end of their range, each at its best with no other there."""
+        """Cost, effects in all, and value of those at an end of their range, each at its best."""
 
     def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
         """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
@@ -199,17 +199,19 @@ class Refits:
         return frozenset(e.state.values) in self._from_profile
 
     def beyond(self, accepted: Estimate) -> tuple[tuple[str, float], ...]:
-        """Effects at an end of their range that explain clearly more than what is accepted, and as much as any of them
-        does: whatever that is, it is not what the data hold."""
+        """Effects at an end of their range that explain clearly more than what is accepted: whatever that is, it is not
+        what the data hold."""
         size = len(accepted.state.values)
-        left = {i: cost + ASKED * max(more - size, 0) for i, (cost, more, _) in self._at_end.items()}
-        least = min(accepted.cost - CONFOUNDED, min(left.values(), default=math.inf) + CONFOUNDED)
-        return tuple((name, self._at_end[name][2]) for name in sorted(left) if left[name] < least)
+        return tuple(
+            (name, value)
+            for name, (cost, more, value) in sorted(self._at_end.items())
+            if accepted.cost - cost > CONFOUNDED + ASKED * max(more - size, 0)
+        )
 
     def _judged(self, found: Estimate) -> Estimate:
-        ended = [i for i, value in found.state.values.items() if BY_ID[i].at_end(value)]
-        if len(ended) == 1 and found.cost < self._at_end.get(ended[0], (math.inf,))[0]:
-            self._at_end[ended[0]] = found.cost, len(found.state.values), found.state.values[ended[0]]
+        for i, value in found.state.values.items():
+            if BY_ID[i].at_end(value) and found.cost < self._at_end.get(i, (math.inf,))[0]:
+                self._at_end[i] = found.cost, len(found.state.values), value
         if any(self._is_nothing(BY_ID[i], found.state) for i in found.state.ids):
             return replace(found, cost=math.inf)
         return found

@@ -1,8 +1,9 @@
-"""The score of Q: by which way parameters lessen it, but for what noise does to the slopes that tell.
+"""Gradient and information of Q, corrected for the noise in the slopes.
 
-Slopes de/dtheta are made of measured signals. What is in them and in the residuals alike, E[de* Sigma^-1 e], bends
-parameters however long the record, and is taken out of the score (Nakamura 1990, Corrected Score Function for
-Errors-in-Variables Models, Biometrika 77), and its square out of the information.
+Slopes de/dtheta are made of measured signals. What noise puts into them and into the residuals alike, the mean of
+(de/dtheta)* Sigma^-1 e, moves parameters however long the record: it is taken out of the gradient, and the noise's own
+share of the squared slopes out of the information (Nakamura 1990, Corrected Score Function for Errors-in-Variables
+Models, Biometrika 77).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ WEIGHT: Final = 2 * INDEPENDENT
 
 
 def normal_of(m: Manoeuvre, s: State, k: int, own: Slopes) -> Normal:
-    """Of manoeuvre `k` of a state, for the parameters of its slopes `own`."""
+    """Normal equations of manoeuvre `k` at a state, for the parameters of its slopes `own`."""
     inverse, w, variances, response = np.linalg.inv(s.roots[k]), s.white[k], s.levels.of(k), s.responses[k]
     d = numbers(np.ascontiguousarray((inverse @ own.bins.transpose(2, 1, 0)).transpose(2, 0, 1)))
     e = own.steady / np.sqrt(m.steady_variances(variances, s.levels.zeros))

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.candidate import Estimate, Normal, Slopes, State, parted
+from station.diagnosis.candidate import Estimate, Normal, Slopes, State, without_first
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.term import Term
@@ -118,7 +118,7 @@ def _best(starts: Iterable[Start]) -> list[Start]:
 
 def free_slopes_of(e: Estimate) -> list[Slopes]:
     """The slopes of an estimate's free parameters alone."""
-    return parted(e.slopes, len(e.state.values))
+    return without_first(e.slopes, len(e.state.values))
 
 
 def _regular(normal: Normal, s: State, effects: int) -> tuple[Array, Array]:
