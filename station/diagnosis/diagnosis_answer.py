@@ -10,7 +10,9 @@ from station.diagnosis.diagnosis_result import Effect, Result, Verdict, missed_w
 QUOTED: Final = 3
 """Effects in the sentence, those with the strongest evidence; all are in the table."""
 _SIMULATED: Final[Mapping[Verdict, str]] = {
-    "no_effect": "the measured flight agrees with the simulation within noise and gusts: no effect found",
+    "no_effect": (
+        "the measured flight agrees with the simulation within noise, gusts and the profile's doubt: no effect found"
+    ),
     "effect_found": "the measured flight differs from the simulation, explained by: {}",
     "confounded": "the measured flight differs from the simulation; a possible cause, not separated from others: {}",
     "unexplained": "UNEXPLAINED, the measured flight differs from the simulation beyond what the catalogue explains",

@@ -11,10 +11,13 @@ from station.diagnosis.misfit import misfits
 from station.diagnosis.model_validity import Validity, validity, validity_json, validity_lines
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.qualification import Flown, qualification_json, qualification_lines, qualified
+from station.diagnosis.reported import Moved, free_parameters_of
 from station.identification.handling_qualities import derived_json, derived_lines
 from station.model.flying_qualities import Qualities
 
 _SUSPECT = "suspect, for what is unexplained: "
+_USUAL = 1.96
+"""Prior standard deviations that 95 % of derivatives lie within, if the profile's doubt is what it says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,8 @@ class Readings:
     """Where the model holds; None where lift and moment cannot be judged."""
     suspect: bool
     """Whether something remains unexplained, which all of this may suffer from."""
+    unusual: Sequence[Moved] = ()
+    """Derivatives beyond the 95 % of the profile's doubt that are not named."""
 
     def as_json(self) -> dict[str, Any]:
         """Keys of station.diagnose/1."""
@@ -43,7 +48,12 @@ class Readings:
         first, *more = derived_lines(self.derived)
         own = [f"{_SUSPECT}{first}" if self.suspect else first, *more]
         holds = [] if self.validity is None else validity_lines(self.validity)
-        return [*own, *qualification_lines(self.qualification), *holds]
+        return [*self._unusual_lines, *own, *qualification_lines(self.qualification), *holds]
+
+    @property
+    def _unusual_lines(self) -> list[str]:
+        words = ", ".join(f"{p.name} {p.words}" for p in self.unusual)
+        return [f"beyond 95 % of the profile's doubt, too little to be named: {words}"] if words else []
 
     def page(self) -> list[str]:
         """Pieces of HTML."""
@@ -63,4 +73,12 @@ def readings_of(found: Diagnosis) -> Readings:
     records = [m.recorded for m in (*found.problem.manoeuvres, *found.held_out)]
     flown = qualified(records, found.aircraft, found.after)
     over_time = misfits(found)
-    return Readings(after, before, flown, validity(over_time) if over_time else None, found.verdict == "unexplained")
+    held = validity(over_time) if over_time else None
+    return Readings(after, before, flown, held, found.verdict == "unexplained", _unusual(found))
+
+
+def _unusual(found: Diagnosis) -> list[Moved]:
+    named = {e.term.id for e in found.named}
+    of = [found, *([found.lateral] if found.lateral else [])]
+    moved = [p for d in of for p in free_parameters_of(d) if p.of_derivative and f"aero.{p.name}" not in named]
+    return [p for p in moved if abs(p.in_prior_sd) > _USUAL]

@@ -135,7 +135,7 @@ LINES: Final = (
     {"short period": ("short_period_frequency", "short_period_damping")},
     {"phugoid": ("phugoid_frequency", "phugoid_damping")},
     {"n/alpha": ("n_per_alpha",), "CAP": ("control_anticipation",)},
-    {"static margin": ("static_margin",), "elevator": ("elevator_per_g",)},
+    {"static margin": ("static_margin",), "measured elevator": ("elevator_per_g",)},
 )
 """Of the terminal."""
 

@@ -283,10 +283,11 @@ _ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
     "static_margin": ("1", ("alpha",), (_LOADING,)),
     "neutral_point": ("m", ("alpha",), (_LOADING,)),
     "manoeuvre_margin": ("1", ("alpha", "q"), (_LOADING,)),
-    "elevator_per_g": ("rad", ("alpha", "q", "de"), ()),
+    "elevator_per_g": ("rad", ("alpha", "q", "de"), ("elevator scale",)),
 }
 """Unit of each quantity, the derivatives it is made of, and what of the profile it rests on. Mass and inertia cancel
-where the derivatives were found with the same ones. The neutral point is behind the CG; margins are in chords."""
+where the derivatives were found with the same ones. The neutral point is behind the CG; margins are in chords. A wrong
+scale of the elevator's sensor and control derivatives that are wrong by as much cannot be told apart."""
 
 
 # Drawn derivatives may leave a pull-up without load or angle: what follows is then infinite, and unestimated.

@@ -10,6 +10,7 @@ from another_simulation import Case
 
 from station.diagnosis.measured_record import manoeuvres
 from station.diagnosis.procedure import Diagnosis, diagnose
+from station.diagnosis.readings import readings_of
 from station.identification.analysis import identify
 from station.identification.identification_json import as_json
 from station.identification.request import Request
@@ -47,6 +48,17 @@ def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_men
     assert found.gain is not None
     assert found.gain.low > 0
     assert found.gain.before > 1.3 > 1.05 > found.gain.after  # a third more than noise, and nothing but noise is left
+
+
+def test_a_derivative_that_is_off_by_more_than_usual_is_told_though_it_is_not_named(tmp_path: Path) -> None:
+    """A quarter, where the profile says 10 %: one profile in a hundred is as wrong, so nothing is found; but told."""
+    found = diagnosed(Case(seed=5, derivatives={"Cm_de": 0.75 * flown.NAVION["Cm_de"]}), tmp_path)
+    assert (found.verdict, found.named) == ("no_effect", ())
+    readings = readings_of(found)
+    off = {p.name: p for p in readings.unusual}
+    assert abs(off["Cm_de"].change + 0.25) < 2 * off["Cm_de"].prior_sd * off["Cm_de"].sd < 0.15
+    (line,) = [x for x in readings.lines() if x.startswith("beyond 95 %")]
+    assert "Cm_de -2" in line
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.5])
