@@ -90,8 +90,11 @@ class Manoeuvre:
     """The record's mass and inertia over the profile's."""
     shapes: tuple[Array, Array, Array]
     """(bins,) white, slow and gust spectra of variance 1."""
+    moves: Complex
+    """(Axis.missed, bins) coefficients, over what their sensor makes of them, and signals of which the model may miss a
+    share."""
     missed: Array
-    """(Axis.missed, bins) spectra of the coefficients and signals of which the model may miss a share."""
+    """(Axis.missed, bins) their spectra, smoothed."""
     grouped: Groups
     left: Array
     """(sensors, bins) 1 over the share that is kept of a sensor's signal, see air_data; 1 of those that are not
@@ -143,7 +146,7 @@ class Manoeuvre:
                 sensors * np.sqrt(white)[:, None, None],
                 sensors * np.sqrt(slow)[:, None, None],
                 response[..., -1:] * np.sqrt(gust)[:, None, None],
-                self._missing(response, np.abs(self.own_responses(response)), pick),
+                self._missing(response, np.abs(self.own_responses(response)), np.sqrt(self.missed[:, pick])),
             ],
             axis=-1,
         )
@@ -180,17 +183,24 @@ class Manoeuvre:
                 out[..., k] = of_force(response, head, vane, slopes)
         return out
 
-    def _missing(self, response: Complex, own: Array, pick: Pick) -> Complex:
+    def moving(self, response: Complex) -> Complex:
+        """(bins, series, Axis.missed): what each series would miss, of a share of 1, in step with what moves."""
+        return self._missing(response, self.own_responses(response), self.moves)
+
+    def _missing(self, response: Complex, own: Array | Complex, moves: Array | Complex) -> Complex:
         """(..., bins, series, Axis.missed): of a force in its own series, of the size `own`; of a sensor wherever its
-        noise goes."""
+        noise goes. `moves`: (Axis.missed, bins) how much of it there is."""
         out = np.zeros((*response.shape[:-1], len(self.axis.missed)), dtype=complex)
         for k, name in enumerate(self.axis.missed):
-            root = np.sqrt(self.missed[k, pick])
             if name not in self.axis.forces:
-                out[..., k] = response[..., self.trim.sensors.index(name)] * root[:, None]
+                out[..., k] = response[..., self.trim.sensors.index(name)] * moves[k][:, None]
             elif head := self.place(name):
-                out[..., head[0], k] = root * own[..., k]
+                out[..., head[0], k] = moves[k] * own[..., k]
         return out
+
+    @property
+    def _missed_by_group(self) -> Array:
+        return np.sqrt(self.missed[:, self.grouped.pick])
 
     def _deviations(self, variances: Array) -> tuple[Array, Array]:
         """(groups, sensors + 1) standard deviations, white and slow together, the gust's; and those of the shares."""
@@ -204,7 +214,7 @@ class Manoeuvre:
     def scaled(self, response: Complex, variances: Array) -> Complex:
         """`columns` in their standard deviations, a sensor's white and slow part as one, of a response by groups."""
         sd, missing = self._deviations(variances)
-        shown = self._missing(response, np.abs(self.own_responses(response)), self.grouped.pick)
+        shown = self._missing(response, np.abs(self.own_responses(response)), self._missed_by_group)
         return np.concatenate([response * sd[:, None, :], shown * missing], axis=-1)
 
     def scaled_slopes(self, response: Complex, slopes: Complex, variances: Array) -> Complex:
@@ -221,7 +231,7 @@ class Manoeuvre:
         sd, missing = self._deviations(variances)
         own = self.own_responses(response)
         size = (np.conj(own) * self.own_responses(response, slopes)).real / np.maximum(np.abs(own), 1e-30)
-        shown = self._missing(slopes, size, self.grouped.pick)
+        shown = self._missing(slopes, size, self._missed_by_group)
         moved, errs = slopes.copy(), self.smoothed
         if errs.any():
             answers = np.linalg.solve(response[..., self.heads], response[..., errs])
@@ -253,7 +263,7 @@ class Manoeuvre:
 
     def missing(self, response: Complex, shares: Mapping[str, float]) -> Array:
         """(series,) what misses `shares` of Axis.missed leave out of each series judged, over what moves in it."""
-        each = self._missing(response, np.abs(self.own_responses(response)), EVERY)
+        each = self._missing(response, np.abs(self.own_responses(response)), np.sqrt(self.missed))
         each *= [shares.get(name, 0.0) for name in self.axis.missed]
         return np.asarray(np.sqrt((np.abs(each) ** 2).sum(-1).mean(0)) / np.maximum(self.motion(response), 1e-12))
 
@@ -318,6 +328,7 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         trim,
         loading,
         (np.ones(len(f)), slow, gust / gust.mean()),
+        np.ones((len(axis.missed), len(f)), dtype=complex),
         np.ones((len(axis.missed), len(f))),
         groups_of(f),
         _left(trim.sensors, {name: share.at(f) for name, share in shares.items()}, np.ones(len(f))),
@@ -327,7 +338,8 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         told = _gust_share(made, aircraft)
         own, straight = replace(own, gust_share=told), replace(trim.setting, gust_share=told)
         made = replace(made, setting=own, trim=replace(trim, setting=straight))
-    made.missed[:] = _motion(made, aircraft)
+    made.moves[:] = _motion(made, aircraft)
+    made.missed[:] = ndimage.gaussian_filter1d(np.abs(made.moves) ** 2, SPREAD_BINS, mode="nearest")
     made.memo._kept.clear()
     return made
 
@@ -365,19 +377,16 @@ def _gust_share(m: Manoeuvre, aircraft: Aircraft) -> Share:
     return share_beyond(shown, m.record.dt, m.setting.frequencies, noise)
 
 
-def _motion(m: Manoeuvre, aircraft: Aircraft) -> Array:
-    """(Axis.missed, bins) smoothed spectra of the coefficients over what their sensor makes of them, and of sensors."""
+def _motion(m: Manoeuvre, aircraft: Aircraft) -> Complex:
+    """(Axis.missed, bins) the coefficients over what their sensor makes of them, and sensors' signals."""
     still = aircraft.unsteady.model_copy(update={"tail_lift_slope": 0.0})
     own = m.differences(aircraft.model_copy(update={**m.axis.still, "unsteady": still}))
     made = m.own_responses(m.responses(aircraft))
-    out = np.zeros((len(m.axis.missed), len(made)))
+    out = np.zeros((len(m.axis.missed), len(made)), dtype=complex)
     for k, name in enumerate(m.axis.missed):
-        if name in m.axis.forces:
-            if (head := m.place(name)) is None:
-                continue
-            power = np.abs(own.bins[head[0]] / made[:, k]) ** 2
-        else:
+        if name not in m.axis.forces:
             x = np.broadcast_to(m.record.signals[name], (len(m.axis.series), m.record.n))
-            power = np.abs(spectra(x, m.setting, (VANE,), False).bins[0]) ** 2
-        out[k] = ndimage.gaussian_filter1d(power, SPREAD_BINS, mode="nearest")
+            out[k] = spectra(x, m.setting, (VANE,), False).bins[0]
+        elif head := m.place(name):
+            out[k] = own.bins[head[0]] / made[:, k]
     return out

@@ -27,6 +27,7 @@ from station.diagnosis.measured_record import (
     was_moved,
     why_not_lateral,
 )
+from station.diagnosis.model_error import with_model_error
 from station.diagnosis.refits import ASKED
 from station.diagnosis.residuals import VANE
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
@@ -164,7 +165,7 @@ def _diagnosed(
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         left = judge.remaining_residual(problem, found.accepted, found.beyond)
         remaining = replace(left, inhomogeneous=(*remaining.inhomogeneous, *left.inhomogeneous))
-    found = replace(found, accepted=_freed(problem, found.accepted))
+    found = replace(found, accepted=with_model_error(problem, _freed(problem, found.accepted)))
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
@@ -358,7 +359,7 @@ def _constant(aircraft: Aircraft, free: Free, x: float, sd: float) -> Constant:
 def _effects(found: Found, accepted: Estimate, problem: Problem) -> tuple[Effect, ...]:
     """The accepted effects, and what is beyond its prior, at `accepted`, freed from priors; the strongest evidence
     first."""
-    sd = np.sqrt(np.diag(accepted.solved.covariance))
+    sd = np.sqrt(np.diag(with_model_error(problem, accepted).solved.covariance))
     first = len(accepted.state.values)
     out = []
     for k, (name, value) in enumerate(accepted.state.values.items()):
