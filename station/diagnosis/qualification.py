@@ -3,7 +3,9 @@
 Tolerances: 14 CFR part 60, appendix A, table A2A (full flight simulators). Open loop a simulation drifts by whatever
 its trim is wrong by; as in the validation of simulators, initial state and trim (CL_0, Cm_0, CD_0) are fitted to each
 manoeuvre, before and after alike, and nothing else is. Differences count up to the frequency up to which the vane tells
-the gust (vane_gust.GUST_PASS_HZ): what lies beyond shakes the aircraft, not its simulation.
+the gust (vane_gust.GUST_PASS_HZ): what lies beyond shakes the aircraft, not its simulation. Until wing and tail fly in
+air that the vane met in the record (measured_inputs.settled_s), no input says what drove the aircraft: so long it is
+led as it was flown, and not judged.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from station.diagnosis.vane_gust import as_the_gust, inertial_angle, inputs_of, 
 from station.numerics.secant_fit import secant_fit
 from station.profile import Aircraft
 from station.rows import ProfileError
-from station.simulation.measured_inputs import MeasuredFlight, Start
+from station.simulation.measured_inputs import MeasuredFlight, Start, settled_s
 from station.simulation.motion import DT
 
 Array = NDArray[np.float64]
@@ -81,6 +83,7 @@ class Flown:
     before: Mapping[str, Array]
     after: Mapping[str, Array]
     entries: tuple[Entry, ...]
+    judged_from_s: float = 0.0
     why: str = ""
 
 
@@ -94,8 +97,14 @@ def flown_beside(record: Record, aircraft: Aircraft) -> Flown:
     """One manoeuvre beside one aircraft, and what the short period's tolerances say. Raises ProfileError for one
     that cannot be flown."""
     t, measured = _measured(record)
-    shown, _ = simulated(record, _loaded(aircraft, record, *_loading(record, aircraft)))
-    return Flown(record.name, t, measured, shown, shown, (_short_period(t, measured, shown, shown),))
+    begin = _begin(record, aircraft)
+    shown, _ = simulated(record, _loaded(aircraft, record, *_loading(record, aircraft)), begin)
+    return Flown(record.name, t, measured, shown, shown, (_short_period(t, measured, shown, shown, begin),), begin)
+
+
+def _begin(record: Record, *aircraft: Aircraft) -> float:
+    """From when on a record is judged, s."""
+    return max(settled_s(a, float(record.signals["airspeed"].mean())) for a in aircraft)
 
 
 def _measured(record: Record) -> tuple[Array, Mapping[str, Array]]:
@@ -111,14 +120,15 @@ def _loading(record: Record, aircraft: Aircraft) -> tuple[float, float]:
 def _flown(record: Record, before: Aircraft, after: Aircraft) -> Flown:
     t, measured = _measured(record)
     mass, iyy = _loading(record, before)
+    begin = _begin(record, before, after)
     try:
-        other, slopes = simulated(record, _loaded(after, record, mass, iyy))  # whose trim is near
-        one, _ = simulated(record, _loaded(before, record, mass, iyy), slopes)
+        other, slopes = simulated(record, _loaded(after, record, mass, iyy), begin)  # whose trim is near
+        one, _ = simulated(record, _loaded(before, record, mass, iyy), begin, slopes)
     except ProfileError as error:
-        return Flown(record.name, t, measured, {}, {}, (), str(error).splitlines()[0])
+        return Flown(record.name, t, measured, {}, {}, (), begin, str(error).splitlines()[0])
     elevator, speed = record.signals["elevator"], float(record.signals["airspeed"].mean())
-    entries = [_short_period(t, measured, one, other), *_phugoid(t, elevator, speed, (measured, one, other))]
-    return Flown(record.name, t, measured, one, other, tuple(entries))
+    entries = [_short_period(t, measured, one, other, begin), *_phugoid(t, elevator, speed, (measured, one, other))]
+    return Flown(record.name, t, measured, one, other, tuple(entries), begin)
 
 
 def _loaded(aircraft: Aircraft, record: Record, mass: float, iyy: float) -> Aircraft:
@@ -131,17 +141,23 @@ def _loaded(aircraft: Aircraft, record: Record, mass: float, iyy: float) -> Airc
     return aircraft.model_copy(update={"air_density": record.density, "inertia": inertia, "unsteady": lag})
 
 
-def simulated(record: Record, aircraft: Aircraft, slopes: Array | None = None) -> tuple[Mapping[str, Array], Array]:
-    """COMPARED as the aircraft's instruments would have shown them, trim and initial state fitted, and what moving
-    these does to the differences; `slopes`: the same of an aircraft like it. Raises ProfileError for one that cannot be
-    flown."""
+def simulated(
+    record: Record, aircraft: Aircraft, begin_s: float, slopes: Array | None = None
+) -> tuple[Mapping[str, Array], Array]:
+    """COMPARED as the aircraft's instruments would have shown them, trim and initial state fitted to what is shown from
+    `begin_s` on, and what moving these does to the differences; `slopes`: the same of an aircraft like it. Raises
+    ProfileError for one that cannot be flown."""
     x = without_errors(record, aircraft)
-    flight = MeasuredFlight(aircraft, inputs_of(x, record.dt, aircraft), record.height, record.imu)
-    first = slice(0, max(2, round(_BEGIN_S / record.dt)))
+    inputs = inputs_of(x, record.dt, aircraft)
     alpha, _ = inertial_angle(x, record.dt)
-    begin = {name: float(np.mean(x[s][first])) for name, s in (("speed", "airspeed"), ("theta", "theta"), ("q", "q"))}
-    begin |= {"alpha": float(np.mean(alpha[first])), "cl_0": 0.0, "cm_0": 0.0, "cd_0": 0.0}
-    every = max(1, round(_EVERY_S / record.dt))
+    speed = inputs.airspeed if inputs.headwind is None else inputs.airspeed - inputs.headwind
+    motion = {"speed": speed, "alpha": alpha, "theta": x["theta"], "q": x["q"]}
+    at = min(math.ceil(begin_s / record.dt), record.n // 2)
+    led = [Start(**{n: float(v[k]) for n, v in motion.items()}) for k in range(at)]
+    flight = MeasuredFlight(aircraft, inputs, record.height, record.imu, led)
+    first = slice(at, at + max(2, round(_BEGIN_S / record.dt)))
+    begin = {name: float(np.mean(v[first])) for name, v in motion.items()} | {"cl_0": 0.0, "cm_0": 0.0, "cd_0": 0.0}
+    judged = slice(at, None, max(1, round(_EVERY_S / record.dt)))
 
     def fly(moved: Array) -> dict[str, Array]:
         made = {n: begin[n] + s * float(m) for (n, s), m in zip(_SPREADS.items(), moved, strict=True)}
@@ -150,7 +166,7 @@ def simulated(record: Record, aircraft: Aircraft, slopes: Array | None = None) -
 
     def differences(moved: Array) -> Array:
         shown = fly(moved)
-        parts = [(shown[n] - record.signals[n])[::every] / s for n, s in _SCALES.items()]
+        parts = [(shown[n] - record.signals[n])[judged] / s for n, s in _SCALES.items()]
         return np.nan_to_num(np.concatenate(parts), nan=_LOST, posinf=_LOST, neginf=-_LOST)
 
     moved, slopes = secant_fit(differences, len(_SPREADS), slopes)
@@ -158,17 +174,18 @@ def simulated(record: Record, aircraft: Aircraft, slopes: Array | None = None) -
 
 
 def _short_period(
-    t: Array, measured: Mapping[str, Array], before: Mapping[str, Array], after: Mapping[str, Array]
+    t: Array, measured: Mapping[str, Array], before: Mapping[str, Array], after: Mapping[str, Array], begin_s: float
 ) -> Entry:
     """Entry 2.c.10: pitch or pitch rate, of which the less restrictive counts, and normal acceleration; each as far up
-    as the gust is known."""
+    as the gust is known, from `begin_s` on."""
     dt = float(t[1] - t[0])
 
     def worst(flown: Mapping[str, Array]) -> Array:
-        off = {n: np.abs(as_the_gust(flown[n] - measured[n], dt)) for n in ("theta", "q", "az")}
+        off = {n: np.abs(as_the_gust((flown[n] - measured[n])[judged], dt)) for n in ("theta", "q", "az")}
         either = np.minimum(off["theta"] / PITCH, off["q"] / PITCH_RATE)
         return np.asarray(np.maximum(either, off["az"] / ACCELERATION))
 
+    judged = t >= min(begin_s, 0.5 * t[-1])
     one, other = worst(before), worst(after)
     beyond = np.flatnonzero(~(other <= 1.0))
     return Entry(
@@ -176,7 +193,7 @@ def _short_period(
         "1.5 deg pitch or 2 deg/s pitch rate, and 0.10 g",
         float(one.max()),
         float(other.max()),
-        float(t[beyond[0]]) if len(beyond) else None,
+        float(t[judged][beyond[0]]) if len(beyond) else None,
     )
 
 
@@ -205,6 +222,7 @@ def qualification_json(flown: Sequence[Flown]) -> dict[str, Any]:
             {
                 "record": f.record,
                 "why": f.why,
+                "judged_from_s": f.judged_from_s,
                 "entries": [
                     {
                         "entry": e.name,

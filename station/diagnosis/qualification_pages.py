@@ -27,7 +27,8 @@ _NOTE: Final = (
     "counts at each instant, and normal acceleration beside; up to 4 Hz, as far as the vane tells the gust. Flown "
     "open loop by the recorded elevator and thrust (else the trim's), the vertical gust that the vane shows, and "
     "the headwind that airspeed less ground speed shows. As in the validation of simulators, initial state and trim "
-    "(CL_0, Cm_0, CD_0) are fitted to each manoeuvre, before and after alike. Bands: the tolerances."
+    "(CL_0, Cm_0, CD_0) are fitted to each manoeuvre, before and after alike. At first, where wing and tail "
+    "fly in air that the vane met before the record, it is led as it was flown, and not judged. Bands: the tolerances."
 )
 
 

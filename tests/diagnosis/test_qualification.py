@@ -66,6 +66,24 @@ def test_a_trim_that_is_wrong_is_taken_up_by_the_fit(navion: Aircraft, sigma: fl
     assert found.entries[0].before == pytest.approx(found.entries[0].after, abs=0.05)
 
 
+@pytest.mark.parametrize("seed", [4, 11, 12])
+def test_a_record_that_begins_amid_a_gust_is_not_outside_for_what_the_vane_met_before_it(
+    navion: Aircraft, seed: int
+) -> None:
+    """Where it changes most in what wing and tail are behind the vane: it was 0.12 g off at 0.0 s."""
+    whole = flown(navion, Case(seed=seed, sigma=3.0), 1)
+    gust = inputs_of(without_errors(whole, navion), whole.dt, navion).gust
+    late = round(0.3 / whole.dt)
+    at = int(np.argmax(np.abs(gust[late : whole.n // 2] - gust[: whole.n // 2 - late]))) + late
+    cut = replace(whole, signals={n: x[at:] for n, x in whole.signals.items()})
+    (found,) = qualified([cut], navion, navion)
+    entry = found.entries[0]
+    assert 0.1 < found.judged_from_s < 1.0
+    first = found.t_s < found.judged_from_s
+    assert np.abs(found.after["theta"] - cut.signals["theta"])[first].max() < math.radians(0.3)  # as it was flown
+    assert entry.outside_s is None or entry.outside_s > 2.0
+
+
 def test_the_gust_that_the_vane_shows_is_the_one_that_was_met(navion: Aircraft) -> None:
     """Against the gust flown, in the band that it is passed in and without trend: what remains is the vane's noise, 0.1
     deg of 55 m/s, and the pitot's and GPS's in the inertial angle."""
@@ -115,7 +133,7 @@ def test_of_two_tolerances_the_less_restrictive_counts() -> None:
 
     def worst(theta: float, q: float, az: float):
         other = {n: x * middle for n, x in (("theta", theta), ("q", q), ("az", az))}
-        return _short_period(t, still, other, other)
+        return _short_period(t, still, other, other, 0.0)
 
     far, near = math.radians(30.0), math.radians(1.0)
     assert worst(far, math.radians(1.9), 0.0).inside

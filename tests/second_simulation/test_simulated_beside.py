@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from station.convert import import_file
 from station.diagnosis.measured_record import manoeuvres
 from station.diagnosis.qualification import flown_beside
-from station.diagnosis.vane_gust import inputs_of, without_errors
+from station.diagnosis.vane_gust import inertial_angle, inputs_of, without_errors
 from station.log import table
 from station.profile import load_aircraft
 from station.simulation.measured_inputs import MeasuredFlight, Start
@@ -37,18 +37,21 @@ def test_trim_and_initial_state_are_those_of_the_least_difference(tmp_path: Path
     record = manoeuvres("flight", read.t_s, read.columns, profile)[0]
     aircraft = profile.model_copy(update={"air_density": record.density})
     found = flown_beside(record, profile)
-    flight = MeasuredFlight(
-        aircraft, inputs_of(without_errors(record, profile), record.dt, aircraft), record.height, record.imu
-    )
-    begin = {n: float(record.signals[n][:10].mean()) for n in ("theta", "q")}
-    begin |= {"speed": float(record.signals["airspeed"][:10].mean())}
+    inputs = inputs_of(without_errors(record, profile), record.dt, aircraft)
+    x, at = record.signals, round(np.ceil(found.judged_from_s / record.dt))
+    alpha, _ = inertial_angle(x, record.dt)
+    speed = inputs.airspeed - inputs.headwind
+    led = [Start(*map(float, row)) for row in np.stack([speed, alpha, x["theta"], x["q"]], axis=1)[:at]]
+    flight = MeasuredFlight(aircraft, inputs, record.height, record.imu, led)
+    begin = {n: float(x[n][at : at + 10].mean()) for n in ("theta", "q")}
+    begin |= {"speed": float(speed[at : at + 10].mean())}
 
     def off(x: np.ndarray) -> np.ndarray:
         start = {n: begin.get(n, 0.0) + s * float(v) for n, s, v in zip(STARTED, SIZES, x, strict=True)}
         shown = flight.fly(Start(**start))
-        return np.concatenate([(shown[n] - record.signals[n])[::5] / s for n, s in SCALES.items()])
+        return np.concatenate([(shown[n] - record.signals[n])[at::5] / s for n, s in SCALES.items()])
 
     known = least_squares(lambda x: np.concatenate([off(x), x]), np.zeros(7), xtol=1e-6)
-    mine = np.concatenate([(found.after[n] - record.signals[n])[::5] / s for n, s in SCALES.items()])
+    mine = np.concatenate([(found.after[n] - record.signals[n])[at::5] / s for n, s in SCALES.items()])
     theirs = off(known.x)
     assert mine @ mine == pytest.approx(theirs @ theirs, rel=0.02)
