@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from station.conventions import MIN_SPEED, SEA_LEVEL_DENSITY
 from station.diagnosis.diagnosis_result import Effect
 from station.numerics.atmosphere import air_density, height_at_density, height_at_pressure
+from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft
 from station.rows import UsageError
 
@@ -24,6 +25,7 @@ OPTIONAL: Final = ("v_down", "v_north", "v_east", "psi", "phi", "p", "r", "thrus
 and slope are those of the altitude."""
 SIDEWAYS: Final = ("ay", "beta_vane", "aileron", "rudder")
 """What lateral motion is judged by besides."""
+LATERAL_SURFACES: Final = ("aileron", "rudder")
 SHORTEST_S: Final = 6.0
 PIECE_S: Final = 45.0
 LONGEST_S: Final = 75.0
@@ -34,7 +36,10 @@ LEAST_CHANGES: Final = 4
 LEAST_ROWS: Final = 10
 SLOWEST_STEP_S: Final = 0.2
 _EXCITED: Final = math.radians(0.3)
-"""Standard deviation of the elevator, or of the vane, below which a manoeuvre shows nothing."""
+"""Standard deviation of a surface, below which no input was flown by it: holding attitude takes as much."""
+_MAY_MOVE: Final = ("elevator", "alpha_vane", *LATERAL_SURFACES)
+_NOISE_TIMES: Final = 3.0
+"""Standard deviations of a sensor's noise, and it moves: of noise and motion alike, most is motion."""
 PLANE: Final = 0.1
 """Of the airspeed, by which the speed to the north may differ from it, where none to the east is recorded, to be that
 along the path, as of flight in one plane: a track 26 deg off is slower."""
@@ -204,8 +209,8 @@ def _refuse_unusable(name: str, signals: Mapping[str, Array], sideways: Mapping[
     """Raises UsageError for a manoeuvre that is not flown throughout, has no input, or is banked."""
     if signals["airspeed"].min() < MIN_SPEED:
         raise UsageError(f"{name}: airspeed falls to {signals['airspeed'].min():.1f} m/s: not in flight throughout")
-    moved = [signals["elevator"], signals["alpha_vane"], *(sideways[s] for s in LATERAL_SURFACES if s in sideways)]
-    if all(x.std() < _EXCITED for x in moved):
+    moving = {n: x for n, x in (*signals.items(), *sideways.items()) if n in _MAY_MOVE}
+    if all(x.std() < _NOISE_TIMES * DEFAULT_NOISE[n] for n, x in moving.items()):
         raise UsageError(f"{name}: neither a surface nor the air moved: nothing can be judged without an input")
     if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
         most = math.degrees(float(np.abs(signals["phi"]).max()))
@@ -303,7 +308,6 @@ def _across(signals: Mapping[str, Array]) -> dict[str, Array]:
     return {"psi": heading, "v_across": east * cos - north * sin, "v_ahead": north * cos + east * sin}
 
 
-LATERAL_SURFACES: Final = ("aileron", "rudder")
 _OF_BOTH: Final = ("theta", "phi", "p", "q", "r", "ax", "az", "airspeed", "dynamic_pressure", "v_down")
 """Signals that lateral motion is judged by, too."""
 

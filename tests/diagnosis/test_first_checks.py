@@ -3,6 +3,8 @@ records that cannot be judged."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from blind import KINDS, SIGMAS, Case, aircraft, fly_case
@@ -163,6 +165,9 @@ def test_a_record_that_cannot_be_judged_says_why(records):
     still = {**columns, "elevator": 0 * t, "alpha_vane": 0 * t + 0.02}
     with pytest.raises(UsageError, match="nothing can be judged without an input"):
         manoeuvres("x", t, still, aircraft())
+    # A multisine of 0.25 deg is ten times its sensor's noise.
+    small = still | {"elevator": math.radians(0.25) * math.sqrt(2) * np.sin(2 * math.pi * 0.7 * t)}
+    assert manoeuvres("x", t, small, aircraft())[0].n > 0
     gap = {n: x.copy() for n, x in columns.items()}
     gap["az"][500:600] = np.nan
     before, after = manoeuvres("x", t, gap, aircraft())
