@@ -63,12 +63,13 @@ def qualification_page(flown: Sequence[Flown]) -> list[str]:
 
 
 def over_measured(f: Flown) -> Figure:
-    """One panel a signal: measured with its tolerance, simulated before and after."""
+    """One panel a signal: measured with its tolerance, and from when on it is judged, simulated before and after."""
     figure = Figure(figsize=(10, 1.5 * len(COMPARED) + 0.6), dpi=90)
     panels = figure.subplots(len(COMPARED), 1, sharex=True)
     figure.subplots_adjust(left=0.075, right=0.99, bottom=0.06, top=0.95, hspace=0.12)
     step = max(1, len(f.t_s) // _POINTS)
     t = f.t_s[::step]
+    judged = t >= f.judged_from_s
     for panel, name in zip(panels, COMPARED, strict=True):
         word, unit = _SHOWN[name]
         scale = from_si(1.0, unit)
@@ -77,8 +78,9 @@ def over_measured(f: Flown) -> Figure:
         if band:
             panel.fill_between(t, measured - band, measured + band, color="#dfe6ef", lw=0, label="tolerance")
         panel.plot(t, measured, color=INK, lw=1.0, label="measured")
-        panel.plot(t, before, color=BLUE, lw=1.0, label="before")
-        panel.plot(t, after, color=ORANGE, lw=1.0, label="after")
+        before, after = before[judged], after[judged]
+        panel.plot(t[judged], before, color=BLUE, lw=1.0, label="before")
+        panel.plot(t[judged], after, color=ORANGE, lw=1.0, label="after")
         panel.set_ylabel(f"{word}\n{unit}", fontsize=8)
         panel.set_xlim(t[0], t[-1])
         panel.set_ylim(*_range(measured, band, (before, after)))

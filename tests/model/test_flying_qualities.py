@@ -62,6 +62,17 @@ def test_elevator_per_g_is_etkins() -> None:
     assert 1 / pull_up(c, AT, AREA, CHORD).load == pytest.approx(expected, rel=1e-12)
 
 
+def test_a_wrong_scale_of_the_elevator_s_sensor_shows_in_the_elevator_per_g_alone_which_says_so() -> None:
+    """Read a fifth too much, its derivatives come out a fifth too small, and nothing else changes."""
+    body = load_aircraft("twin_otter")
+    own, none = {n: body.value(n) for n in NAMES}, np.zeros((len(NAMES), len(NAMES)))
+    read = {n: v / (1.2 if n.endswith("_de") else 1.0) for n, v in own.items()}
+    true, told = (qualities(body, Condition(56.6, 1.1, 4960.0, 33400.0), x, none).quantities for x in (own, read))
+    moved = {n: q.estimate / true[n].estimate for n, q in told.items() if q.estimate != pytest.approx(true[n].estimate)}
+    assert moved == {"elevator_per_g": pytest.approx(1.2)}
+    assert [n for n, q in told.items() if "elevator scale" in q.rests_on] == list(moved)
+
+
 def test_short_period_of_an_unsteady_aircraft_is_that_of_its_flight() -> None:
     """The nonlinear simulation, with wake, tail and lags, rings down after a pulse of the elevator as the root of the
     characteristic equation says. The oscillation's fit and the motion's nonlinearity leave 2 %."""
