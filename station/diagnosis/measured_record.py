@@ -39,7 +39,8 @@ _EXCITED: Final = math.radians(0.3)
 """Standard deviation of a surface, below which no input was flown by it: holding attitude takes as much."""
 _MAY_MOVE: Final = ("elevator", "alpha_vane", *LATERAL_SURFACES)
 _NOISE_TIMES: Final = 3.0
-"""Standard deviations of a sensor's noise, and it moves: of noise and motion alike, most is motion."""
+"""Times a sensor's noise (standard deviations), from which what it measures moves: nine tenths of the variance are
+motion then."""
 PLANE: Final = 0.1
 """Of the airspeed, by which the speed to the north may differ from it, where none to the east is recorded, to be that
 along the path, as of flight in one plane: a track 26 deg off is slower."""

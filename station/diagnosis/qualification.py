@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from station.conventions import G0, to_si
 from station.diagnosis.measured_record import Record
 from station.diagnosis.oscillation import LEAST_SHOWN, apart, oscillation
-from station.diagnosis.vane_gust import as_the_gust, inertial_angle, inputs_of, without_errors
+from station.diagnosis.vane_gust import as_the_gust, inputs_of, without_errors
 from station.numerics.secant_fit import secant_fit
 from station.profile import Aircraft
 from station.rows import ProfileError
@@ -45,7 +45,7 @@ _SPREADS: Final = {
 }  # fmt: skip
 """Prior standard deviations of what is fitted, SI: they decide only what a manoeuvre does not show."""
 _BEGIN_S: Final = 0.2
-"""Of a record, whose mean is where its simulation begins."""
+"""Of a record, from where it is judged on, whose mean is where the fit begins."""
 _ALONE: Final = to_si(0.5, "deg")
 """Elevator's range while the aircraft is left to its phugoid."""
 LEAST_PERIODS: Final = 0.8
@@ -97,14 +97,15 @@ def flown_beside(record: Record, aircraft: Aircraft) -> Flown:
     """One manoeuvre beside one aircraft, and what the short period's tolerances say. Raises ProfileError for one
     that cannot be flown."""
     t, measured = _measured(record)
-    begin = _begin(record, aircraft)
+    begin = _judged_from(record, aircraft)
     shown, _ = simulated(record, _loaded(aircraft, record, *_loading(record, aircraft)), begin)
     return Flown(record.name, t, measured, shown, shown, (_short_period(t, measured, shown, shown, begin),), begin)
 
 
-def _begin(record: Record, *aircraft: Aircraft) -> float:
-    """From when on a record is judged, s."""
-    return max(settled_s(a, float(record.signals["airspeed"].mean())) for a in aircraft)
+def _judged_from(record: Record, *aircraft: Aircraft) -> float:
+    """From which of its instants on a record is judged, s."""
+    speed = float(record.signals["airspeed"].mean())
+    return record.dt * math.ceil(max(settled_s(a, speed) for a in aircraft) / record.dt)
 
 
 def _measured(record: Record) -> tuple[Array, Mapping[str, Array]]:
@@ -120,7 +121,7 @@ def _loading(record: Record, aircraft: Aircraft) -> tuple[float, float]:
 def _flown(record: Record, before: Aircraft, after: Aircraft) -> Flown:
     t, measured = _measured(record)
     mass, iyy = _loading(record, before)
-    begin = _begin(record, before, after)
+    begin = _judged_from(record, before, after)
     try:
         other, slopes = simulated(record, _loaded(after, record, mass, iyy), begin)  # whose trim is near
         one, _ = simulated(record, _loaded(before, record, mass, iyy), begin, slopes)
@@ -149,14 +150,10 @@ def simulated(
     ProfileError for one that cannot be flown."""
     x = without_errors(record, aircraft)
     inputs = inputs_of(x, record.dt, aircraft)
-    alpha, _ = inertial_angle(x, record.dt)
-    speed = inputs.airspeed if inputs.headwind is None else inputs.airspeed - inputs.headwind
-    motion = {"speed": speed, "alpha": alpha, "theta": x["theta"], "q": x["q"]}
-    at = min(math.ceil(begin_s / record.dt), record.n // 2)
-    led = [Start(**{n: float(v[k]) for n, v in motion.items()}) for k in range(at)]
-    flight = MeasuredFlight(aircraft, inputs, record.height, record.imu, led)
-    first = slice(at, at + max(2, round(_BEGIN_S / record.dt)))
-    begin = {name: float(np.mean(v[first])) for name, v in motion.items()} | {"cl_0": 0.0, "cm_0": 0.0, "cd_0": 0.0}
+    flight = MeasuredFlight(aircraft, inputs, record.height, record.imu, begin_s)
+    at = round(begin_s / record.dt)
+    first = inputs.motion[at : at + max(2, round(_BEGIN_S / record.dt))].mean(axis=0)
+    begin = dict(zip(_SPREADS, [*first.tolist(), 0.0, 0.0, 0.0], strict=True))
     judged = slice(at, None, max(1, round(_EVERY_S / record.dt)))
 
     def fly(moved: Array) -> dict[str, Array]:
@@ -185,7 +182,7 @@ def _short_period(
         either = np.minimum(off["theta"] / PITCH, off["q"] / PITCH_RATE)
         return np.asarray(np.maximum(either, off["az"] / ACCELERATION))
 
-    judged = t >= min(begin_s, 0.5 * t[-1])
+    judged = t > begin_s - 0.5 * dt
     one, other = worst(before), worst(after)
     beyond = np.flatnonzero(~(other <= 1.0))
     return Entry(

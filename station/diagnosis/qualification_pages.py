@@ -69,7 +69,7 @@ def over_measured(f: Flown) -> Figure:
     figure.subplots_adjust(left=0.075, right=0.99, bottom=0.06, top=0.95, hspace=0.12)
     step = max(1, len(f.t_s) // _POINTS)
     t = f.t_s[::step]
-    judged = t >= f.judged_from_s
+    judged = t > f.judged_from_s - 0.5 * (f.t_s[1] - f.t_s[0])
     for panel, name in zip(panels, COMPARED, strict=True):
         word, unit = _SHOWN[name]
         scale = from_si(1.0, unit)

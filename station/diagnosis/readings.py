@@ -32,8 +32,8 @@ class Readings:
     """Where the model holds; None where lift and moment cannot be judged."""
     suspect: bool
     """Whether something remains unexplained, which all of this may suffer from."""
-    unusual: Sequence[Moved] = ()
-    """Derivatives beyond the 95 % of the profile's doubt that are not named."""
+    unusual: Sequence[Moved]
+    """Derivatives outside the profile's 95 % range that are not named."""
 
     def as_json(self) -> dict[str, Any]:
         """Keys of station.diagnose/1."""
@@ -53,7 +53,7 @@ class Readings:
     @property
     def _unusual_lines(self) -> list[str]:
         words = ", ".join(f"{p.name} {p.words}" for p in self.unusual)
-        return [f"beyond 95 % of the profile's doubt, too little to be named: {words}"] if words else []
+        return [f"outside the profile's 95 % range, but too little to be named: {words}"] if words else []
 
     def page(self) -> list[str]:
         """Pieces of HTML."""

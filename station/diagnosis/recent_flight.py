@@ -32,7 +32,8 @@ _NAME: Final = "recent flight"
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """TOLERANCES' signals as measured and simulated, (n,) each, SI; `why` they were not simulated.
+    """TOLERANCES' signals as measured and simulated, (n,) each, SI, from when on the simulation is judged; `why` they
+    were not simulated.
 
     `middle` is the measured signal as far up as the gust is known, about which the tolerance lies; `worst` is the
     largest difference as a share of it, `overall` that of the table's entry, in which the less restrictive of pitch
@@ -70,11 +71,12 @@ def beside(
         flown = flown_beside(record, aircraft)
     except (UsageError, ProfileError) as refusal:
         return Beside(t_s, why=str(refusal).removeprefix(f"{_NAME}: ").splitlines()[0])
-    measured = {name: flown.measured[name] for name in TOLERANCES}
+    judged = slice(round(flown.judged_from_s / record.dt), None)
+    measured, simulated = ({name: x[name][judged] for name in TOLERANCES} for x in (flown.measured, flown.after))
     middle = {name: as_the_gust(x, record.dt) for name, x in measured.items()}
-    simulated = {name: flown.after[name] for name in TOLERANCES}
     worst = {
         name: float(np.abs(as_the_gust(simulated[name] - x, record.dt)).max()) / TOLERANCES[name]
         for name, x in measured.items()
     }
-    return Beside(record.start_s + flown.t_s, measured, middle, simulated, worst, flown.entries[0].after)
+    t_s = record.start_s + flown.t_s[judged]
+    return Beside(t_s, measured, middle, simulated, worst, flown.entries[0].after)

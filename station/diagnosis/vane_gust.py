@@ -62,15 +62,16 @@ def without_errors(record: Record, aircraft: Aircraft) -> dict[str, Array]:
 
 def inputs_of(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> Inputs:
     """What drove the aircraft, of signals `without_errors`, `dt` s apart."""
-    gust = vertical_gust(x, aircraft, dt)
-    return Inputs(dt, x["elevator"], x["airspeed"], gust, along_gust(x, dt), x.get("thrust"))
+    headwind = along_gust(x, dt)
+    motion = np.stack([x["airspeed"] - headwind, inertial_angle(x, dt)[0], x["theta"], x["q"]], axis=1)
+    return Inputs(dt, x["elevator"], x["airspeed"], vertical_gust(x, aircraft, dt), headwind, motion, x.get("thrust"))
 
 
-def along_gust(x: Mapping[str, Array], dt: float) -> Array | None:
-    """The headwind's change (n,), m/s: airspeed less ground speed, passed as far as both are the motion's; None without
+def along_gust(x: Mapping[str, Array], dt: float) -> Array:
+    """The headwind's change (n,), m/s: airspeed less ground speed, passed as far as both are the motion's; 0 without
     ground speed along a steady heading."""
     if "v_along" not in x:
-        return None
+        return np.zeros(len(x["airspeed"]))
     made = signal.detrend(x["airspeed"] - np.hypot(x["v_along"], x.get("v_down", 0.0)))
     low = signal.butter(2, ALONG_PASS_HZ, fs=1 / dt, output="sos")
     return np.asarray(signal.sosfiltfilt(low, made))

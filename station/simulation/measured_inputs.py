@@ -40,12 +40,10 @@ from station.simulation.three_degrees import HANDS_OFF
 
 Array = NDArray[np.float64]
 
-_STATES: Final = 4
-"""Of the aircraft's own motion: u, w, theta, q."""
-_FOLLOWING: Final = 0.1
-"""Of a gust's lift, still to come."""
-_FOLLOWED: Final = 30.0
-"""Chords travelled in which no wing's lift is as far behind: Wagner's is within 10 % in 5."""
+_STILL_TO_COME: Final = 0.1
+"""Share of a gust's lift, below which the wing counts as having followed it."""
+_LONGEST_CHORDS: Final = 30.0
+"""After as many chords travelled every wing has: by Wagner's function after five."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +55,11 @@ class Inputs:
     airspeed: Array
     gust: Array
     """Vertical, where the vane meets it, upwards positive, m/s."""
-    headwind: Array | None = None
-    """Its change, at the CG, m/s; none where it is not known."""
+    headwind: Array
+    """Its change, at the CG, m/s; 0 where it is not known."""
+    motion: Array
+    """(n, 4) of the aircraft in the air mass, in the order of Start: speed (m/s), angle of attack without gust, pitch
+    angle (rad), pitch rate (rad/s)."""
     thrust: Array | None = None
     """The trim's where it is not recorded."""
 
@@ -78,12 +79,12 @@ class Start:
 
 
 def settled_s(aircraft: Aircraft, speed: float) -> float:
-    """How long, from the start of a record at a speed (m/s), wing and tail fly in air that the vane met before it, and
-    a gust's lift follows, s: so long no record says what drove the aircraft."""
+    """How long after its start a record, flown at a speed (m/s), does not show what drives the aircraft, s: until wing
+    and tail fly in air that the vane has met in it, and the lift has followed."""
     amplitudes, rates = indicial_tables(aircraft).lift_gust
-    chords = np.arange(0.0, _FOLLOWED, 0.1)
+    chords = np.arange(0.0, _LONGEST_CHORDS, 0.1)
     left = np.abs(np.exp(-np.outer(chords, rates)) @ amplitudes)
-    lift = float(chords[left > _FOLLOWING].max(initial=0.0))
+    lift = float(chords[left > _STILL_TO_COME].max(initial=0.0))
     chord = aircraft.unsteady.reference_chord or aircraft.geometry.chord
     return (sum(reach(aircraft)) + lift * chord) / speed
 
@@ -93,12 +94,11 @@ class MeasuredFlight:
 
     def __init__(
         self, aircraft: Aircraft, inputs: Inputs, height: float, imu: tuple[float, float, float],
-        led: Sequence[Start] = (),
+        led_s: float = 0.0,
     ) -> None:  # fmt: skip
-        """`imu`: from the CG in body axes, m; the air is of the aircraft's `air_density`. `led`: how the aircraft moved
-        at the inputs' first instants: so long it is led as it was flown, while wake and lift follow, and begins to fly
-        by itself at the instant after them. Raises ProfileError for one that cannot be flown at the record's mean
-        speed."""
+        """`imu`: from the CG in body axes, m; the air is of the aircraft's `air_density`. `led_s`: for so long it moves
+        as the inputs' `motion` says, while wake and lift follow; then it flies by itself. Raises ProfileError for an
+        aircraft that cannot be flown at the record's mean speed."""
         speed = float(np.mean(inputs.airspeed))
         self._aircraft = aircraft
         self._flown = Flown(
@@ -116,15 +116,11 @@ class MeasuredFlight:
         thrust = inputs.thrust
         trim = self._flown.constants.trim_thrust
         self._thrust = np.full(len(fine), trim) if thrust is None else np.interp(fine + 0.5 * DT, self._t, thrust)
-        shown = np.array([_moving(x) for x in led]).reshape(-1, _STATES)
-        until = fine[: round(len(led) * inputs.dt / DT)]
-        columns = [np.interp(until, self._t[: len(led)], x) for x in shown.T] if led else list(shown.T)
-        self._led = np.stack(columns, axis=1)
-        """(steps, u, w, theta and q)."""
+        led = fine[: round(led_s / DT)]
+        self._led = _states(*(np.interp(led, self._t, x) for x in inputs.motion.T))
         v = np.interp(fine, self._t, inputs.airspeed)
         self._distance = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1])) * DT])
-        headwind = np.zeros(len(self._t)) if inputs.headwind is None else inputs.headwind
-        self._field = self._met(*(np.interp(fine, self._t, x) for x in (inputs.gust, headwind)))
+        self._field = self._met(*(np.interp(fine, self._t, x) for x in (inputs.gust, inputs.headwind)))
 
     def _met(self, gust: Array, headwind: Array) -> Field:
         """The gusts along the way, held before and after."""
@@ -137,25 +133,26 @@ class MeasuredFlight:
         return Field(values, first)
 
     def fly(self, start: Start) -> dict[str, Array]:
-        """What the profile's instruments show, at the record's times; (n,) each."""
+        """What the profile's instruments show, at the record's times, (n,) each; `start`: where it begins to fly by
+        itself."""
         c = self._flown.constants
         c = c._replace(cl_trim=c.cl_trim + start.cl_0, cm_trim=c.cm_trim + start.cm_0, cd_0=c.cd_0 + start.cd_0)
         flown = self._flown._replace(constants=c)
         out = np.empty((len(self._elevator), len(COLUMNS)))
-        moving = np.vstack([self._led, _moving(start)])
-        _advance(flown, self._begin(moving[0]), self._elevator, self._thrust, self._distance, self._field, moving, out)
+        led = np.vstack([self._led, _states(start.speed, start.alpha, start.theta, start.q)])
+        _advance(flown, self._begin(led[0]), self._elevator, self._thrust, self._distance, self._field, led, out)
         rows = _Played(dict(zip(COLUMNS, np.ascontiguousarray(out.T), strict=True)))
         shown = Installed(rows, self._aircraft).advance(len(out))
         fine = DT * np.arange(len(out))
         return {name: np.interp(self._t, fine, values) for name, values in shown.items()}
 
-    def _begin(self, moving: Array) -> Memory:
-        """The wake as if the incidence had lasted."""
-        speed, alpha = float(np.hypot(moving[0], moving[1])), float(np.arctan2(moving[1], moving[0]))
+    def _begin(self, states: Array) -> Memory:
+        """At u, w, theta and q, the wake as if the incidence had lasted."""
+        speed, alpha = math.hypot(states[0], states[1]), math.atan2(states[1], states[0])
         c, tables = self._flown.constants, self._flown.tables
         motions, gusts = tables.lift_motion.shape[1], tables.lift_gust.shape[1]
         x = eq.trimmed_state(c, motions + gusts)
-        x[eq.U], x[eq.W], x[eq.THETA], x[eq.Q] = moving
+        x[eq.U], x[eq.W], x[eq.THETA], x[eq.Q] = states
         met = float(self._field.values[0, UP]) / speed
         x[eq.LAGS : eq.LAGS + motions] = alpha - c.trim_alpha
         x[eq.LAGS + motions :] = met
@@ -168,9 +165,9 @@ class MeasuredFlight:
         return memory
 
 
-def _moving(x: Start) -> tuple[float, float, float, float]:
-    """u, w, theta, q."""
-    return x.speed * math.cos(x.alpha), x.speed * math.sin(x.alpha), x.theta, x.q
+def _states(speed: float | Array, alpha: float | Array, theta: float | Array, q: float | Array) -> Array:
+    """(..., 4) u, w, theta and q."""
+    return np.stack([speed * np.cos(alpha), speed * np.sin(alpha), theta, q], axis=-1)
 
 
 class _Played:
@@ -188,16 +185,16 @@ class _Played:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _advance(
-    flown: Flown, memory: Memory, elevator: Array, thrust: Array, distance: Array, field: Field, moving: Array,
+    flown: Flown, memory: Memory, elevator: Array, thrust: Array, distance: Array, field: Field, led: Array,
     out: Array,
 ) -> None:  # fmt: skip
     """As motion.advance, with elevator, thrust and the place among the gusts as measured, at every step; u, w, theta
-    and q, `moving`, at the first."""
+    and q as `led`, (m, 4), at the first m."""
     command = np.empty(3)
     for k in range(out.shape[0]):
-        if k < moving.shape[0]:
-            memory.x[eq.U], memory.x[eq.W] = moving[k, 0], moving[k, 1]
-            memory.x[eq.THETA], memory.x[eq.Q] = moving[k, 2], moving[k, 3]
+        if k < led.shape[0]:
+            memory.x[eq.U], memory.x[eq.W] = led[k, 0], led[k, 1]
+            memory.x[eq.THETA], memory.x[eq.Q] = led[k, 2], led[k, 3]
         memory.x[eq.DISTANCE] = distance[k]
         memory.x[eq.ELEVATOR] = elevator[k]
         memory.x[eq.THRUST] = thrust[k]

@@ -57,7 +57,7 @@ def test_a_derivative_that_is_off_by_more_than_usual_is_told_though_it_is_not_na
     readings = readings_of(found)
     off = {p.name: p for p in readings.unusual}
     assert abs(off["Cm_de"].change + 0.25) < 2 * off["Cm_de"].prior_sd * off["Cm_de"].sd < 0.15
-    (line,) = [x for x in readings.lines() if x.startswith("beyond 95 %")]
+    (line,) = [x for x in readings.lines() if x.startswith("outside the profile's")]
     assert "Cm_de -2" in line
 
 

@@ -70,7 +70,7 @@ def test_a_trim_that_is_wrong_is_taken_up_by_the_fit(navion: Aircraft, sigma: fl
 def test_a_record_that_begins_amid_a_gust_is_not_outside_for_what_the_vane_met_before_it(
     navion: Aircraft, seed: int
 ) -> None:
-    """Where it changes most in what wing and tail are behind the vane: it was 0.12 g off at 0.0 s."""
+    """It begins where the gust changed most in the 0.3 s before: the acceleration was 0.12 g off at 0.0 s."""
     whole = flown(navion, Case(seed=seed, sigma=3.0), 1)
     gust = inputs_of(without_errors(whole, navion), whole.dt, navion).gust
     late = round(0.3 / whole.dt)

@@ -36,9 +36,10 @@ def frames(sigma: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return t[:N], values, np.where(np.isfinite(values), int(Quality.FRESH), int(Quality.SUSPECT)).astype(np.uint8)
 
 
-@pytest.mark.parametrize("sigma", [0.0, 1.5])
+@pytest.mark.parametrize("sigma", [0.0, 1.5, 3.0])
 def test_the_right_aircraft_is_inside_and_one_of_other_stiffness_is_not(navion: Aircraft, sigma: float) -> None:
-    """In still air and in moderate turbulence; 40 % off in Cm_alpha, as for whole manoeuvres (test_qualification)."""
+    """In still air, in moderate turbulence, and in one that was met before the picture begins: az is then 1.7 of the
+    tolerance off at first. 40 % off in Cm_alpha, as for whole manoeuvres (test_qualification)."""
     found = beside(*frames(sigma), navion, (0.0, 0.0, 0.0))
     assert found.inside
     assert not found.why

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from station.convert import import_file
 from station.diagnosis.measured_record import manoeuvres
 from station.diagnosis.qualification import flown_beside
-from station.diagnosis.vane_gust import inertial_angle, inputs_of, without_errors
+from station.diagnosis.vane_gust import inputs_of, without_errors
 from station.log import table
 from station.profile import load_aircraft
 from station.simulation.measured_inputs import MeasuredFlight, Start
@@ -38,13 +38,9 @@ def test_trim_and_initial_state_are_those_of_the_least_difference(tmp_path: Path
     aircraft = profile.model_copy(update={"air_density": record.density})
     found = flown_beside(record, profile)
     inputs = inputs_of(without_errors(record, profile), record.dt, aircraft)
-    x, at = record.signals, round(np.ceil(found.judged_from_s / record.dt))
-    alpha, _ = inertial_angle(x, record.dt)
-    speed = inputs.airspeed - inputs.headwind
-    led = [Start(*map(float, row)) for row in np.stack([speed, alpha, x["theta"], x["q"]], axis=1)[:at]]
-    flight = MeasuredFlight(aircraft, inputs, record.height, record.imu, led)
-    begin = {n: float(x[n][at : at + 10].mean()) for n in ("theta", "q")}
-    begin |= {"speed": float(speed[at : at + 10].mean())}
+    flight = MeasuredFlight(aircraft, inputs, record.height, record.imu, found.judged_from_s)
+    at = round(found.judged_from_s / record.dt)
+    begin = dict(zip(STARTED, inputs.motion[at], strict=False))
 
     def off(x: np.ndarray) -> np.ndarray:
         start = {n: begin.get(n, 0.0) + s * float(v) for n, s, v in zip(STARTED, SIZES, x, strict=True)}
