@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone
-from station.model.flying_qualities import Condition, Qualities, bend, qualities
+from station.model.flying_qualities import Condition, Qualities, bend, either, qualities
 from station.model.late_lift import constants_of
 from station.numerics.atmosphere import scale_height
 from station.numerics.separation import of_wing, steady
@@ -69,18 +70,25 @@ def local(aircraft: Aircraft, alpha: float) -> dict[str, float]:
 
 def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | None]:
     """After the extension, with intervals, and before, by the profile alone; in level flight at the mean of what was
-    flown. Or why there are none."""
-    aircraft = found.after
-    if aircraft.inertia.iyy is None:
+    flown. Or why there are none. What is asked for and not confirmed may be there or not: intervals hold both."""
+    if found.after.inertia.iyy is None:
         return "the profile gives no iyy", None
     flown = found.problem.manoeuvres
-    at = _condition(aircraft, flown)
-    covariance = posterior(found.problem, found.found.accepted, aircraft, at.alpha)
-    after = qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), covariance)
+    after = _qualities(found.problem, found.found.accepted)
+    if found.doubted is not None:
+        after = either(after, _qualities(found.problem, found.doubted, after.condition.speed))
     at = _condition(found.aircraft, flown)
     known = local(found.aircraft, at.alpha)
     before = qualities(found.aircraft, at, known, np.zeros((len(known), len(known))))
     return after, before
+
+
+def _qualities(problem: Problem, e: Estimate, speed: float | None = None) -> Qualities:
+    """At a `speed` (m/s), or at the one that was flown by what the estimate says of the airspeed's error."""
+    aircraft = problem.aircraft_at(e.state.values, e.state.a)
+    at = _condition(aircraft, problem.manoeuvres)
+    at = replace(at, speed=speed or at.speed)
+    return qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), posterior(problem, e, aircraft, at.alpha))
 
 
 def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> Condition:

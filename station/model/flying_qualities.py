@@ -79,7 +79,7 @@ class Qualities:
     condition: Condition
     quantities: Mapping[str, Derived]
     draws: Mapping[str, Array]
-    """Of each quantity, (DRAWS,): NaN where that draw has none."""
+    """Of each quantity, (DRAWS,) or twice that (`either`): NaN where that draw has none."""
 
 
 class Coefficients(NamedTuple):
@@ -364,6 +364,17 @@ def qualities(
             draws[name] = values[1:]
             out[name] = _judged(name, unit, values, rests)
     return Qualities(at, out, draws)
+
+
+def either(one: Qualities, other: Qualities) -> Qualities:
+    """Of an aircraft that may be the one or the other: estimates of the first, draws and intervals of both, each as
+    likely as the other."""
+    draws = {n: np.concatenate([x, other.draws.get(n, x)]) for n, x in one.draws.items()}
+    told = {
+        n: _judged(n, d.unit, np.concatenate([[d.estimate], draws[n]]), d.rests_on) if n in draws else d
+        for n, d in one.quantities.items()
+    }
+    return replace(one, quantities=told, draws=draws)
 
 
 def _judged(name: str, unit: str, x: Array, rests: Sequence[str]) -> Derived:

@@ -102,9 +102,8 @@ STRAINED = (
 )
 
 
-@pytest.mark.parametrize(
-    "case", [STRAINED[0], *(pytest.param(c, marks=pytest.mark.slow) for c in STRAINED[1:])], ids=lambda c: str(c.seed)
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("case", STRAINED, ids=lambda c: str(c.seed))
 def test_constants_far_from_the_profile_s_do_not_hide_what_they_stand_for(case):
     """Without the effects constants of tail, boom and vane go three to six standard deviations off. About these, five
     others promise more than the downwash that lags, of which none is there; noise weighed by some of those constants

@@ -15,6 +15,7 @@ def flown(one: float, other: float) -> Diagnosis:
     return diagnose(fit, blind.records(cases[1])[1], blind.aircraft())
 
 
+@pytest.mark.slow
 def test_a_gyro_of_another_scale_in_each_manoeuvre_is_told_with_both_values_and_not_named() -> None:
     d = flown(0.05, 0.1)
     assert "q.scale" not in [e.term.id for e in d.effects]

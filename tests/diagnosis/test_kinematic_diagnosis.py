@@ -95,9 +95,8 @@ def test_a_record_with_nothing_to_judge_is_refused():
         judge("short", checked("short", Table(t, columns, unknown, 0), unknown), unknown)
 
 
-@pytest.mark.parametrize(
-    "name", ["onspeed/vac_decel_run.csv", pytest.param("thor/thor_flight75.mat", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
 def test_records_of_real_booms(name: str, tmp_path: Path):
     log, out = tmp_path / "a.mcap", tmp_path / "d.json"
     import_file(record(name), log, load_aircraft("unknown"))

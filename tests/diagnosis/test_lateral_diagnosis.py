@@ -41,18 +41,19 @@ def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
     assert d.gain.low > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "seed", "number", "air"),
     [
-        pytest.param("aero.lateral_icing", 3.6, 13128969271, 28, 1, marks=pytest.mark.slow),
-        pytest.param("r.scale", -0.03, 13128969062, 8, 2, marks=pytest.mark.slow),
-        pytest.param("ay.position", 0.132, 177161, 17, 1, marks=pytest.mark.slow),
-        pytest.param("beta_vane.delay", 0.052, 177001, 1, 1, marks=pytest.mark.slow),
-        pytest.param("ay.scale", 0.036, 177132, 15, 2, marks=pytest.mark.slow),
-        pytest.param("ay.bias", 0.48, 101141, 15, 1, marks=pytest.mark.slow),
+        ("aero.lateral_icing", 3.6, 13128969271, 28, 1),
+        ("r.scale", -0.03, 13128969062, 8, 2),
+        ("ay.position", 0.132, 177161, 17, 1),
+        ("beta_vane.delay", 0.052, 177001, 1, 1),
+        ("ay.scale", 0.036, 177132, 15, 2),
+        ("ay.bias", 0.48, 101141, 15, 1),
         ("r.scale", -0.03, 101062, 8, 2),
-        pytest.param("ay.position", 0.132, 101161, 17, 1, marks=pytest.mark.slow),
-        pytest.param("beta_vane.scale", 0.58, 101010, 1, 0, marks=pytest.mark.slow),
+        ("ay.position", 0.132, 101161, 17, 1),
+        ("beta_vane.scale", 0.58, 101010, 1, 0),
     ],
 )
 def test_what_gusts_hide_is_named_or_a_rival(name, value, seed, number, air):

@@ -35,7 +35,7 @@ def flown(aircraft: Aircraft, case: Case, kind: int) -> Record:
     return manoeuvres("flight", *foreign.fly(case, kind), aircraft)[0]
 
 
-@pytest.mark.parametrize(("sigma", "most"), [(0.0, 0.5), (1.5, 0.8)])
+@pytest.mark.parametrize(("sigma", "most"), [pytest.param(0.0, 0.5, marks=pytest.mark.slow), (1.5, 0.8)])
 def test_the_right_aircraft_stays_inside_and_a_wrong_one_does_not(navion: Aircraft, sigma: float, most: float) -> None:
     """A simulation of another hand, open loop over 45 s: well within the tolerance by the right constants, in moderate
     turbulence by the gust from a vane with 0.1 deg of noise; with the pitch stiffness 40 % off, outside."""

@@ -87,12 +87,13 @@ def test_an_effect_is_off_by_three_of_its_own_standard_errors() -> None:
     assert all(abs(e.value - e.term.null) > 3 * e.sd for e in d.effects)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "sigma", "fit_on", "name", "value"),
     [
         (103100, 0.9144, ("3-2-1-1", "multisine"), "alpha_vane.scale", -0.28),
-        pytest.param(103401, 1.524, ("3-2-1-1", "multisine"), "alpha_vane.dynamics", -0.63, marks=pytest.mark.slow),
-        pytest.param(103500, 1.524, ("multisine", "doublets"), "alpha_vane.upwash_memory", 2.6, marks=pytest.mark.slow),
+        (103401, 1.524, ("3-2-1-1", "multisine"), "alpha_vane.dynamics", -0.63),
+        (103500, 1.524, ("multisine", "doublets"), "alpha_vane.upwash_memory", 2.6),
     ],
 )
 def test_what_a_constant_has_taken_the_place_of_is_found(

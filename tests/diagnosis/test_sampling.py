@@ -27,7 +27,7 @@ def slower(record: Record, step: int) -> Record:
     return replace(record, signals=kept, dt=record.dt * step)
 
 
-@pytest.mark.parametrize("step", [1, 5])
+@pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.slow), 5])
 def test_a_gust_is_told_as_strong_as_it_is_at_any_rate(step: int) -> None:
     """Against Dryden's spectrum of the field flown, between the frequencies judged (MIL-F-8785C 3.7.1.2)."""
     records = [slower(fly_case(Case(seed=3, effects={}, sigma=SIGMA), kind, k), step)

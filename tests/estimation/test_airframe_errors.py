@@ -76,6 +76,7 @@ def test_every_error_holds_those_of_mass_and_inertia(key: str, with_mass: bool) 
     assert counted >= 6 * len(LONGITUDINAL) + 3 * len(LATERAL)
 
 
+@pytest.mark.slow
 def test_a_profile_five_per_cent_too_heavy_gives_derivatives_five_per_cent_too_large() -> None:
     """Which the errors are for: lift by mass, moment by inertia, whatever the method."""
     heavy = AIRCRAFT.inertia.model_copy(

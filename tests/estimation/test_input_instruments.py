@@ -155,6 +155,7 @@ def test_gusts_across_the_span_do_not_mislead_split_gust():
     assert np.mean(held) > 0.85  # of 90, few of them independent: 95 % are expected
 
 
+@pytest.mark.slow
 def test_a_sidewash_that_the_aircraft_has_not_is_within_the_intervals():
     """On a line no sidewash is flown, and the profile has some: Cn_p by 2 % and more, ten standard errors of the noise;
     of three flights 11 of 15 derivatives each were within two."""

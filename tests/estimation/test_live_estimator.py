@@ -133,7 +133,9 @@ def test_a_test_point_begins_anew():
 # --- nothing to learn from
 
 
-@pytest.mark.parametrize(("sigma", "seconds"), [(0.0, 120.0), (5.0, 600.0)])
+@pytest.mark.parametrize(
+    ("sigma", "seconds"), [(0.0, 120.0), pytest.param(5.0, 600.0, marks=pytest.mark.slow), (5.0, 120.0)]
+)
 def test_ten_minutes_straight_stay_unestimated(sigma, seconds):
     frames, truth = flight(sigma, seconds, flown=False)
     estimator = make(of=card(sigma, flown=False))

@@ -25,7 +25,9 @@ def lines(x: np.ndarray, hz: float) -> np.ndarray:
     return np.exp(-2j * np.pi * f[:, None] * t) @ (x * np.hanning(len(x))) / hz
 
 
-@pytest.mark.parametrize(("power", "hz"), [(-3.0, 5), (-3.0, 10), (-2.5, 5), (-3.5, 5)])
+@pytest.mark.parametrize(
+    ("power", "hz"), [(-3.0, 10), *(pytest.param(p, 5, marks=pytest.mark.slow) for p in (-2.5, -3.0, -3.5))]
+)
 def test_the_share_is_what_sampling_adds_to_the_lines(power: float, hz: int) -> None:
     """Against the same lines of the signal before it was sampled, 20 signals; a spectrum that falls otherwise by half a
     power makes it wrong by a third at most."""

@@ -59,7 +59,7 @@ def elevator_manoeuvre(name: str, folder: Path) -> Identification:
     return identified(attas(name), "attas", folder)
 
 
-@pytest.mark.parametrize("name", list(ATTAS_KNOWN))
+@pytest.mark.parametrize("name", ["fAttasElv1", pytest.param("fAttasElv2", marks=pytest.mark.slow)])
 def test_attas_longitudinal_derivatives(name: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     """A jet whose vane is 13 m ahead and whose accelerometers are 1 m behind the CG, against least squares made apart:
     every method, moment derivatives and the lift's slope in all."""
@@ -84,6 +84,7 @@ def test_without_the_boom_s_place_the_vane_is_late_and_what_it_spoils_is_not_tol
     assert any("alpha_vane" in r and "late" in r for r in found.remarks)
 
 
+@pytest.mark.slow
 def test_attas_lateral_derivatives_of_another_manoeuvre(tmp_path: Path) -> None:
     """Aileron and rudder: least squares on other manoeuvres of the aircraft are held, and no moment derivative of the
     pitch axis comes of pitch rates that a gyro block turned by 2 deg shows of the roll."""
@@ -138,6 +139,7 @@ def test_what_an_elevator_manoeuvre_shows_of_the_lateral_motion(tmp_path_factory
         assert all(holds(p, known[n]) for n, p in given.items() if n in known), method
 
 
+@pytest.mark.slow
 def test_a_vane_half_a_second_late_takes_the_rate_derivatives_with_it(tmp_path: Path) -> None:
     """Tu-144LL: SIDPAC's least squares give CL_q 22 ± 2.8, most of which is the vane's lag and the elevator's lead."""
     path = record("tu144/tu144_f20_4d_data.mat")
@@ -188,7 +190,10 @@ def test_an_unstable_aircraft_under_feedback(tmp_path: Path) -> None:
             assert given[name].value == pytest.approx(known[name], rel=0.01), (method, name)
 
 
-@pytest.mark.parametrize(("start", "end", "refused"), [(4419, 4479, True), (534, 594, False), (4284, 4344, False)])
+@pytest.mark.parametrize(
+    ("start", "end", "refused"),
+    [(4419, 4479, True), *(pytest.param(*x, False, marks=pytest.mark.slow) for x in ((534, 594), (4284, 4344)))],
+)
 def test_gusts_without_input_give_no_derivative(start: int, end: int, refused: bool, tmp_path: Path) -> None:
     """PH-LAB in turbulence, the elevator nearly still, 10 Hz, no tail in the profile: CL_q came out at -190 ± 60 and
     Cm_q at +8 ± 5, where calm manoeuvres of the same flight give -7 to -14. Errors alone leave none, or it is

@@ -14,6 +14,7 @@ from station.model.flying_qualities import (
     Coefficients,
     Condition,
     coefficients,
+    either,
     late_of,
     modes,
     pull_up,
@@ -117,6 +118,16 @@ def test_an_interval_is_that_of_the_propagated_errors() -> None:
     half = 0.5 * (margin.ci95[1] - margin.ci95[0]) / margin.estimate
     assert half == pytest.approx(1.96 * math.sqrt(2) * 0.02, rel=0.1)
     assert margin.estimate == pytest.approx(1.31 / 5.66)
+
+
+def test_an_aircraft_that_may_be_one_of_two_has_intervals_that_hold_both() -> None:
+    """Each as likely as the other, far apart: the interval ends where each has 5 % of its own outside."""
+    one, other = _twin_otter(0.02), _twin_otter(0.02, Cm_alpha=-2.0)
+    margin, alone = either(one, other).quantities["static_margin"], one.quantities["static_margin"]
+    assert margin.estimate == alone.estimate
+    sd = math.sqrt(2) * 0.02
+    assert margin.ci95[0] == pytest.approx(alone.estimate * (1 - 1.645 * sd), rel=0.005)
+    assert margin.ci95[1] == pytest.approx(2.0 / 5.66 * (1 + 1.645 * sd), rel=0.005)
 
 
 def test_a_doubtful_loading_widens_the_margins_alone() -> None:

@@ -63,7 +63,9 @@ def _found(seed: int, inputs: tuple[Manoeuvre, ...] = ()) -> Found:
     return Found(minute.estimate(), 5.3 / minute.speed)
 
 
-@pytest.mark.parametrize("inputs", [(), (MULTISINE,)], ids=["gusts only", "multisine"])
+@pytest.mark.parametrize(
+    "inputs", [pytest.param((), marks=pytest.mark.slow), (MULTISINE,)], ids=["gusts only", "multisine"]
+)
 def test_delay_within_5_ms_and_upwash_from_a_minute_of_light_turbulence(inputs: tuple[Manoeuvre, ...]) -> None:
     upwash = []
     for seed in range(1, 6):

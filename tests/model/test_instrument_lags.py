@@ -141,6 +141,7 @@ def test_accelerometer_and_airspeed_in_a_flight_in_one_plane() -> None:
     assert outside <= 4, (lags, scales)
 
 
+@pytest.mark.slow
 def test_intervals_hold_in_gusts_that_the_vane_alone_shows() -> None:
     """Gusts up to 1 m/s in the vane, motion free of them: 95 % intervals hold 88 to 100 % of 20 flights."""
     held: dict[tuple[str, str], int] = dict.fromkeys(PLANTED, 0)
@@ -176,7 +177,7 @@ def test_without_an_attitude_nothing_is_told() -> None:
         solve({n: x for n, x in made.items() if n != "time"}, 0.1, (0.0, 0.0, 0.0), [slice(0, 600)])
 
 
-@pytest.mark.parametrize("name", ["fAttasElv1", "fAttasElv2"])
+@pytest.mark.parametrize("name", [pytest.param("fAttasElv1", marks=pytest.mark.slow), "fAttasElv2"])
 def test_attas(name: str) -> None:
     """Published zeros of the book's test case 22; lag and scale by independent fits: 12 ms, 1.02 to 1.04."""
     found = solved(attas(name), ATTAS_BOOM).values

@@ -90,7 +90,10 @@ ALONE = {
 """Errors, what is to be told, its size and words."""
 
 
-@pytest.mark.parametrize("name", ALONE)
+@pytest.mark.parametrize(
+    "name",
+    [n if n in ("p late", "r scaled", "vane scaled") else pytest.param(n, marks=pytest.mark.slow) for n in ALONE],
+)
 def test_an_instrument_at_fault_is_named_within_two_manoeuvres_and_no_other(name):
     errors, source, size, words = ALONE[name]
     rows = made_of(0, 3, errors)

@@ -221,6 +221,7 @@ def test_the_heading_of_a_path_by_rotations_of_another_hand(bank: float) -> None
     assert np.unwrap(headed(air, angles[:, 2], angles[:, 1], beta) - angles[:, 0]) == pytest.approx([0, 0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_boom_that_bends_under_an_airspeed_that_reads_high(tmp_path: Path) -> None:
     """Dynamic pressure over indicated airspeed is no density: 20 % off, it made 0.016 of upwash, seven standard errors.
     Means over the roll from one turn into the other made 0.2 deg of bank. In still air all that is left is sensors'

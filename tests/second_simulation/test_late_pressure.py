@@ -11,7 +11,7 @@ from tests.second_simulation.fitted import fitted
 LAG = "dynamic_pressure.lag"
 
 
-@pytest.mark.parametrize("index", [7, 17])
+@pytest.mark.parametrize("index", [7, pytest.param(17, marks=pytest.mark.slow)])
 def test_a_lag_of_noisy_air_data_is_neither_too_long_nor_too_short(index: int) -> None:
     """Smoothed, the air data have no error that bends a lag's slope. Corrected for one, the lag was 3.3 and 1.5 sd too
     long. In 07 the pressure is rounded by 17 Pa, each value for 0.1 s: taken for white to 50 Hz, that
