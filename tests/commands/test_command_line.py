@@ -243,7 +243,7 @@ def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(station, tmp_pa
 def test_every_method_that_estimates_has_its_row(station, tmp_path):
     log = tmp_path / "calm.mcap"
     assert station("simulate", "bench", "-o", log, "--duration", 60, "--set", "flight.gust_sigma=0 m/s")[0] == 0
-    code, out, _ = station("identify", log, "--from", 20, "--json", "-")
+    code, out, _ = station("identify", log, "--from", 20, "--method", "I,II,split", "--json", "-")
     assert code == 0
     told = json.loads(out)
     assert told["schema"] == "station.identify/1"

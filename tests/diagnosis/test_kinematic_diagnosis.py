@@ -117,6 +117,7 @@ def test_records_of_real_booms(name: str, tmp_path: Path):
     assert "Vane against the inertial angle of attack" in (tmp_path / "r" / "diagnosis.html").read_text()
 
 
+@pytest.mark.slow
 def test_late_air_data_of_a_real_flight_are_named(tmp_path: Path):
     """PH-LAB, 10 Hz, light turbulence: vane 0.29 +- 0.03 s, altitude rate 0.84 +- 0.06 s late by fits made apart."""
     log, out = tmp_path / "a.mcap", tmp_path / "d.json"

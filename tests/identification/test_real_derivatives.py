@@ -204,6 +204,7 @@ def test_gusts_without_input_give_no_derivative(start: int, end: int, refused: b
     assert any("most of the angle of attack is gusts" in r.why for r in found.methods.values()) == refused
 
 
+@pytest.mark.slow
 def test_calm_manoeuvres_of_one_flight_agree(tmp_path: Path) -> None:
     """PH-LAB: two of them, at other speeds and loads, within both intervals; and slowly into the stall no Cm_q of the
     wrong sign (+14 ± 4)."""

@@ -129,16 +129,16 @@ def test_accelerometer_and_airspeed_in_a_flight_in_one_plane() -> None:
     """The path over ground shows the accelerometer's scale though the heading never moves, and an airspeed without lag
     gets none from a vane that is ahead, late and out of line."""
     lags, scales = [], []
-    for seed in range(10):
+    for seed in range(5):
         motion = in_one_plane(np.random.default_rng(seed))
         found = solve(motion, 0.04, (5.0, 0.0, 0.0), [slice(0, len(motion["q"]))], upwash=1.15)
         lags.append(found.values["airspeed", "lag"])
         scales.append(found.values["ax", "scale"])
     assert not any(v.why for v in (*lags, *scales))
     assert max(v.sd for v in scales) < 0.02
-    # Of 20 values at 95 % more than 4 outside are 1 in 400.
+    # Of 10 values at 95 % more than 3 outside are 1 in 1000.
     outside = sum(abs(v.value) > 1.96 * v.sd for v in lags) + sum(abs(v.value - 1.05) > 1.96 * v.sd for v in scales)
-    assert outside <= 4, (lags, scales)
+    assert outside <= 3, (lags, scales)
 
 
 @pytest.mark.slow
@@ -209,6 +209,7 @@ def test_attas_rolls_in_time(name: str, until: float) -> None:
         assert abs(v.value - 0.012) < max(3 * v.sd, 0.01), (i, v)
 
 
+@pytest.mark.slow
 def test_dasmat_has_no_lag() -> None:
     """A foreign simulation without instruments: nothing stands out, with noise laid over it either."""
     for noise in (0.0, 1.0):
