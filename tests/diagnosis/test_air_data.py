@@ -118,7 +118,8 @@ def test_the_share_below_the_noise_is_not_left_to_chance(decay: float, noise: fl
 LATE = 0.2
 
 
-@pytest.mark.parametrize("slow", [pytest.param(0.0, marks=pytest.mark.slow), 0.5])
+@pytest.mark.slow
+@pytest.mark.parametrize("slow", [0.0, 0.5])
 def test_a_lag_of_the_air_data_is_as_long_as_it_is_in_whatever_noise(slow: float) -> None:
     """A quarter of the noise is taken for slow; with none that is so, or half, the mean of three flights was
     told 5 and 10 standard deviations off where the noise was taken for known."""

@@ -32,6 +32,7 @@ def test_nothing_is_found_where_nothing_is_hidden(sigma: float, tmp_path: Path) 
     assert found.verdict == "no_effect", (found.effects, found.remaining)
 
 
+@pytest.mark.slow
 def test_a_derivative_far_from_the_profile_s_and_a_gyro_s_zero_are_named_and_mended(tmp_path: Path) -> None:
     """Nothing is left over: the data can have what they want, at a price that the profile says is too high."""
     damping = -22.0

@@ -20,7 +20,7 @@ from station.rows import Quality, UsageError
 G0 = 9.80665
 
 
-@pytest.fixture(scope="module", params=[SIGMAS[0], SIGMAS[2]])
+@pytest.fixture(scope="module", params=[SIGMAS[0], pytest.param(SIGMAS[2], marks=pytest.mark.slow)])
 def records(request):
     return [fly_case(Case(seed=71, sigma=request.param), kind, k) for k, kind in enumerate(KINDS[:2])]
 

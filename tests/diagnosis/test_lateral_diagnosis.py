@@ -29,7 +29,8 @@ def test_nothing_is_named_in_a_clean_flight_and_all_is_written():
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "air"), [("r.scale", 0), pytest.param("beta_vane.delay", 1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "air"), [("r.scale", 0), ("beta_vane.delay", 1)])
 def test_a_single_effect_is_named_and_written_into_the_aircraft(name, air):
     planned = Case(seed=71, sigma=SIGMAS[air], effects={name: planted(name, 3.0, SIGMAS[air], 1)})
     d = diagnosed(planned)

@@ -100,6 +100,7 @@ def test_an_air_data_error_of_which_the_profile_speaks_is_in_every_error() -> No
     assert after.tolist() == pytest.approx(np.hypot(before, more).tolist())
 
 
+@pytest.mark.slow
 def test_with_the_dynamic_pressure_four_per_cent_too_high_derivatives_are_as_much_too_small() -> None:
     """Which that error is for; airspeed with it, as one pitot gives both."""
     right = exact()

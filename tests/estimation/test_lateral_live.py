@@ -103,6 +103,7 @@ def test_in_gusts_split_carries_the_side_gust_to_the_cg_and_ii_says_how_far_it_i
     assert size["split"] < 0.5 * size["II"]
 
 
+@pytest.mark.slow
 def test_gusts_alone_give_derivatives_within_their_errors():
     """No input but the pilot's slow ailerons: the transform ends in moving air. When the vane was corrected by factors
     of its transform, CY_beta, Cl_beta and Cn_beta came out up to 20 % low, 7 standard errors."""

@@ -218,6 +218,7 @@ def scaled(response: Indicial | None, amplitude: float, rate: float) -> Indicial
     return Indicial(a=tuple(amplitude * a for a in response.a), b=tuple(rate * b for b in response.b))
 
 
+@pytest.mark.slow
 def test_wrong_constants_do_what_their_columns_say() -> None:
     """Wing, tail and downwash incidence of the same flight by profiles that differ in one constant: the difference
     quotient against that constant's column, where a part of what the vane shows counts as gust."""

@@ -80,10 +80,8 @@ def test_least_squares_finds_what_its_file_says(derivatives: dict[str, float]) -
     assert derivatives["Cl_even"] == pytest.approx(0.036 / 0.0873, rel=0.01)
 
 
-@pytest.mark.parametrize(
-    ("sigma_ft_s", "told"),
-    [(0.0, 10), pytest.param(5.0, 8, marks=pytest.mark.slow), pytest.param(10.0, 6, marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("sigma_ft_s", "told"), [(0.0, 10), (5.0, 8), (10.0, 6)])
 def test_every_method_s_intervals_hold_and_no_line_is_laid_through_a_bend(
     derivatives: dict[str, float], sigma_ft_s: float, told: int
 ) -> None:

@@ -69,9 +69,8 @@ def test_f_test_and_prediction_select_the_late_tail_only_where_there_is_one(memo
             assert both["split+gust"].held_out < 0.5 * both["eq65"].held_out
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("onspeed/vac_decel_run.csv", marks=pytest.mark.slow), "thor/thor_flight75.mat"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["onspeed/vac_decel_run.csv", "thor/thor_flight75.mat"])
 def test_real_booms_are_calibrated_and_no_derivative_is_made_up(name: str, tmp_path: Path) -> None:
     import_file(record(name), tmp_path / "a.mcap", load_aircraft("unknown"))
     flown = table(tmp_path / "a.mcap")

@@ -119,6 +119,7 @@ def test_an_aircraft_without_memory() -> None:
     assert abs(minute.estimate().apart["CL"].delay_s - 5.3 / minute.speed) < 0.005
 
 
+@pytest.mark.slow
 def test_a_tail_other_than_the_profile_s_is_in_the_intervals() -> None:
     """A third larger: as likely as its uncertainty of 20 % allows."""
     aircraft = load_aircraft("twin_otter")

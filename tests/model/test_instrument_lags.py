@@ -189,12 +189,15 @@ def test_attas(name: str) -> None:
         assert abs(found[key].value - published) < 1.96 * found[key].sd, key
 
 
+@pytest.mark.slow
 def test_attas_gyro_lag_is_that_of_its_repeat() -> None:
     first, again = (solved(attas(n), ATTAS_BOOM).values["q", "lag"] for n in ("fAttasElv1", "fAttasElv2"))
     assert abs(first.value - again.value) < 1.96 * np.hypot(first.sd, again.sd)
 
 
-@pytest.mark.parametrize(("name", "until"), [("fAttasElv2", np.inf), ("fAttasAilRud1", 29.9)])
+@pytest.mark.parametrize(
+    ("name", "until"), [pytest.param("fAttasElv2", np.inf, marks=pytest.mark.slow), ("fAttasAilRud1", 29.9)]
+)
 def test_attas_rolls_in_time(name: str, until: float) -> None:
     """Gyros and attitude are one unit, its pitch rate 12 ms late (the test above), the others half a sample from that
     at most. What the weight does sideways had made the roll angle 294 ms early where nobody rolled, and 106 ms late
@@ -225,11 +228,14 @@ PHLAB_TURBULENT = {(4419.0, 4479.0): 1.02, (534.0, 594.0): 0.58, (4284.0, 4344.0
 PHLAB_CALM = ((849.0, 909.0), (909.0, 969.0), (1689.0, 1749.0), (4029.0, 4089.0))
 
 
-@pytest.mark.parametrize(("span", "level"), PHLAB_TURBULENT.items())
+@pytest.mark.parametrize(
+    ("span", "level"),
+    [pytest.param(*x, marks=[pytest.mark.slow] * (k > 0)) for k, x in enumerate(PHLAB_TURBULENT.items())],
+)
 def test_phlab_gusts(span: tuple[float, float], level: float) -> None:
     assert abs(solved(phlab(*span)).gust_sd / level - 1) < 0.2
 
 
-@pytest.mark.parametrize("span", PHLAB_CALM)
+@pytest.mark.parametrize("span", [PHLAB_CALM[0], *(pytest.param(x, marks=pytest.mark.slow) for x in PHLAB_CALM[1:])])
 def test_phlab_calm(span: tuple[float, float]) -> None:
     assert solved(phlab(*span)).gust_sd < 0.08

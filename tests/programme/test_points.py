@@ -240,6 +240,7 @@ def test_the_command(station, log: Path, tmp_path: Path) -> None:
     assert "no change could be told: short" in sentence
 
 
+@pytest.mark.slow
 def test_a_recording_without_points_is_one(station, log: Path, tmp_path: Path) -> None:
     bare = flown(tmp_path, (), 30.0)
     made = programme([bare], [log], load_aircraft("twin_otter"), ("split",), lambda _: None)

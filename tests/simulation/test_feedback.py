@@ -69,7 +69,7 @@ def test_six_degrees_of_freedom_fly_as_three_do() -> None:
         np.testing.assert_allclose(six[name], three[name], atol=1e-9 * max(1.0, np.abs(three[name]).max()))
 
 
-@pytest.mark.parametrize("kind", [Simulation, JsbsimFlight])
+@pytest.mark.parametrize("kind", [Simulation, pytest.param(JsbsimFlight, marks=pytest.mark.slow)])
 def test_a_damper_damps(kind: type[Simulation] | type[JsbsimFlight]) -> None:
     """JSBSim's aircraft too: the same gusts pitch it less."""
     aircraft = load_aircraft("dhc6_jsbsim" if kind is JsbsimFlight else "twin_otter")
