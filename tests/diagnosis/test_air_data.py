@@ -132,6 +132,7 @@ def test_a_lag_of_the_air_data_is_as_long_as_it_is_in_whatever_noise(slow: float
     assert abs(sum(off)) / math.sqrt(len(off)) < 3.0
 
 
+@pytest.mark.slow
 def test_to_undo_a_lag_of_the_air_data_bends_neither_mass_nor_lift() -> None:
     """A mass weighs accelerations, and these answer the pressure that is true: what is not known of it is in the slope
     and in the residual. It was taken for as little as the smoothed signal has of noise, and the mean of flights like

@@ -131,6 +131,7 @@ def test_an_unknown_effect_names_the_nearest():
         extended(aircraft(), {"alpha_vane.delai": 0.01})
 
 
+@pytest.mark.slow
 def test_a_new_row_is_all_that_a_new_effect_takes(monkeypatch):
     """An effect that the catalogue does not have: the vertical velocity has a scale error."""
     words = "The vertical velocity has a scale error of {value}."
@@ -149,6 +150,7 @@ def test_a_new_row_is_all_that_a_new_effect_takes(monkeypatch):
     assert "v_down.scale" in effects_table(found.named)
 
 
+@pytest.mark.slow
 def test_what_explains_more_only_beyond_its_range_is_told_and_leaves_the_rest_unexplained(monkeypatch):
     """A sensor twice as cubic as the catalogue would have it: the next best, backlash or a lag, is not it."""
     name = "elevator.nonlinearity"

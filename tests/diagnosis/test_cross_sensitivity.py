@@ -10,7 +10,9 @@ from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 
 
-@pytest.mark.parametrize(("seed", "sigma", "felt"), [(8, 0.0, 0.006), (7, 1.5, -0.006)])
+@pytest.mark.parametrize(
+    ("seed", "sigma", "felt"), [pytest.param(8, 0.0, 0.006, marks=pytest.mark.slow), (7, 1.5, -0.006)]
+)
 def test_a_gyro_that_feels_acceleration_is_told(seed: int, sigma: float, felt: float) -> None:
     case = blind.Case(seed=seed, sigma=sigma, outside={"g_sensitivity": felt})
     problem = Problem(blind.prepared(case), blind.aircraft())

@@ -68,6 +68,7 @@ def test_what_gusts_hide_is_named_or_a_rival(name, value, seed, number, air):
     assert score(planned, d) in ("exact", "group"), told(d)
 
 
+@pytest.mark.slow
 def test_gusts_along_the_span_are_answered_by_the_aircraft_that_is_fitted():
     """With the answer of the profile's, and of what fits with that, the truth was unlikely by hundreds."""
     case = Case(seed=1020, sigma=SIGMAS[2], fit_on=("doublets", "multisine"))

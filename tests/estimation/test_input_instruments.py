@@ -143,6 +143,7 @@ def test_the_fin_meets_gust_and_sidewash_as_late_as_it_is():
     assert np.std(late - wanted) < 0.1 * np.std(wanted)
 
 
+@pytest.mark.slow
 def test_gusts_across_the_span_do_not_mislead_split_gust():
     """Least squares takes the aircraft's answer to the rolling gust for Cl_p: a quarter of it is gone and more, at
     10 ft/s. Known: the table that the simulation flies by."""

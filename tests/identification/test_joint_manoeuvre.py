@@ -29,6 +29,7 @@ def _identified(inputs, sigma: str, seed: int, *methods: str, sift: bool = False
     return identify(flown, aircraft, Request(methods, 30.0, card=card, sift=sift))
 
 
+@pytest.mark.slow
 def test_lines_of_every_axis_are_sifted_apart() -> None:
     """In calm air the profile's lateral derivatives, which the quasi-steady equations have as they are, come out."""
     found = _identified(THREE, "0 ft/s", 5, "II", sift=True)

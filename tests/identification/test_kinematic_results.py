@@ -24,6 +24,7 @@ from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
 
 
+@pytest.mark.slow
 def test_gusts_give_the_vane_s_arrival_offset() -> None:
     aircraft = load_aircraft("twin_otter")
     flight = Flight.model_validate({"speed": "110 kt", "gust_sigma": "5 ft/s", "seed": 2})

@@ -74,6 +74,7 @@ def test_attas_longitudinal_derivatives(name: str, tmp_path_factory: pytest.Temp
         assert {"CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"} <= estimated(found, method).keys(), method
 
 
+@pytest.mark.slow
 def test_without_the_boom_s_place_the_vane_is_late_and_what_it_spoils_is_not_told(tmp_path: Path) -> None:
     """13 m ahead reads q x/V less: 105 ms of lag. CL_q comes out at 50, not 7.5, and nobody is told that it is."""
     found = identified(attas("fAttasElv1"), "attas_vane_at_cg", tmp_path)

@@ -100,7 +100,7 @@ def warned(events):
     return [((e.t_ns - START_NS) * 1e-9, e.source, e.detail) for e in events if e.code is Code.DISAGREE]
 
 
-@pytest.mark.parametrize("sigma", [0, 3, 5, 10])
+@pytest.mark.parametrize("sigma", [pytest.param(x, marks=[pytest.mark.slow] * (x != 5)) for x in (0, 3, 5, 10)])
 def test_sound_instruments_give_no_warning(sigma):
     assert warned(told(flown(sigma, 7, 85.0))) == []
 
@@ -161,7 +161,9 @@ def test_an_instrument_at_fault_is_named_within_two_manoeuvres_in_calm_air(name)
     assert at_s < 20.0 * inputs + 22.0
 
 
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] * (x not in ("q", "vane", "airspeed"))) for x in WRONG]
+)
 def test_a_constant_wrong_value_is_told_within_half_a_minute(name):
     signal, added, source, size, words = WRONG[name]
     found = warned(told(flown(0, 4, 91.0, wrong=(signal, added, 60.0))))

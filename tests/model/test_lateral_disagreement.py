@@ -68,7 +68,7 @@ def warned(rows):
     return [((e.t_ns - START_NS) * 1e-9, e.source, e.detail) for e in events]
 
 
-@pytest.mark.parametrize("sigma", [0, 5])
+@pytest.mark.parametrize("sigma", [pytest.param(0, marks=pytest.mark.slow), 5])
 def test_sound_instruments_give_no_warning(sigma):
     assert warned(made_of(sigma, 7)) == []
 
@@ -92,7 +92,7 @@ ALONE = {
 
 @pytest.mark.parametrize(
     "name",
-    [n if n in ("p late", "r scaled", "vane scaled") else pytest.param(n, marks=pytest.mark.slow) for n in ALONE],
+    [n if n in ("p late", "vane scaled") else pytest.param(n, marks=pytest.mark.slow) for n in ALONE],
 )
 def test_an_instrument_at_fault_is_named_within_two_manoeuvres_and_no_other(name):
     errors, source, size, words = ALONE[name]

@@ -87,6 +87,7 @@ def test_no_estimate_is_far_from_the_truth(index: int, station: Station, tmp_pat
     assert [e for e in found if abs(e.widths) > FAR] == []
 
 
+@pytest.mark.slow
 def test_intervals_hold_gusts_that_five_hertz_fold(station: Station, tmp_path: Path) -> None:
     """10 ft/s. Without what folds into the lines, CL_alpha is 24 % off with two standard errors of 14 %."""
     found = identified(station, identify_case(3, 6), tmp_path)

@@ -16,6 +16,7 @@ from tests.second_simulation.flights import QUIET
 from tests.second_simulation.motion import RATE
 
 
+@pytest.mark.slow
 def test_a_mean_updraught_is_told_from_the_zero_of_the_vane() -> None:
     """By how lift and moment follow the airspeed; the vane is scaled by 10 % besides, and has a zero of its own."""
     problem, flights = fitted(3, 8)

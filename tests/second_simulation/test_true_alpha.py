@@ -14,7 +14,9 @@ from tests.second_simulation.flights import identify_case, write
 FLIGHTS = {"calm, quiet": 39, "calm": 20, "gusts": 4, "strong gusts": 32, "25 Hz": 45, "5 Hz": 37}
 
 
-@pytest.mark.parametrize("kind", FLIGHTS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(x, marks=[pytest.mark.slow] * (x not in ("calm", "gusts", "5 Hz"))) for x in FLIGHTS]
+)
 def test_two_standard_errors_hold_the_true_angle_of_attack(kind: str, tmp_path: Path) -> None:
     """Of one flight its aircraft's scale is one draw: four of five values at least."""
     case = identify_case(1, FLIGHTS[kind])
