@@ -14,7 +14,7 @@ from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone
-from station.model.flying_qualities import Condition, Qualities, bend, either, qualities
+from station.model.flying_qualities import Condition, Qualities, bend, mixture, qualities
 from station.model.late_lift import constants_of
 from station.numerics.atmosphere import scale_height
 from station.numerics.separation import of_wing, steady
@@ -75,8 +75,8 @@ def diagnosed_qualities(found: Diagnosis) -> tuple[Qualities | str, Qualities | 
         return "the profile gives no iyy", None
     flown = found.problem.manoeuvres
     after = _qualities(found.problem, found.found.accepted)
-    if found.doubted is not None:
-        after = either(after, _qualities(found.problem, found.doubted, after.condition.speed))
+    if found.unconfirmed is not None:
+        after = mixture(after, _qualities(found.problem, found.unconfirmed, after.condition.speed))
     at = _condition(found.aircraft, flown)
     known = local(found.aircraft, at.alpha)
     before = qualities(found.aircraft, at, known, np.zeros((len(known), len(known))))

@@ -73,8 +73,8 @@ class Diagnosis:
     """Effects that needed no fit."""
     not_named: tuple[Effect, ...] = ()
     """What the fitted manoeuvres ask for and the held-out ones do not confirm."""
-    doubted: Estimate | None = None
-    """What is accepted with that in it, if anything is not named: the aircraft may be this one."""
+    unconfirmed: Estimate | None = None
+    """The estimate with those in it: the aircraft may be this one. None where all is named."""
     lateral: Diagnosis | None = None
     """Of the lateral motion by itself, where that could be judged; what the whole says has it in it."""
 
@@ -158,14 +158,14 @@ def _diagnosed(
     progress("gain on what is held out")
     effects, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
     not_named: tuple[Effect, ...] = ()
-    doubted = None
+    unconfirmed = None
     if not confirmed:
         # What does not lower the error of data held out is no finding, but where instruments contradict each other.
         every, asked = effects, found.accepted
         found, effects, gain = _confirmed(found, problem, kept, effects)
         named = {e.term.id for e in effects}
         not_named = tuple(e for e in every if e.term.id not in named)
-        doubted = with_model_error(problem, _freed(problem, asked)) if not_named else None
+        unconfirmed = with_model_error(problem, _freed(problem, asked)) if not_named else None
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         left = judge.remaining_residual(problem, found.accepted, found.beyond)
         remaining = replace(left, inhomogeneous=(*remaining.inhomogeneous, *left.inhomogeneous))
@@ -188,7 +188,8 @@ def _diagnosed(
     if not_named:
         names = ", ".join(f"{e.term.id} {e.shown(e.value)}" for e in not_named)
         why = "it does not lower the error of what is held out" if kept else "nothing is held out that would confirm it"
-        remarks.append(f"not named, for {why}: {names}{'' if axis.lateral else ' (derived quantities allow for it)'}")
+        also = "" if axis.lateral or aircraft.inertia.iyy is None else "; derived quantities allow for it"
+        remarks.append(f"not named, for {why}: {names}{also}")
     if sum(e.term.id.startswith("aero.C") for e in effects) >= MOST_FAR_OFF:
         remarks.append("several derivatives are far from the profile's: is it another aircraft's? use --aircraft")
     return Diagnosis(
@@ -206,7 +207,7 @@ def _diagnosed(
         after=after,
         seen=tuple(seen),
         not_named=not_named,
-        doubted=doubted,
+        unconfirmed=unconfirmed,
     )
 
 

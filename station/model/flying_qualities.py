@@ -79,7 +79,7 @@ class Qualities:
     condition: Condition
     quantities: Mapping[str, Derived]
     draws: Mapping[str, Array]
-    """Of each quantity, (DRAWS,) or twice that (`either`): NaN where that draw has none."""
+    """Of each quantity, (DRAWS,) or twice that (`mixture`): NaN where that draw has none."""
 
 
 class Coefficients(NamedTuple):
@@ -366,9 +366,9 @@ def qualities(
     return Qualities(at, out, draws)
 
 
-def either(one: Qualities, other: Qualities) -> Qualities:
-    """Of an aircraft that may be the one or the other: estimates of the first, draws and intervals of both, each as
-    likely as the other."""
+def mixture(one: Qualities, other: Qualities) -> Qualities:
+    """Of an aircraft that is one of two, each as likely, at the same speed: the estimates and the condition of the
+    first, the draws of both, and intervals from these."""
     draws = {n: np.concatenate([x, other.draws.get(n, x)]) for n, x in one.draws.items()}
     told = {
         n: _judged(n, d.unit, np.concatenate([[d.estimate], draws[n]]), d.rests_on) if n in draws else d

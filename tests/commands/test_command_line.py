@@ -240,7 +240,7 @@ def test_a_flight_tells_itself_as_json_and_leaves_nothing_behind(station, tmp_pa
     assert "1 different" in out
 
 
-def test_every_method_that_estimates_has_its_row(station, tmp_path):
+def test_a_method_s_row_says_what_its_json_says(station, tmp_path):
     log = tmp_path / "calm.mcap"
     assert station("simulate", "bench", "-o", log, "--duration", 60, "--set", "flight.gust_sigma=0 m/s")[0] == 0
     code, out, _ = station("identify", log, "--from", 20, "--method", "I,II,split", "--json", "-")

@@ -14,8 +14,8 @@ from station.model.flying_qualities import (
     Coefficients,
     Condition,
     coefficients,
-    either,
     late_of,
+    mixture,
     modes,
     pull_up,
     qualities,
@@ -123,7 +123,7 @@ def test_an_interval_is_that_of_the_propagated_errors() -> None:
 def test_an_aircraft_that_may_be_one_of_two_has_intervals_that_hold_both() -> None:
     """Each as likely as the other, far apart: the interval ends where each has 5 % of its own outside."""
     one, other = _twin_otter(0.02), _twin_otter(0.02, Cm_alpha=-2.0)
-    margin, alone = either(one, other).quantities["static_margin"], one.quantities["static_margin"]
+    margin, alone = mixture(one, other).quantities["static_margin"], one.quantities["static_margin"]
     assert margin.estimate == alone.estimate
     sd = math.sqrt(2) * 0.02
     assert margin.ci95[0] == pytest.approx(alone.estimate * (1 - 1.645 * sd), rel=0.005)
