@@ -3,14 +3,14 @@
 Attitude, velocities, gyros and accelerometers are compared with each other by kinematics alone: what remains of that is
 their noise, and goes with nothing that is measured. A gyro that feels accelerations or an axis that is not square shows
 there; by itself it hides well, as a zero (a gyro's sensitivity to acceleration, at 1 g) and slow noise. Each sensor is
-given a share of each other signal, beside all else that is fitted (a score test: Rao 1948).
+given a share of each other signal, beside all else that is fitted.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,15 +20,10 @@ from station.diagnosis.candidate import Estimate, numbers
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.refits import CONFOUNDED
+from station.diagnosis.score_test import FALSE_ALARM, scores
 from station.diagnosis.series_spectra import INTEGRALS, spectra
-from station.diagnosis.variances import INDEPENDENT
 
 Array = NDArray[np.float64]
-
-FALSE_ALARM: Final = 2e-4
-"""Chance that a sound set of instruments is told to have a share, over all pairs."""
-LEAST_APART: Final = 0.02
-"""Of a share's footprint, that nothing else which is fitted can show: less is told by rounding errors."""
 
 
 class Crossed(NamedTuple):
@@ -59,28 +54,16 @@ def crossed(problem: Problem, e: Estimate) -> Crossed | None:
     if not signals or not any(_kinematic(m) for m in problem.manoeuvres):
         return None
     pairs = [(s, x) for s in sensors for x in signals]
-    residuals, fitted, shares = _whitened(problem, e, sensors, signals)
-    weight, effects = 2 * INDEPENDENT, len(e.state.values)
-    prior = np.concatenate([np.zeros(effects), np.ones(len(e.state.a))])
-    matrix = weight * (fitted @ fitted.T) + np.diag(prior)
-    own = weight * (fitted @ residuals) + prior * np.concatenate([np.zeros(effects), e.state.a])
-    both = weight * (fitted @ shares.T)
-    scale = 1 / np.sqrt(np.diag(matrix) + 1e-30)
-    moved = scale[:, None] * np.linalg.solve(
-        matrix * scale[:, None] * scale + 1e-9 * np.eye(len(scale)), scale[:, None] * np.column_stack([both, own])
-    )
-    alone = weight * (shares**2).sum(1)
-    left = alone - (both * moved[:, :-1]).sum(0)
-    gradient = weight * (shares @ residuals) - both.T @ moved[:, -1]
-    told = (left > LEAST_APART * alone) & (alone > 0)
+    white = _whitened(problem, e, sensors, signals)
+    gained, share, told = scores(white, len(e.state.values), e.state.a)
     told &= np.array([s != x for s, x in pairs])
-    gained = np.where(told, gradient**2 / np.where(told, left, 1.0), 0.0)
+    gained = np.where(told, gained, 0.0)
     best = int(gained.argmax())
     log_p = float(chi2.logsf(gained[best], 1))
     if log_p > math.log(FALSE_ALARM / max(told.sum(), 1)):
         return None
     others = [pairs[i] for i in np.argsort(-gained)[1:] if gained[best] - gained[i] < CONFOUNDED]
-    return Crossed(*pairs[best], float(gradient[best] / left[best]), log_p, tuple(others))
+    return Crossed(*pairs[best], float(share[best]), log_p, tuple(others))
 
 
 def _kinematic(m: Manoeuvre) -> list[int]:

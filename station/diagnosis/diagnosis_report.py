@@ -150,8 +150,7 @@ def _unexplained(found: Diagnosis) -> str:
         far = ", ".join(f"{name} {x:+.1f}" for name, x in remaining.strained)
         said.append(f"Parameters are fitted far beyond the profile's stated doubt (in its standard deviations): {far}.")
     said += [f"Not named: {apart.words}." for apart in remaining.inhomogeneous]
-    if remaining.crossed:
-        said.append(f"{remaining.crossed.words}.")
+    said += [f"{x.words}." for x in (remaining.crossed, remaining.nonlinear) if x]
     numbers = f"Most unlikely band: log p {remaining.log_p:.1f} (limit {remaining.log_p_limit:.1f})."
     return f"<h2>Unexplained</h2><p>{text(' '.join(said))}</p>{_note(numbers)}"
 

@@ -21,6 +21,7 @@ from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.homogeneity import Inhomogeneous, inhomogeneous
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
+from station.diagnosis.nonlinearity import Nonlinear, nonlinear
 from station.diagnosis.refits import ASKED
 from station.diagnosis.search import Found
 from station.diagnosis.variances import INDEPENDENT, Levels
@@ -67,6 +68,14 @@ class RemainingResidual:
     """Effects that were fitted and have not one value: what acts like them is the matter, and they are not named."""
     crossed: Crossed | None = None
     """An instrument that shows a share of what another one measures."""
+    nonlinear: Nonlinear | None = None
+    """An instrument that is nonlinear, or what answers it."""
+
+    @property
+    def not_judged(self) -> RemainingResidual:
+        """The same where nothing may be said."""
+        where = self.series, self.signals, self.band_hz, self.by_series, self.log_p_limit
+        return RemainingResidual((), 0.0, *where)
 
     @property
     def in_signals(self) -> bool:
@@ -75,7 +84,8 @@ class RemainingResidual:
 
     @property
     def present(self) -> bool:
-        return self.in_signals or bool(self.strained or self.beyond or self.inhomogeneous or self.crossed)
+        others = self.strained, self.beyond, self.inhomogeneous, self.crossed, self.nonlinear
+        return self.in_signals or any(others)
 
     def words(self, of: str) -> list[str]:
         """What is the matter beside the residuals; `of`: the motion, where that must be said."""
@@ -89,8 +99,7 @@ class RemainingResidual:
             for i, end in self.beyond
         ]
         out += [f"not named: {x.words}: something that acts like it is the matter" for x in self.inhomogeneous]
-        if self.crossed:
-            out.append(f"{of}{self.crossed.words}")
+        out += [f"{of}{x.words}" for x in (self.crossed, self.nonlinear) if x]
         return out
 
 
@@ -127,7 +136,7 @@ def remaining_residual(
         band = (float(f[0]), float(f[-1]))
     by_series = tuple((axis.series[j], _log_p(t, c)) for j, (t, c) in sorted(totals.items()))
     apart = inhomogeneous(problem, accepted, any(name in axis.forces for name, _ in missed))
-    others = (_strained(problem, s), tuple(beyond), apart, crossed(problem, accepted))
+    others = _strained(problem, s), tuple(beyond), apart, crossed(problem, accepted), nonlinear(problem, accepted)
     return RemainingResidual(missed, worst[0], name, signals, band, by_series, limit, *others)
 
 

@@ -151,7 +151,7 @@ def _diagnosed(
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     if not judged:
-        remaining = replace(remaining, missed=(), log_p=0.0, strained=(), beyond=(), inhomogeneous=(), crossed=None)
+        remaining = remaining.not_judged
     gusty = gusts(problem, found.accepted)
     drowned = _drowned(found.accepted, problem, remaining)
     found = _still_told(_less(found, problem, (*drowned, *(x.effect for x in remaining.inhomogeneous))), problem)
