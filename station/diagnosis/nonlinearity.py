@@ -1,15 +1,17 @@
 """Whether an instrument, or what answers it, is nonlinear.
 
-Each sensor is given a share of what is even in its signal: of its deviation from the mean of the manoeuvre, squared (it
-bends), and of that deviation's size (it shows more one way than the other). What does not lie on a straight line is
-else taken for something else: a vane that bends shows, with every pull-up, a gust that never was, and flow that leaves
-the wing takes its lift back. Even shapes alone: noise, which is symmetric, is in the signal as in the residual, and
-of an odd shape would make a share where there is none.
+Each sensor is given a share of its deviation from the mean of the manoeuvre squared (it bends), of the size of that
+deviation (it shows more one way than the other), and of the sign of its rate (it sticks: Coulomb friction, play). What
+is not linear is else taken for something else: a vane that bends shows, with every pull-up, a gust that never was, and
+flow that leaves the wing takes its lift back; one that sticks shows upwash with a memory. Noise is in the signal as in
+the residual, and of any other shape would make a share where there is none: of these, the first two are even in it, and
+noise goes with the sign of its own rate neither more nor less than it did the other way round in time.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,19 +20,35 @@ from scipy.stats import chi2
 
 from station.diagnosis.candidate import Estimate, numbers
 from station.diagnosis.likelihood import Problem
+from station.diagnosis.processing import HIGH_HZ, Setting, back, passed, transform
 from station.diagnosis.refits import CONFOUNDED
 from station.diagnosis.score_test import FALSE_ALARM, scores
 from station.diagnosis.series_spectra import spectra
 
 Array = NDArray[np.float64]
 
-SHAPES: Final = {"square": np.square, "size": np.abs}
+
+def _deviation(x: Array) -> Array:
+    return np.asarray(x - x.mean())
+
+
+def _turning(x: Array, s: Setting) -> Array:
+    """The sign of the rate of what is judged of a signal."""
+    kept = passed(s.omega, (HIGH_HZ, 1.5 * HIGH_HZ))
+    return np.sign(back(1j * s.omega * kept * transform(x, s), s))
+
+
+SHAPES: Final[dict[str, Callable[[Array, Setting], Array]]] = {
+    "square of its deviation from its mean": lambda x, _: _deviation(x) ** 2,
+    "size of its deviation from its mean": lambda x, _: np.abs(_deviation(x)),
+    "sign of its rate": _turning,
+}
 STRAIGHT: Final = ("v_along", "v_down", "v_across")
 """Velocities are counted, not sensed through a characteristic: they have no shape."""
 
 
 class Nonlinear(NamedTuple):
-    """A sensor whose signal, or what answers it, has an even part."""
+    """A sensor whose signal, or what answers it, has a share of one of SHAPES."""
 
     sensor: str
     shape: str
@@ -45,12 +63,12 @@ class Nonlinear(NamedTuple):
     @property
     def words(self) -> str:
         instead = "".join(f" or {sensor}" for sensor in self.others)
-        share = f"{self.share:+.2g} (SI) of the {self.shape} of its deviation from its mean"
+        share = f"at least {self.share:+.2g} (SI) of the {self.shape}"  # noise in a shape makes its share smaller
         return f"{self.sensor}{instead} is nonlinear, or what answers it is: {share}; no effect of the catalogue"
 
 
 def nonlinear(problem: Problem, e: Estimate) -> Nonlinear | None:
-    """The sensor that has an even part by all series that are judged, if that is beyond chance."""
+    """The sensor that is so by all series that are judged, if that is beyond chance."""
     made, common = problem.manoeuvres, set.intersection(*(set(m.trim.sensors) for m in problem.manoeuvres))
     common -= {*STRAIGHT}
     sensors = [s for s in made[0].trim.sensors if s in common and all(s in m.record.signals for m in made)]
@@ -71,9 +89,8 @@ def _whitened(problem: Problem, e: Estimate, asked: list[tuple[str, str]]) -> tu
     parts: list[tuple[Array, Array, Array]] = []
     for k, (m, response, slopes) in enumerate(zip(problem.manoeuvres, e.state.responses, e.slopes, strict=True)):
         inverse = np.linalg.inv(e.state.roots[k])
-        signals = (m.record.signals[sensor] for sensor, _ in asked)
-        even = np.stack([SHAPES[shape](x - x.mean()) for x, (_, shape) in zip(signals, asked, strict=True)])
-        bins = spectra(even[:, None], m.setting, (0,), False).bins[:, 0]
+        shapes = np.stack([SHAPES[shape](m.record.signals[sensor], m.setting) for sensor, shape in asked])
+        bins = spectra(shapes[:, None], m.setting, (0,), False).bins[:, 0]
         by_sensor = inverse @ response[..., [m.trim.sensors.index(sensor) for sensor, _ in asked]]
         parts.append(
             (

@@ -71,7 +71,7 @@ def rows() -> Iterator[Row]:
     )
     yield Row("one, ten times: with a companion", matrices.large(8), ("companion",), 0.03, True)
     yield Row("two, twice", matrices.pairs(18), NAMED, 0.92)
-    yield Row("outside the catalogue", matrices.outside(10), ("unexplained",), 0.95)
+    yield Row("outside the catalogue", matrices.outside(11), ("unexplained",), 0.95)
     lateral = {"diagnosed": lateral_blind.diagnosed, "score": lateral_blind.score}
     yield Row("lateral: nothing", matrices.lateral_clean(100), ("clean",), 0.98, **lateral)
     yield Row("lateral: one, twice", matrices.lateral_singles(2.0), NAMED, 0.95, **lateral)

@@ -159,12 +159,7 @@ def fly_case(case: Case, kind: str, k: int) -> Record:
     decay = math.exp(-0.5 * DT / 0.08)
     pot = lfilter([1 - decay], [1, -decay], commanded)
     surface = pot.copy()
-    slack = case.effects.get("elevator.backlash", 0.0) / 2
-    if slack:
-        at = surface[0]
-        for i, x in enumerate(pot):
-            at = min(max(at, x - slack), x + slack)
-            surface[i] = at
+    surface += _stuck(pot, case.effects.get("elevator.backlash", 0.0))
     surface += case.outside.get("elevator_uneven", 0.0) * np.abs(pot - pot[0])
     hidden = case.outside.get("periodic", 0.0)
     if hidden:
@@ -256,8 +251,17 @@ def _outside(case: Case, name: str, truth):
         return o.get("az_tone", 0.0) * G0 * np.sin(2 * np.pi * 1.3 * truth["time"] + case.seed)
     if name == "alpha_vane":
         deviation = truth[name] - truth[name].mean()
-        return o.get("vane_quadratic", 0.0) * deviation**2
+        return o.get("vane_quadratic", 0.0) * deviation**2 + _stuck(truth[name], o.get("vane_stick", 0.0))
     return np.zeros(len(truth["time"]))
+
+
+def _stuck(x, play: float):
+    """What is added by a needle that is taken along only at the ends of its play."""
+    at, out = x[0], np.zeros(len(x))
+    for i, there in enumerate(x):
+        at = min(max(at, there - 0.5 * play), there + 0.5 * play)
+        out[i] = at - there
+    return out
 
 
 def records(case: Case) -> tuple[list[Record], list[Record]]:

@@ -18,11 +18,12 @@ SEED = 1000
 OUTSIDE = (
     {"periodic": 0.002}, {"periodic": 0.004}, {"g_sensitivity": 0.006}, {"g_sensitivity": -0.008},
     {"elevator_uneven": 0.15}, {"elevator_uneven": -0.15}, {"az_tone": 0.01}, {"vane_quadratic": 4.0},
-    {"q_quadratic": -0.6}, {"velocity_filter": 0.5},
+    {"q_quadratic": -0.6}, {"velocity_filter": 0.5}, {"vane_stick": math.radians(0.4)},
 )  # fmt: skip
 """Effects that the catalogue does not have: a periodic moment (Cm at 0.8 Hz), g-sensitivity of the gyro (rad/s per g),
 an elevator stronger one way than the other (the share), a tone of 1.3 Hz in az (g), a vane whose error goes with alpha2
-(per rad), a gyro whose error goes with q |q| (s/rad), velocities through a second-order filter (s)."""
+(per rad), a gyro whose error goes with q |q| (s/rad), velocities through a second-order filter (s), a vane with play
+(rad)."""
 
 
 def pair(i: int) -> tuple[str, str]:
