@@ -98,9 +98,22 @@ class Flown:
     """(station time, device, flags) of every tick that the screen showed a flag at."""
 
 
+STILL_SLOTS = 5
+"""Slots of the loop given up at once, 0.1 s: a fifth of what a flag may take."""
+
+
 @pytest.fixture(scope="module", params=RIGS)
 def flown(request):
-    name, _, url = request.param.partition(" ")
+    """A flight in which the machine did not stand still, or the third: what is told late there may be the machine's."""
+    for _ in range(3):
+        made = fly(request.param)
+        if not any(isinstance(r, Event) and r.code is Code.OVERRUN and r.count >= STILL_SLOTS for r in made.rows):
+            break
+    return made
+
+
+def fly(link):
+    name, _, url = link.partition(" ")
     faults, seconds = script(name)
     profiles = load_card(name)
     card = profiles.card.model_copy(update={"faults": faults, "flight": Flight(seed=5)})
