@@ -155,6 +155,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             # Shares: from none to all; of the tail's speed up to its square.
             _within("turned at once", "turned_at_once", u.turned_at_once, aircraft, 0.0, 1.0),
             _within("gust speed", "gust_speed", u.gust_speed, aircraft, 0.0, 1.0),
+            _within("gust tilt", "gust_tilt", u.gust_tilt, aircraft, 0.0, 1.0),
             _within("tail speed", "tail_speed", u.tail_speed, aircraft, 0.0, 2.0),
             _within("convection", "convection", u.convection, aircraft, 0.0, 1.0),
             Free("gust span, tail", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span_tail")),

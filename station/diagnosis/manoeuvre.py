@@ -14,11 +14,12 @@ from scipy import ndimage
 from station.diagnosis.air_data import STILL, Unseen, share_beyond, share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
 from station.diagnosis.corrections import AIR_DATA, all_corrected, instrument_of
+from station.diagnosis.inertial_motion import motion_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
 from station.diagnosis.recorded_noise import GUST_SCALE_M, judged_noise, stated_noise, white_noise
-from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, motion_of, series
+from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, gust_across, series
 from station.diagnosis.sensor_noise import Trim, answering, of_force, responses, trim_of
 from station.diagnosis.series_spectra import Spectra, spectra
 from station.profile import Aircraft, Instrument
@@ -337,6 +338,7 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
     if not axis.lateral and VANE in judged:
         told = _gust_share(made, aircraft)
         own, straight = replace(own, gust_share=told), replace(trim.setting, gust_share=told)
+        own = replace(own, gust_across=gust_across(x, made.loaded(aircraft), own))
         made = replace(made, setting=own, trim=replace(trim, setting=straight))
     made.moves[:] = _motion(made, aircraft)
     made.missed[:] = ndimage.gaussian_filter1d(np.abs(made.moves) ** 2, SPREAD_BINS, mode="nearest")

@@ -1,11 +1,13 @@
 """Whether an instrument, or what answers it, is nonlinear.
 
 Each sensor is given a share of its deviation from the mean of the manoeuvre squared (it bends), of the size of that
-deviation (it shows more one way than the other), and of the sign of its rate (it sticks: Coulomb friction, play). What
-is not linear is else taken for something else: a vane that bends shows, with every pull-up, a gust that never was, and
-flow that leaves the wing takes its lift back; one that sticks shows upwash with a memory. Noise is in the signal as in
-the residual, and of any other shape would make a share where there is none: of these, the first two are even in it, and
-noise goes with the sign of its own rate neither more nor less than it did the other way round in time.
+deviation (it shows more one way than the other), and of the sign of its rate or the direction of its last and next
+motion (it sticks: Coulomb friction, play; the first tells less play where gusts never let it rest, the second tells
+what rests in between). What is not linear is else taken for something else: a vane that bends shows, with every
+pull-up, a gust that never was, and flow that leaves the wing takes its lift back; one that sticks shows upwash with a
+memory, or comes late. Noise is in the signal as in the residual, and of any other shape would make a share where there
+is none: of these, the first two are even in it, and of the others noise has neither more nor less than it would have
+the other way round in time.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from station.diagnosis.backlash import lost_motion
 from station.diagnosis.candidate import Estimate, numbers
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.processing import HIGH_HZ, Setting, back, passed, transform
@@ -28,20 +31,37 @@ from station.diagnosis.series_spectra import spectra
 Array = NDArray[np.float64]
 
 
+PASS_HZ: Final = (HIGH_HZ, 1.5 * HIGH_HZ)
+MOTION: Final = 0.1 * math.sqrt(2)
+"""Of its standard deviation, that a signal has moved by when it has a direction: a tenth of the amplitude of a sine of
+that power. Counted on 0.3 to 0.6 deg of play of a vane, half or twice as much tells it by 10 to 30 % less."""
+
+
 def _deviation(x: Array) -> Array:
     return np.asarray(x - x.mean())
 
 
-def _turning(x: Array, s: Setting) -> Array:
+def _rate_sign(x: Array, s: Setting) -> Array:
     """The sign of the rate of what is judged of a signal."""
-    kept = passed(s.omega, (HIGH_HZ, 1.5 * HIGH_HZ))
-    return np.sign(back(1j * s.omega * kept * transform(x, s), s))
+    return np.sign(back(1j * s.omega * passed(s.omega, PASS_HZ) * transform(x, s), s))
+
+
+def _direction(x: Array, s: Setting) -> Array:
+    """From -1 to 1: the mean of the directions in which a signal moved last and moves next, so that between two motions
+    against each other, where a part with play goes from one end of it to the other, it is 0."""
+    judged = back(passed(s.omega, PASS_HZ) * transform(x, s), s)
+    play = MOTION * float(judged.std())
+    if play == 0.0:
+        return np.zeros(len(x))
+    last, after = (-lost_motion(y, play) / (0.5 * play) for y in (judged, judged[::-1]))
+    return 0.5 * (last - after[::-1])
 
 
 SHAPES: Final[dict[str, Callable[[Array, Setting], Array]]] = {
     "square of its deviation from its mean": lambda x, _: _deviation(x) ** 2,
     "size of its deviation from its mean": lambda x, _: np.abs(_deviation(x)),
-    "sign of its rate": _turning,
+    "sign of its rate": _rate_sign,
+    "direction of its motion": _direction,
 }
 STRAIGHT: Final = ("v_along", "v_down", "v_across")
 """Velocities are counted, not sensed through a characteristic: they have no shape."""

@@ -18,7 +18,7 @@ from station.diagnosis.variances import of_signals
 _UNITS: Final[Mapping[str, str]] = {
     "downwash delay": "ms", "gust span": "ft", "gust span, tail": "ft", "convection": "1", "upwash body": "1",
     "upwash wing": "1", "vane lead": "ft", "vane zero": "deg", "vane delay": "ms", "theta bias": "deg",
-    "pressure delay": "ms", "gust span shape": "1", "turned at once": "1", "tail speed": "1",
+    "pressure delay": "ms", "gust span shape": "1", "turned at once": "1", "gust tilt": "1", "tail speed": "1",
     "az bias": "g", "ax bias": "g", "q bias": "deg/s", "CL_0": "1", "Cm_0": "1", "CD_0": "1",
     "CY_0": "1", "Cl_0": "1", "Cn_0": "1", "phi bias": "deg", "p bias": "deg/s", "r bias": "deg/s", "ay bias": "g",
     "principal axes": "deg", "sidewash": "1", "gust turning": "1", "sidewash delay": "ms", "fin lift slope": "1",

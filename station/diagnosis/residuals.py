@@ -20,25 +20,20 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from station.conventions import G0, SEA_LEVEL_DENSITY
-from station.diagnosis.air_data import STILL, Unseen, air_data, own_motion
+from station.conventions import SEA_LEVEL_DENSITY
+from station.diagnosis.air_data import STILL, Unseen
 from station.diagnosis.attached_flow import attached_along
 from station.diagnosis.corrections import all_corrected
+from station.diagnosis.inertial_motion import OF_MOTION, Motion, motion_of
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import (
     Places,
     Setting,
     at_places,
     back,
-    between_fresh,
-    integral,
-    own_speed,
     passed,
     places_of,
-    rate,
-    sinking_line,
     transform,
-    without_line,
 )
 from station.diagnosis.series_spectra import Spectra, spectra
 from station.diagnosis.span_lags import span_response
@@ -63,27 +58,6 @@ second stopped. Of shorter gusts the pitot shows one point: the wing meets their
 differ by, made a coefficient with the pitot's pressure, would be found as a dependence on speed."""
 
 
-class _Motion(NamedTuple):
-    """What attitude, rate, accelerations and velocities say, without aerodynamics; each (..., n)."""
-
-    q: Array
-    qdot: Array
-    ax: Array
-    az: Array
-    differences: Array
-    """(..., 3, n): THETA, DOWN, NORTH."""
-    theta: Array
-    down: Array
-    base: Array
-    """Speed through the air but for its mean: over ground where that is recorded, else along the path."""
-    over_ground: bool
-    mean_speed: Array
-    airspeed: Array
-    pressure: Array
-    own: Array
-    """The speed on the path by the accelerations, m/s."""
-
-
 class _Path(NamedTuple):
     """The inertial flow angle along the path, and what a gust along the path makes of it."""
 
@@ -93,9 +67,15 @@ class _Path(NamedTuple):
     again: Places | None
     alpha_i: Array
     along: Complex
+    lying: Array
+    """By how much gusts across the path lie back from square to it, rad."""
+    across: Array
+    """See Motion."""
+    square: Array
+    """Of the velocity the part square to gusts across, over the mean speed."""
     moved: Array
     surging: Complex
-    """Of the gust along the path over the airspeed."""
+    """What gusts along the path make of the airspeed, over it."""
     turned_mean: Complex
     """How that turns the flow of the mean angle of attack: at once, for the normal wash and the circulation stay."""
     turned_moving: Complex
@@ -124,11 +104,6 @@ class _Flow(NamedTuple):
     tail: Array
     vane: Array
     """The difference VANE."""
-
-
-_OF_MOTION: Final = (
-    *("theta", "q", "ax", "az", "airspeed", "dynamic_pressure", "phi", "p", "r", "v_down", "v_along", "altitude"),
-)
 
 
 def series(signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen = STILL, memo: Memo | None = None) -> Array:
@@ -164,18 +139,24 @@ def flow_angle(signals: Signals, aircraft: Aircraft, s: Setting, memo: Memo) -> 
     return np.asarray(flow.alpha_i + flow.gust)
 
 
-def _kinematic(motion: _Motion, flow: _Flow) -> Array:
+def gust_across(signals: Signals, aircraft: Aircraft, s: Setting) -> Array:
+    """How far gusts turn the flow at the CG (n,) by the vane, about their mean, rad."""
+    gust = _stages(signals, aircraft, s, STILL, Memo())[2].gust
+    return np.asarray(gust - gust.mean(-1, keepdims=True))
+
+
+def _kinematic(motion: Motion, flow: _Flow) -> Array:
     return joined([motion.differences, flow.vane[..., None, :]])
 
 
 def _stages(
     signals: Signals, aircraft: Aircraft, s: Setting, unseen: Unseen, memo: Memo
-) -> tuple[dict[str, Array], _Motion, _Flow, Hashable]:
+) -> tuple[dict[str, Array], Motion, _Flow, Hashable]:
     """Corrected signals, motion and flow, and what they were made from."""
     found, x = all_corrected(signals, aircraft, s, memo)
-    first = (tuple(found.get(n) for n in _OF_MOTION), aircraft.imu_offset, unseen.noise)
-    motion = memo.get("motion", first, lambda: motion_of(x, aircraft, s, unseen.noise))
     unsteady, chord = aircraft.unsteady, aircraft.geometry.chord
+    first = (tuple(found.get(n) for n in OF_MOTION), aircraft.imu_offset, unseen.noise, unseen.up, unsteady.gust_tilt)
+    motion = memo.get("motion", first, lambda: motion_of(x, aircraft, s, unseen))
     on_path = (first, unseen.along, unsteady.convection, unsteady.turned_at_once)
     path = memo.get("path", on_path, lambda: _path(motion, unsteady, s, unseen.along))
     spread = (unsteady.gust_span, unsteady.gust_span_shape, unsteady.gust_span_cut, unsteady.gust_speed)
@@ -187,36 +168,7 @@ def _stages(
     return x, motion, memo.get("flow", key, lambda: _flow(path, shown, aircraft, s, unseen.up)), seen
 
 
-def motion_of(x: Mapping[str, Array], aircraft: Aircraft, s: Setting, noise: float = 0.0) -> _Motion:
-    """What instruments say of the motion, of signals (..., n) without their errors; `noise`: Unseen.noise."""
-    theta, q = x["theta"], x["q"]
-    imu = aircraft.imu_at(s.imu)
-    qdot = rate(q, s)
-    p, r = x.get("p", 0.0), x.get("r", 0.0)
-    # Roll and yaw acceleration matter to these two axes only where the imu is beside the plane of symmetry.
-    pdot, rdot = (rate(x[n], s) if some(imu[1]) and n in x else 0.0 for n in ("p", "r"))
-    ax, _, az = coefficients.specific_force_at_cg((x["ax"], 0.0, x["az"]), (p, q, r), (pdot, qdot, rdot), imu)
-    bank = x.get("phi")
-    turned = q if bank is None or "r" not in x else q * np.cos(bank) - x["r"] * np.sin(bank)
-    level = 1.0 if bank is None else np.cos(bank)
-    cos, sin = np.cos(theta), np.sin(theta)
-    climb = integral(az * cos * level - ax * sin + G0, s)
-    along = integral(ax * cos + az * sin * level, s)
-    if s.rebuilt:
-        down = without_line(climb) if "altitude" not in x else climb - sinking_line(x["altitude"], climb, s)
-    else:
-        down = between_fresh(x["v_down"], climb, s.held.get("v_down"))
-    own = own_motion(x["airspeed"], along, down, s)
-    v, pressure = air_data(x["airspeed"], x["dynamic_pressure"], own, s, noise)
-    ground = between_fresh(x["v_along"], along, s.held.get("v_along")) if "v_along" in x else None
-    north = np.zeros_like(along) if ground is None else ground - along
-    out = together([theta - integral(turned, s), down - climb, north])
-    base = own_speed(v, along, s) if ground is None else ground
-    base, mean = base - base.mean(-1, keepdims=True), v.mean(-1, keepdims=True)
-    return _Motion(q, qdot, ax, az, out, theta, down, base, ground is not None, mean, v, pressure, own)
-
-
-def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float) -> _Path:
+def _path(motion: Motion, unsteady: Unsteady, s: Setting, drift: float) -> _Path:
     # What lags behind by a distance is filtered along the path, on a grid of equal distances: a gust that comes while
     # the aircraft is slow takes longer from the boom to the tail. A gust along the path turns the flow by as much as
     # the aircraft's own incidence is then: such turns do not travel from boom to tail, and are a few per cent of gusts.
@@ -230,14 +182,17 @@ def _path(motion: _Motion, unsteady: Unsteady, s: Setting, drift: float) -> _Pat
     moved = at_places(alpha_i, there)
     along = transform(moved, s)
     mean = moved.mean(-1, keepdims=True)
+    lying, across = unsteady.gust_tilt * moved, at_places(motion.across, there)
     moving, mean = moved - mean, unsteady.turned_at_once * mean
-    surge = at_places((motion.airspeed - inertial) / motion.airspeed, there)
+    surge = at_places((motion.airspeed - inertial * motion.faster) / motion.airspeed, there)
     turned = (transform(-x * surge, s) for x in (mean, moving))
-    return _Path(v0, inertial, there, again, alpha_i, along, moving + mean, transform(surge, s), *turned)
+    square = np.cos(lying) * at_places(inertial / v0, there)
+    moved, surging = moving + mean, transform(surge, s)
+    return _Path(v0, inertial, there, again, alpha_i, along, lying, across, square, moved, surging, *turned)
 
 
 def _shown(
-    x: Mapping[str, Array], motion: _Motion, path: _Path, aircraft: Aircraft, s: Setting, up: float, memo: Memo
+    x: Mapping[str, Array], motion: Motion, path: _Path, aircraft: Aircraft, s: Setting, up: float, memo: Memo
 ) -> _Shown:
     w, v0, there, again = s.omega, path.v0, path.there, path.again
     unsteady = aircraft.unsteady
@@ -245,13 +200,16 @@ def _shown(
     steps = 1j * w * (unsteady.reference_chord or aircraft.geometry.chord) / v0
     vane_response = _vane_response(boom, w)
     gust_upwash = frequency_response(response(unsteady.upwash_gust), steps)
-    sinking = motion.q * boom.vane_x
-    at_boom = path.moved - at_places(sinking / path.inertial, there)
-    turned_boom = at_places(-at_boom * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s), again)
+    square = np.cos(path.alpha_i)  # the share of the boom's motion that is square to the path, and turns the flow
+    sinking = motion.q * boom.vane_x * square
+    at_boom = path.moved - (dropped := at_places(sinking / path.inertial, there))
+    before = np.exp(1j * w * boom.gust_x / v0)
+    surge, across = back(path.surging * before, s), back(transform(path.across, s) * before, s)
+    turned_boom = at_places(-at_boom * surge, again)
     upwash_spectrum = frequency_response(response(unsteady.upwash_motion), steps) * path.along
     upwash = at_places(back(upwash_spectrum + path.turned_mean + gust_upwash * path.turned_moving, s), again)
     if some(boom.vane_y) and "p" in x:
-        sinking = sinking - x["p"] * boom.vane_y
+        sinking = sinking - x["p"] * boom.vane_y * square
     inside = (1 + boom.upwash_body) * (path.alpha_i - sinking / path.inertial + turned_boom) + boom.upwash_wing * upwash
     shown = transform(inside, s)
     given: float | Complex = 1.0
@@ -271,9 +229,9 @@ def _shown(
     met = (met + boom.upwash_wing * gust_upwash * ahead * averaged) * given
     told = 1.0 if s.gust_share is None else s.gust_share.at(w / (2 * np.pi))
     quick = back(transform(vane, s) / vane_response * passed(w, GUST_PASS_HZ) * told, s)
-    faster = 1 / (1 - unsteady.gust_speed * back(path.surging * np.exp(1j * w * boom.gust_x / v0), s))
+    slower = _slower(path.square, path.lying - unsteady.gust_tilt * dropped, across, surge, unsteady.gust_speed)
     lasting = up / v0 * met[..., :1].real
-    gust = transform(_swinging(at_places(quick, there), faster, lasting), s) / met
+    gust = transform(_swinging(at_places(quick, there), 1 / slower, lasting), s) / met
     return _Shown(vane, gust, ahead * averaged * gust)
 
 
@@ -281,7 +239,7 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting, up: float)
     w, v0, unsteady = s.omega, path.v0, aircraft.unsteady
     lasting = up / v0
     wing_series = tail_series = np.empty(0)
-    slower = 1 - unsteady.gust_speed * back(path.surging, s)
+    slower = _slower(path.square, path.lying, path.across, back(path.surging, s), unsteady.gust_speed)
     if unsteady.memory:
         steps = 1j * w * (unsteady.reference_chord or aircraft.geometry.chord) / v0
         late = np.exp(-1j * w * (unsteady.tail_arm / v0 + unsteady.downwash_delay))
@@ -303,6 +261,13 @@ def _flow(path: _Path, shown: _Shown, aircraft: Aircraft, s: Setting, up: float)
     return _Flow(v0, path.alpha_i, at_places(gust, path.again), wing_series, tail_series, shown.vane)
 
 
+def _slower(square: Array, lying: Array, across: Array, surge: Array, followed: float) -> Array:
+    """How far a gust across turns the flow, over its velocity by the mean speed. By g = V (tan(L + phi) - tan L), V the
+    part of the velocity that is square to the gust, which leaves it as it is, L = `lying`; to second order in phi.
+    `followed`: see Unsteady.gust_speed."""
+    return np.asarray(1 - followed * (1 - (1 - surge) * np.cos(lying + 0.5 * across) ** 2 / square))
+
+
 def _swinging(gust: Array, by: Array, lasting: Array) -> Array:
     """A gust's angle times a factor, but for what its mean is beyond the `lasting` updraught's: that is the vane's
     zero, and a zero does not follow the airspeed."""
@@ -310,7 +275,7 @@ def _swinging(gust: Array, by: Array, lasting: Array) -> Array:
     return np.asarray(mean + (gust - mean) * by)
 
 
-def _forces(x: Mapping[str, Array], motion: _Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
+def _forces(x: Mapping[str, Array], motion: Motion, flow: _Flow, aircraft: Aircraft, s: Setting) -> Array:
     """Lift, moment and drag (..., 3, n): the coefficients measured less those of the model."""
     q, ax, az, de, v, qbar = motion.q, motion.ax, motion.az, x["elevator"], motion.airspeed, motion.pressure
     value, unsteady = aircraft.value, aircraft.unsteady

@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 from station.conventions import G0
 from station.diagnosis.backlash import linearised
 from station.diagnosis.corrections import all_corrected
+from station.diagnosis.inertial_motion import motion_of
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.measured_record import Record
-from station.diagnosis.residuals import motion_of
 from station.numerics.indicial import frequency_response, respond_throughout, response
 from station.numerics.second_order import second_order_inverse
 from station.profile import NO_BOOM, Aircraft, Instrument

@@ -190,6 +190,10 @@ class Unsteady(Frozen):
     gust_speed: float = Field(default=1.0, ge=0, le=1)
     """How the angle of a gust across the path follows the airspeed from vane to wing: 1 as that of a velocity which
     stays the same, 0 not at all. Of diagnosis."""
+    gust_tilt: float = Field(default=0.5, ge=0, le=1)
+    """How gusts across the path lie to it, over the angle of attack: 0 square to the path, as in isotropic turbulence,
+    1 square to the body's axis, as simulations have them that add them to w. The airspeed rises with an updraught by
+    the sine of that. Of diagnosis."""
     tail_speed: float = Field(default=1.0, ge=0, le=2)
     """How the tail's lift in gusts follows the speed of the air there in place of that at the CG: 2 with the square of
     it over the other, as a surface alone in that air would; 0 not at all. Of diagnosis."""

@@ -57,6 +57,8 @@ class Uncertainty(Frozen):
     """Of the share of the mean angle of attack that gusts along the path turn at once, absolute."""
     gust_speed: float = Field(default=0.7, ge=0)
     """Of how a gust's angle follows the airspeed, absolute: simulations take it for a velocity, or for an angle."""
+    gust_tilt: float = Field(default=0.5, ge=0)
+    """Of how gusts across the path lie to it (`gust_tilt`), absolute."""
     tail_speed: float = Field(default=0.7, ge=0)
     """Of how the tail's lift follows the speed of the air there, absolute: the wing's wake is slower."""
     tail_span_lag: float = Field(default=0.5, ge=0)

@@ -20,8 +20,8 @@ from station.diagnosis.variances import INDEPENDENT
         pytest.param(4, 0.0, {"vane_quadratic": -3.0}, ("alpha_vane", "square", -4.0, -1.5), marks=pytest.mark.slow),
         pytest.param(5, 1.0, {"elevator_uneven": 0.15}, ("elevator", "size", -0.2, -0.1), marks=pytest.mark.slow),
         (6, 2.0, {"elevator_uneven": -0.2}, ("elevator", "size", 0.14, 0.26)),
-        # Half of its play behind while it moves, and less between the ends of the play; noise turns the rate's sign.
-        (9, 1.5, {"vane_stick": 0.008}, ("alpha_vane", "sign of its rate", -0.004, -0.0003)),
+        # Half of its play behind while it moves, and on the way to the other end between two motions.
+        (9, 1.5, {"vane_stick": 0.008}, ("alpha_vane", "direction", -0.004, -0.0003)),
     ],
 )
 def test_a_nonlinear_instrument_is_told(

@@ -198,9 +198,10 @@ def test_the_error_of_smoothed_air_data_is_in_slopes_that_weigh_what_answers_it(
 
 
 def test_a_boom_carries_the_noise_of_the_rate_to_the_vane(tmp_path: Path) -> None:
-    """A vane 3 m ahead sinks with the rate: -q x/V, times the body's upwash."""
+    """A vane 3 m ahead sinks with the rate, square to the body: atan((w - q x)/u) falls by q x u/V2, times the body's
+    upwash."""
     of = shown(aircraft(tmp_path, boom=True))
-    expected = (1 + flown.UPWASH) * flown.BOOM / SPEED
+    expected = (1 + flown.UPWASH) * flown.BOOM * math.cos(PITCH) / SPEED
     close(of("alpha_vane", "q"), expected * vane(of.jw), 0.0)
     close(of("alpha_vane", "theta"), -(1 + flown.UPWASH) * vane(of.jw), 0.0)
 

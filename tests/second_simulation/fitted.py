@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
 from station.diagnosis.measured_record import manoeuvres
@@ -9,11 +11,11 @@ from station.profile import load_aircraft
 from tests.second_simulation.flights import QUIET, Flown, diagnose_cases, flown
 
 
-def fitted(seed: int, index: int) -> tuple[Problem, list[Flown]]:
-    """Two manoeuvres of a case, about the shipped profile, which is not that aircraft's."""
+def fitted(seed: int, index: int, hidden: bool = True) -> tuple[Problem, list[Flown]]:
+    """Two manoeuvres of a case, with what it hides, about the shipped profile, which is not that aircraft's."""
     profile, made, flights = load_aircraft("twin_otter"), [], []
     for case in diagnose_cases(seed, index)[:2]:
-        flight = flown(case)
+        flight = flown(case if hidden else replace(case, hidden={}))
         (record,) = manoeuvres(case.name, flight.time, flight.shown, profile, [(QUIET, QUIET + case.seconds)])
         made.append(manoeuvre(record, profile))
         flights.append(flight)

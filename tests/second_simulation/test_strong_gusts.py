@@ -42,3 +42,18 @@ def test_an_effect_that_multiplies_a_constant_which_took_its_place_is_followed_a
     hidden, sd = flights[0].answers["hidden"]["gust.lead"], math.sqrt(found.solved.covariance[0, 0])
     assert found.state.values["gust.lead"] == pytest.approx(hidden, abs=3 * sd)
     assert null.cost - found.cost > 3 * ASKED
+
+
+def test_gusts_that_change_the_airspeed_are_not_taken_for_lift_that_bends() -> None:
+    """Nothing is hidden; this program's gusts stand square to the body, and the aircraft flies at 6 deg: an updraught
+    is a tenth headwind, which turns no flow. Taken for a gust along the path it makes lift with the square of alpha."""
+    problem, _ = fitted(7, 17, hidden=False)
+    null, term = problem.null(), BY_ID["aero.alpha_squared"]
+    refits = Refits(problem, null, {})
+    _, ids, values, a = screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0]
+    refits.add(ids, values, a)
+    refits.fit_the_promising(1, null.cost)
+    (bent,) = refits.of_size(1)
+    assert null.cost - bent.cost < 0.3 * ASKED
+    tilt = problem.aircraft_at({}, null.state.a).unsteady.gust_tilt
+    assert tilt > 0.8
