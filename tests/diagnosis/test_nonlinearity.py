@@ -22,6 +22,7 @@ from station.diagnosis.variances import INDEPENDENT
         (6, 2.0, {"elevator_uneven": -0.2}, ("elevator", "size", 0.14, 0.26)),
         # Half of its play behind while it moves, and on the way to the other end between two motions.
         (9, 1.5, {"vane_stick": 0.008}, ("alpha_vane", "direction", -0.004, -0.0003)),
+        (41, 0.0, {"vane_stick": 0.007}, ("alpha_vane", "direction", -0.0035, -0.0003)),
     ],
 )
 def test_a_nonlinear_instrument_is_told(
