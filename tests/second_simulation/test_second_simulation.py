@@ -230,9 +230,9 @@ def test_strong_gusts_leave_little_unexplained_where_the_constants_are_right(spe
     up = float(np.mean(flight.true["w_gust"][round(QUIET * RATE) :]))
     # The air as this simulation has it.
     air = {"turned_at_once": 1.0, "gust_tilt": 1.0}
-    at_once = profiled.model_copy(update={"unsteady": profiled.unsteady.model_copy(update=air)})
+    there = profiled.model_copy(update={"unsteady": profiled.unsteady.model_copy(update=air)})
     for name, row, left in (("CL", LIFT, 0.011), ("Cm", MOMENT, 0.016)):
-        rest = made.differences(at_once, Unseen(along, up)).bins[made.setting.judged.index(row)]
+        rest = made.differences(there, Unseen(along, up)).bins[made.setting.judged.index(row)]
         shown = flight.true[name][:: round(made.setting.dt * RATE)][None, -made.setting.n :]
         moved = spectra(shown, made.setting, (0,), False).bins[0]
         assert np.linalg.norm(rest) < left * np.linalg.norm(moved), name
