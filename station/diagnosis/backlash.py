@@ -35,6 +35,13 @@ def lost_motion(x: Array, width: float) -> Array:
     return out.reshape(x.shape)
 
 
+def smoothed(x: Array, width: float) -> Array:
+    """Lost motion that delays nothing: the mean of that of x and of x played backwards. It takes out of x what moves
+    within `width` while x rests."""
+    forwards, backwards = lost_motion(x, width), lost_motion(x[..., ::-1], width)[..., ::-1]
+    return np.asarray(0.5 * (forwards + backwards))
+
+
 def linearised(shown: Array, cubic: float) -> Array:
     """The true x of a sensor that reads x + cubic x3; beyond the turning point of that, the turning point."""
     flat = np.ascontiguousarray(shown).ravel()

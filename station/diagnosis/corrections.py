@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from station.diagnosis.backlash import linearised, lost_motion
+from station.diagnosis.backlash import linearised, lost_motion, smoothed
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting, back, passed, transform
 from station.diagnosis.stacked import some
@@ -69,12 +69,21 @@ def corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
     if found.cubic:
         x = linearised(x, found.cubic)
     if found.backlash:
-        drive, noise = _quietened(x, s)
-        dither = DITHER * noise
-        moved = lost_motion(drive, found.backlash + dither) - lost_motion(drive, dither)
         # Backlash between sensor and surface: the surface follows the sensor late.
-        x = x + back(transform(moved, s) * passed(s.omega, CORRECTION_STOP_HZ), s)
+        x = x + back(transform(_lost(x, found.backlash, s), s) * passed(s.omega, CORRECTION_STOP_HZ), s)
     return x
+
+
+def _lost(x: Array, width: float, s: Setting) -> Array:
+    """The lost motion of a surface whose drive (..., n) is measured with noise."""
+    drive, noise = _quietened(x, s)
+    dither = DITHER * noise
+    if s.rest is None:
+        return smoothed(drive, width + dither)
+    if not s.rest:
+        return lost_motion(drive, width + dither) - lost_motion(drive, dither)
+    still = smoothed(drive, s.rest + dither)
+    return still + lost_motion(drive + still, width)
 
 
 def _quietened(x: Array, s: Setting) -> tuple[Array, float]:

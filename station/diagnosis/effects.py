@@ -142,8 +142,9 @@ EFFECTS: Final[tuple[Term, ...]] = (
          "There is {size} of backlash between the elevator's sensor and the surface.",
          "small and large doublets: backlash does not grow with the input", backlash("elevator"), ("lift", "moment"),
          least_in_noise=2.5,
-         # What goes through the backlash with the motion widens it (0.8 found).
-         unsure_in_noise=0.5),
+         # How much of the noise goes through the backlash with the motion, and how much is stopped, depends on how the
+         # drive rests: corrections.DITHER one more or less moves it by 0.5, and off it is by 0.2 to 2.2 of noise.
+         unsure_in_noise=1.0),
     Term("elevator.nonlinearity", "elevator", "1", "%", -0.6, 4.0, 0.1,
          "The elevator's sensor is nonlinear: at 10 deg its cubic term adds {value} to the reading.",
          "small and large doublets, and two trims", cubic, ("lift", "moment")),

@@ -11,6 +11,7 @@ import numpy as np
 
 from station.diagnosis import judge
 from station.diagnosis.axis import ACROSS, LONGITUDINAL, Axis
+from station.diagnosis.backlash_or_noise import searched
 from station.diagnosis.candidate import Estimate
 from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
@@ -31,7 +32,7 @@ from station.diagnosis.model_error import with_model_error
 from station.diagnosis.refits import ASKED
 from station.diagnosis.residuals import VANE
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
-from station.diagnosis.search import Found, is_told, rivals_of_constant, search
+from station.diagnosis.search import Found, is_told, rivals_of_constant
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1
@@ -147,7 +148,7 @@ def _diagnosed(
     problem = Problem(made, aircraft)
     present = set.intersection(*(set(r.signals) for r in fitted))
     terms = judged_effects(aircraft, present, True, any(len(r.held) for r in fitted), axis.lateral)
-    found = search(problem, terms if judged else (), progress)
+    found = searched(problem, terms if judged else (), progress)
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     if not judged:
@@ -320,8 +321,7 @@ def gusts(problem: Problem, e: Estimate) -> list[float]:
 def _gain(before: tuple[Aircraft, ...], after: tuple[Aircraft, ...], kept: Sequence[Manoeuvre]) -> Gain | None:
     """Of the profile, or where that shows none, of the profile with its free parameters fitted in either case: what a
     free parameter takes the place of, the profile as it is shows."""
-    gains = [judge.gain(b, a, kept) for b, a in zip(before, after, strict=True)]
-    there = [g for g in gains if g is not None]
+    there = [g for b, a in zip(before, after, strict=True) if (g := judge.gain(b, a, kept)) is not None]
     return max(there, key=lambda g: g.low, default=None)
 
 

@@ -83,6 +83,9 @@ class Setting:
     pressure_share: Share | None = None
     gust_share: Share | None = None
     """What of them, and of the gust, beyond the motion, is no noise: see air_data; None where taken as they are."""
+    rest: float | None = 0.0
+    """rad of a surface's drive: what moves within it is noise, where a backlash is looked for besides; None: the
+    backlash is that width itself, and delays nothing."""
     gust_across: Array | None = None
     """(n,) rad, what the flow at the CG turns by in gusts, as `aircraft` without a candidate's changes shows them: near
     enough for what they make of the airspeed, which is of second order. None: nothing."""

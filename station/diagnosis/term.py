@@ -101,6 +101,11 @@ class Term:
         return tuple(replace(self, step=x - self.null) for x in self.probes) or (self,)
 
     @property
+    def is_backlash(self) -> bool:
+        """Whether a surface follows its drive through lost motion."""
+        return self.id.endswith(".backlash")
+
+    @property
     def of_vane(self) -> bool:
         """Whether it is an error of what the alpha vane shows."""
         return self.target == "alpha_vane" and not self.aerodynamic
