@@ -18,7 +18,7 @@ from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, 
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
 from station.diagnosis.free_parameters import BEYOND, Free
 from station.diagnosis.judge import RemainingResidual
-from station.diagnosis.likelihood import ROUNDS, Problem
+from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
 from station.diagnosis.measured_record import (
     LATERAL_SURFACES,
@@ -31,8 +31,8 @@ from station.diagnosis.measured_record import (
 from station.diagnosis.model_error import with_model_error
 from station.diagnosis.refits import ASKED
 from station.diagnosis.residuals import VANE
-from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import Found, is_told, rivals_of_constant
+from station.diagnosis.taken_back import drowned, freed, is_named_alone, less, still_told
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1
@@ -43,9 +43,6 @@ OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias", "ay.bias
 """Zeros that these signals contradict, and that what is held out cannot confirm: its own zero is fitted to it."""
 BEYOND_DOUBT: Final = 30.0
 """Deviance reduction from which they need no confirmation by what is held out."""
-LEAST_TOLD: Final = 0.25
-"""Share of a prior's variance that the data are taken to have removed, at least, where it is asked whether they
-contradict it: of a parameter that they hardly tell, a small error of the model would seem to."""
 MOST_FAR_OFF: Final = 2
 """Derivatives beyond, from which the profile may be another aircraft's."""
 
@@ -154,8 +151,11 @@ def _diagnosed(
     if not judged:
         remaining = remaining.not_judged
     gusty = gusts(problem, found.accepted)
-    drowned = _drowned(found.accepted, problem, remaining)
-    found = _still_told(_less(found, problem, (*drowned, *(x.effect for x in remaining.inhomogeneous))), problem)
+    lost = drowned(found.accepted, problem, remaining)
+    found = less(found, problem, (*lost, *(x.effect for x in remaining.inhomogeneous)))
+    asked_for = found.accepted.state.ids
+    found = still_told(found, problem)
+    lost = (*lost, *(i for i in asked_for if i not in found.accepted.state.values))
     progress("gain on what is held out")
     effects, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
     not_named: tuple[Effect, ...] = ()
@@ -166,11 +166,11 @@ def _diagnosed(
         found, effects, gain = _confirmed(found, problem, kept, effects)
         named = {e.term.id for e in effects}
         not_named = tuple(e for e in every if e.term.id not in named)
-        unconfirmed = with_model_error(problem, _freed(problem, asked)) if not_named else None
+        unconfirmed = with_model_error(problem, freed(problem, asked)) if not_named else None
         # What the fitted manoeuvres ask for is unexplained once it is taken out.
         left = judge.remaining_residual(problem, found.accepted, found.beyond)
         remaining = replace(left, inhomogeneous=(*remaining.inhomogeneous, *left.inhomogeneous))
-    found = replace(found, accepted=with_model_error(problem, _freed(problem, found.accepted)))
+    found = replace(found, accepted=with_model_error(problem, freed(problem, found.accepted)))
     before, after = (problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, found.accepted))
     gust, of = ("side", "lateral: ") if axis.lateral else ("vertical", "")
     remarks = [
@@ -184,8 +184,8 @@ def _diagnosed(
         remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if not judged:
         remarks.append("longitudinal motion is not judged: the elevator did not move")
-    if drowned:
-        remarks.append(f"not named, for what the model misses is larger: {', '.join(drowned)}")
+    if lost:
+        remarks.append(f"not named, for it may be no more than what the model misses: {', '.join(lost)}")
     if not_named:
         names = ", ".join(f"{e.term.id} {e.shown(e.value)}" for e in not_named)
         why = "it does not lower the error of what is held out" if kept else "nothing is held out that would confirm it"
@@ -212,41 +212,6 @@ def _diagnosed(
     )
 
 
-def _drowned(e: Estimate, problem: Problem, remaining: RemainingResidual) -> tuple[str, ...]:
-    """Effects that change no series by more than is missed there, of a force by the model or of a sensor by any effect:
-    any error of structure may look like them."""
-    missed = dict(remaining.missed)
-    if not missed or not e.state.values:
-        return ()
-    shares = whole_changes(problem, e.state, [BY_ID[i] for i in e.state.values])
-    limits = np.full(shares.shape[1], LEAST_SHARE)
-    for m, response in zip(problem.manoeuvres, e.state.responses, strict=True):
-        limits = np.maximum(limits, m.missing(response, missed))
-    return tuple(i for i, row in zip(e.state.values, shares, strict=True) if not (row > limits).any())
-
-
-def _less(found: Found, problem: Problem, names: Sequence[str]) -> Found:
-    """The outcome without some of the accepted effects, the rest fitted without them."""
-    accepted = found.accepted
-    left = {i: v for i, v in accepted.state.values.items() if i not in names}
-    if len(left) == len(accepted.state.values):
-        return found
-    if not left:
-        return replace(found, accepted=found.null, alternatives=())
-    start = problem.relevelled(problem.beside(accepted.state, left, accepted.state.a))
-    return replace(found, accepted=problem.estimate(start, ROUNDS, problem.whole), alternatives=())
-
-
-def _still_told(found: Found, problem: Problem) -> Found:
-    """The outcome without the accepted effects that are no longer clear where others were taken out, or priors that the
-    data contradict."""
-    accepted = _freed(problem, found.accepted)
-    sd = np.sqrt(np.diag(accepted.solved.covariance))
-    doubtful = [i for (i, x), error in zip(accepted.state.values.items(), sd, strict=False)
-                if not is_told(BY_ID[i], x, error)]  # fmt: skip
-    return _still_told(_less(found, problem, doubtful), problem) if doubtful else found
-
-
 def _measured(
     found: Found,
     problem: Problem,
@@ -254,7 +219,7 @@ def _measured(
     named: Callable[[Effect], bool] = lambda _: True,
 ) -> tuple[tuple[Effect, ...], Gain | None, bool]:
     """What could be named, the gain of that on held-out data, and whether they confirm it."""
-    accepted = _freed(problem, found.accepted)
+    accepted = freed(problem, found.accepted)
     effects = tuple(e for e in _effects(found, accepted, problem) if named(e))
     if not effects:
         return (), None, True
@@ -274,17 +239,17 @@ def _confirmed(
         whole = problem.aircraft_at(found.accepted.state.values, found.accepted.state.a)
         idle = []
         for name in doubtful:
-            fewer = _less(found, problem, [name]).accepted
+            fewer = less(found, problem, [name]).accepted
             gain = judge.gain(problem.aircraft_at(fewer.state.values, fewer.state.a), whole, kept)
             if gain is None or gain.low <= 0:
                 idle.append(name)
         if len(idle) < len(doubtful):
-            rest = _less(found, problem, idle)
+            rest = less(found, problem, idle)
             named, gain, confirmed = _measured(rest, problem, kept)
             sound = rest.reduction > ASKED * len(rest.accepted.state.values)
             if confirmed and sound and all(is_told(e.term, e.value, e.sd) for e in named):
                 return rest, named, gain
-    found = _less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
+    found = less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
     named, gain, _ = _measured(found, problem, kept, _contradicts)
     return found, named, gain
 
@@ -325,36 +290,6 @@ def _gain(before: tuple[Aircraft, ...], after: tuple[Aircraft, ...], kept: Seque
     return max(there, key=lambda g: g.low, default=None)
 
 
-def _is_named_alone(problem: Problem, free: Free) -> bool:
-    """Whether a free parameter is named where it is far from the profile: derivatives are, and zeros of instruments."""
-    return free.name in problem.axis.derivatives or free.name in problem.axis.of_zero
-
-
-def _freed(problem: Problem, accepted: Estimate) -> Estimate:
-    """The same with derivatives and zeros freed from priors that the data contradict."""
-
-    def made() -> Estimate:
-        if not _contradicting(problem, accepted):
-            return accepted
-        # To the end first: a search leaves its best after few steps, some of a standard deviation before.
-        e, far = problem.freed(accepted, ()), set[int]()
-        while more := _contradicting(problem, e) - far:
-            far |= more
-            e = problem.freed(accepted, sorted(far))
-        return e
-
-    return problem.memo.get("freed", accepted, made)
-
-
-def _contradicting(problem: Problem, e: Estimate) -> set[int]:
-    """Places of the derivatives and zeros that are beyond 3 prior standard deviations, or whose prior costs what is
-    asked of an effect: freed from it, one at x that is left with `variance` (of 1) gains x^2 / (1 - variance)."""
-    variance = np.diag(e.solved.covariance)[len(e.state.values) :]
-    gained = np.square(e.state.a) / np.maximum(1 - variance, LEAST_TOLD)
-    far = np.flatnonzero((np.abs(e.state.a) > BEYOND) | (gained > ASKED))
-    return {i for i in far.tolist() if i < len(problem.frees) and _is_named_alone(problem, problem.frees[i])}
-
-
 def _constant(aircraft: Aircraft, free: Free, x: float, sd: float) -> Constant:
     """As the profile will have it; `x` and `sd` in prior standard deviations."""
     assert free.read is not None
@@ -388,7 +323,7 @@ def _effects(found: Found, accepted: Estimate, problem: Problem) -> tuple[Effect
         out.append(Effect(term, value, error, without.cost - accepted.cost, alternatives, constants=constants))
     for i, free in enumerate(problem.frees):
         x, error = float(accepted.state.a[i]), float(sd[first + i])
-        if abs(x) < BEYOND or error > 0.5 * abs(x) or not _is_named_alone(problem, free):
+        if abs(x) < BEYOND or error > 0.5 * abs(x) or not is_named_alone(problem, free):
             continue
         if free.name in problem.axis.derivatives:
             term = derivative_effect(free.name, problem.aircraft)

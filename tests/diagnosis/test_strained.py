@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from blind import Case, aircraft, fly_case
 
-from station.diagnosis import likelihood
+from station.diagnosis import likelihood, taken_back
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, solution
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
-from station.diagnosis.procedure import _freed
 from station.diagnosis.term import Term
 
 
@@ -191,10 +190,10 @@ def test_what_contradicts_its_prior_is_freed_from_it_once(
     off = replace(null, state=replace(null.state, a=a))
     freed, asked = Problem.freed, []
     monkeypatch.setattr(Problem, "freed", lambda self, e, far: asked.append(far) or freed(self, e, far))
-    once = _freed(problem, off)
+    once = taken_back.freed(problem, off)
     assert asked
     asked.clear()
-    assert _freed(problem, off) is once
+    assert taken_back.freed(problem, off) is once
     assert not asked
 
 
