@@ -28,7 +28,8 @@ def searched(problem: Problem, terms: Sequence[Term], progress: Callable[[str], 
     if not played or _is_late(problem, found.accepted, played):
         return found
     progress(f"without {', '.join(played)}: it is noise")
-    return search(problem, [t for t in terms if t.id not in played], progress)
+    less = search(problem, [t for t in terms if t.id not in played], progress)
+    return replace(less, slopes=found.slopes)  # of every effect: what sizes of them would be found is told
 
 
 def _is_late(problem: Problem, accepted: Estimate, played: Sequence[str]) -> bool:

@@ -81,7 +81,8 @@ def _tests(problem: Problem, e: Estimate, i: int, model_errs: bool) -> Iterator[
         ]
         solved = problem.solve(s, problem.normal(s, made))
         values = s.values[name] + solved.step[:count]
-        inverse = np.linalg.inv(solved.covariance[:count, :count])
+        # What a value is uncertain by for the drive's sake, it is in each part for itself.
+        inverse = np.linalg.inv(solved.covariance[:count, :count] + problem.unsure(BY_ID[name]) ** 2 * np.eye(count))
         apart = values - float(inverse.sum(0) @ values / inverse.sum())
         weights = np.diag(inverse)
         spread = math.sqrt(float(np.average((values - np.average(values, weights=weights)) ** 2, weights=weights)))

@@ -96,6 +96,11 @@ class Problem:
         """(parameters,) where all are the profile's, and no gust lasts."""
         return np.zeros(self.ends.shape[1])
 
+    def unsure(self, term: Term) -> float:
+        """What an effect's value is uncertain by however long the record, SI."""
+        share = term.unsure_in_noise
+        return share * max(m.noise(term.target) for m in self.manoeuvres) if share else 0.0
+
     def aircraft_at(self, values: Mapping[str, float], a: Array) -> Aircraft:
         """With its free parameters moved, then the effects."""
         return extended(moved(self.aircraft, self.frees, a), values)

@@ -308,9 +308,7 @@ def _effects(found: Found, accepted: Estimate, problem: Problem) -> tuple[Effect
         without = found.tried.get(frozenset(accepted.state.values) - {name}, found.null)
         if not math.isfinite(without.cost):  # what is left is nothing then
             without = found.null
-        error = float(sd[k])
-        if term.unsure_in_noise:
-            error = math.hypot(error, term.unsure_in_noise * max(m.noise(term.target) for m in problem.manoeuvres))
+        error = math.hypot(float(sd[k]), problem.unsure(term))
         alternatives = judge.alternatives_of(found, name)
         same = term.same_value(problem.aircraft)
         if same is not None and abs(value - same[1]) < 1.96 * error:

@@ -212,9 +212,14 @@ class Refits:
         for i, value in found.state.values.items():
             if BY_ID[i].at_end(value) and found.cost < self._at_end.get(i, (math.inf,))[0]:
                 self._at_end[i] = found.cost, len(found.state.values), value
-        if any(self._is_nothing(BY_ID[i], found.state) for i in found.state.ids):
-            return replace(found, cost=math.inf)
-        return found
+        left = tuple(i for i in found.state.ids if not self._is_nothing(BY_ID[i], found.state))
+        if len(left) == len(found.state.ids):
+            return found
+        # The others are themselves a candidate, begun elsewhere: what kept it in a minimum of its own may be gone.
+        before = self.done.get(frozenset(left))
+        if before is not None and math.isfinite(before.cost) and found.cost < before.cost - CONFOUNDED:
+            self._beside(found, left, before.cost)
+        return replace(found, cost=math.inf)
 
     def _is_nothing(self, t: Term, s: State) -> bool:
         """Whether an effect is of a size that is not judged, or not physical."""

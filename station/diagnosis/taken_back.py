@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -60,7 +61,8 @@ def still_told(found: Found, problem: Problem) -> Found:
     doubtful = [
         i
         for (i, x), sd, wider in zip(accepted.state.values.items(), alone, told, strict=False)
-        if not is_told(BY_ID[i], x, sd) or abs(x - BY_ID[i].null) < NORMAL_95 * wider
+        if not is_told(BY_ID[i], x, sd)
+        or abs(x - BY_ID[i].null) < NORMAL_95 * math.hypot(wider, problem.unsure(BY_ID[i]))
     ]
     return still_told(less(found, problem, doubtful), problem) if doubtful else found
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.model.late_lift import IYY, MASS, Late, late_of
+from station.model.late_lift import INDUCED_DRAG, IYY, MASS, ZERO_LIFT_DRAG, Late, late_of
 from station.numerics.indicial import frequency_response
 from station.profile import Aircraft
 
@@ -31,7 +31,11 @@ DRAWS: Final = 1000
 MOST_LOST: Final = 0.025
 """Share of the draws without a quantity up to which its interval is that of the others."""
 DRAG_SHARE: Final = 0.10
-"""Standard deviation of a profile's drag, as diagnosis takes it for a derivative without one."""
+"""Standard deviation of a profile's drag, as diagnosis takes it for a derivative without one; where drag was fitted,
+its own counts."""
+THRUST_LAWS: Final = (-1.3, 0.1)
+"""V dT/dV over T of engines: constant power is -1, a fixed propeller beyond its best speed loses efficiency besides
+(McCormick 1995, section 6.2); constant thrust is 0, a jet's ram may add to it."""
 _LIGHTEST: Final = 0.1
 """Of mass and inertia: no draw of a normal distribution may be none."""
 _GROWING: Final = (0.25, 0.5, 0.75)
@@ -237,7 +241,8 @@ def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], dr
     in_body = "CZ_alpha" in drawn
     lift = {x: -of(f"CZ_{x}") if in_body else of(f"CL_{x}") for x in ("alpha", "q", "de")}
     if aircraft.drag is not None:
-        zero, induced = aircraft.drag.zero_lift, aircraft.drag.induced
+        zero = np.maximum(aircraft.drag.zero_lift + drawn.get(ZERO_LIFT_DRAG, 0.0), 0.0)
+        induced = aircraft.drag.induced * np.maximum(drawn.get(INDUCED_DRAG, 1.0), 0.0)
         # The thrust's part of the weight is small: once over is enough.
         cl = weight - drag * (zero + induced * weight * weight) * lean
         cd, cd_u, along = drag * (zero + induced * cl * cl), 0.0, 2 * induced * cl
@@ -334,9 +339,9 @@ def qualities(
     even = 0.5 * (covariance + covariance.T)
     moved = rng.multivariate_normal(0.0 * mean, even, DRAWS, check_valid="ignore", method="eigh") if names else mean
     cloud = np.vstack([mean, mean + moved])
-    drag = np.concatenate([[1.0], np.maximum(1.0 + DRAG_SHARE * rng.standard_normal(DRAWS), 0.0)])
-    # Engines lie between constant thrust (jets) and constant power (propellers).
-    thrust = np.concatenate([[-0.5], rng.uniform(-1.0, 0.0, DRAWS)])
+    unknown = 0.0 if ZERO_LIFT_DRAG in found else DRAG_SHARE
+    drag = np.concatenate([[1.0], np.maximum(1.0 + unknown * rng.standard_normal(DRAWS), 0.0)])
+    thrust = np.concatenate([[np.mean(THRUST_LAWS)], rng.uniform(*THRUST_LAWS, DRAWS)])
     # Forces were found as mass times acceleration, moments as inertia times angular acceleration: the motion is the
     # same whatever both are, the ratio of moment to lift is not.
     share = np.exp(np.asarray(loading)[:, None] * rng.standard_normal((2, DRAWS)))

@@ -41,18 +41,27 @@ class Late(NamedTuple):
 
 
 LAGS: Final = ("late tail slope", "late tail arm", "late downwash", "late delay", "late amplitude", "late rate")
-"""Constants of Late beside the derivatives, by name; MASS and IYY over what the condition has."""
+"""Constants of Late beside the derivatives, by name."""
 MASS: Final = "mass over"
 IYY: Final = "iyy over"
+"""Over what the condition has."""
+ZERO_LIFT_DRAG: Final = "CD_0 beyond"
+"""Beyond the aircraft's."""
+INDUCED_DRAG: Final = "induced drag over"
+"""Over the aircraft's."""
 
 
 def constants_of(aircraft: Aircraft, about: Aircraft) -> dict[str, float]:
-    """LAGS, MASS and IYY of an aircraft; but for the first four over those of another."""
+    """LAGS, MASS, IYY and drag of an aircraft; but for the first four LAGS over, or beyond, those of another."""
     u, v = aircraft.unsteady, about.unsteady
     own, other = aircraft.inertia, about.inertia
     made = {MASS: own.mass / other.mass}
     if own.iyy and other.iyy:
         made[IYY] = own.iyy / other.iyy
+    if aircraft.drag is not None and about.drag is not None:
+        made[ZERO_LIFT_DRAG] = aircraft.drag.zero_lift - about.drag.zero_lift
+        if about.drag.induced:
+            made[INDUCED_DRAG] = aircraft.drag.induced / about.drag.induced
     if u.memory:
         made |= dict(zip(LAGS[:4], (u.tail_lift_slope, u.tail_arm, u.downwash, u.downwash_delay), strict=True))
     if u.lift_motion is not None and v.lift_motion is not None and sum(v.lift_motion.a) > 0:

@@ -20,7 +20,9 @@ def test_the_noise_of_a_drive_at_rest_is_no_backlash() -> None:
     taken = search(problem, [BACKLASH])
     assert set(taken.accepted.state.values) == {BACKLASH.id}
     assert taken.reduction > 3 * ASKED
-    assert not searched(problem, [BACKLASH]).accepted.state.values
+    told = searched(problem, [BACKLASH, BY_ID["q.scale"]])
+    assert not told.accepted.state.values
+    assert all(len(x.bins) == 2 for x in told.slopes)
 
 
 @pytest.mark.parametrize(("seed", "index"), [(7, 23), pytest.param(3, 3, marks=pytest.mark.slow)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from station.model import flying_qualities as theory
-from station.model.late_lift import LAGS, constants_of
+from station.model.late_lift import INDUCED_DRAG, LAGS, ZERO_LIFT_DRAG, constants_of
 from station.profile import Aircraft, load_aircraft, profile_changes
 from station.profile.aircraft import Indicial
 from tests.second_simulation.aircraft import CHORD, Drawn, density, drawn
@@ -52,7 +52,7 @@ def test_without_lags_it_flies_as_linear_theory_says() -> None:
 
 def test_thrust_that_carries_weight_slows_the_phugoid() -> None:
     """Of an aircraft that flies slowly at a high angle of attack, by 1 %."""
-    aircraft = replace(quasi_steady(), CL_0=0.0, speed=45.0, thrust_slope=-0.5)
+    aircraft = replace(quasi_steady(), CL_0=0.0, speed=45.0, thrust_slope=sum(theory.THRUST_LAWS) / 2)
     assert constants(aircraft, Hidden()).alpha > 0.15
     drag = {"zero_lift": aircraft.CD_0, "induced": aircraft.induced}
     profile = load_aircraft("twin_otter")
@@ -104,3 +104,23 @@ def test_a_lag_that_is_known_by_an_interval_moves_the_short_period_by_one(name: 
     wide[6, 6] = 0.05**2
     told = theory.qualities(body, at, own | {name: constants_of(body, body)[name]}, wide).quantities[period]
     assert told.ci95[1] - told.ci95[0] > abs(said - told.estimate)
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "more"), [(ZERO_LIFT_DRAG, "zero_lift", 0.008), (INDUCED_DRAG, "induced", 0.01)]
+)
+def test_drag_that_was_fitted_counts_with_its_own_error(name: str, field: str, more: float) -> None:
+    """In the phugoid's damping: of a profile's own, a tenth is not known, whatever was measured."""
+    body = load_aircraft("twin_otter")
+    other = body.model_copy(update={"drag": body.drag.model_copy(update={field: getattr(body.drag, field) + more})})
+    at = theory.Condition(56.6, 1.1, 4960.0, 33400.0)
+    own = {n: body.value(n) for n in ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")}
+
+    def damping(aircraft: Aircraft, found: dict[str, float], sd: float = 0.0) -> theory.Derived:
+        covariance = np.diag([*np.zeros(6), *([sd**2] if len(found) > 6 else [])])
+        return theory.qualities(aircraft, at, found, covariance).quantities["phugoid_damping"]
+
+    here, there = (constants_of(x, body)[name] for x in (body, other))
+    assert damping(body, own | {name: there}).estimate == pytest.approx(damping(other, own).estimate, rel=1e-9)
+    told = [damping(body, own | {name: here}, k * abs(there - here)).ci95 for k in (0, 4)]
+    assert told[1][1] - told[1][0] > 1.1 * (told[0][1] - told[0][0])
