@@ -29,7 +29,8 @@ def searched(problem: Problem, terms: Sequence[Term], progress: Callable[[str], 
         return found
     progress(f"without {', '.join(played)}: it is noise")
     less = search(problem, [t for t in terms if t.id not in played], progress)
-    return replace(less, slopes=found.slopes)  # of every effect: what sizes of them would be found is told
+    # Sizes that would be found are told of every effect.
+    return replace(less, slopes=found.slopes, of_noise=tuple(played))
 
 
 def _is_late(problem: Problem, accepted: Estimate, played: Sequence[str]) -> bool:

@@ -184,6 +184,8 @@ def _diagnosed(
         remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if not judged:
         remarks.append("longitudinal motion is not judged: the elevator did not move")
+    if found.of_noise:
+        remarks.append(f"not named, for noise of its sensor explains as much: {', '.join(found.of_noise)}")
     if lost:
         remarks.append(f"not named, for it may be no more than what the model misses: {', '.join(lost)}")
     if not_named:

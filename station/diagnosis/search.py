@@ -55,6 +55,8 @@ class Found:
     beyond: tuple[tuple[str, float], ...] = ()
     """Effects, and the end of their range there, that explain clearly more than what is accepted, but only beyond what
     is physical."""
+    of_noise: tuple[str, ...] = ()
+    """Effects that explain no more than noise of their sensor does."""
 
     @property
     def reduction(self) -> float:

@@ -22,6 +22,7 @@ def test_the_noise_of_a_drive_at_rest_is_no_backlash() -> None:
     assert taken.reduction > 3 * ASKED
     told = searched(problem, [BACKLASH, BY_ID["q.scale"]])
     assert not told.accepted.state.values
+    assert told.of_noise == (BACKLASH.id,)
     assert all(len(x.bins) == 2 for x in told.slopes)
 
 
