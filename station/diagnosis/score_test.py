@@ -13,8 +13,9 @@ Array = NDArray[np.float64]
 
 FALSE_ALARM: Final = 2e-4
 """Chance that one of the shares asked for at once is told where there is none."""
-LEAST_APART: Final = 0.02
-"""Of a share's footprint, that nothing else which is fitted can show: less is told by rounding errors."""
+LEAST_APART: Final = 0.01
+"""Of a share's footprint, that nothing else which is fitted can show, a tenth of its amplitude: less may be what finite
+differences leave of slopes that show it all."""
 _WEIGHT: Final = 2 * INDEPENDENT
 
 
