@@ -32,7 +32,7 @@ from station.diagnosis.model_error import with_model_error
 from station.diagnosis.refits import ASKED
 from station.diagnosis.residuals import VANE
 from station.diagnosis.search import Found, is_told, rivals_of_constant
-from station.diagnosis.taken_back import drowned, freed, is_named_alone, less, still_told
+from station.diagnosis.taken_back import freed, is_named_alone, less, told_from_error
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1
@@ -151,11 +151,7 @@ def _diagnosed(
     if not judged:
         remaining = remaining.not_judged
     gusty = gusts(problem, found.accepted)
-    lost = drowned(found.accepted, problem, remaining)
-    found = less(found, problem, (*lost, *(x.effect for x in remaining.inhomogeneous)))
-    asked_for = found.accepted.state.ids
-    found = still_told(found, problem)
-    lost = (*lost, *(i for i in asked_for if i not in found.accepted.state.values))
+    found, lost = told_from_error(found, problem, remaining)
     progress("gain on what is held out")
     effects, gain, confirmed = _measured(found, problem, kept, lambda _: judged)
     not_named: tuple[Effect, ...] = ()
@@ -184,10 +180,9 @@ def _diagnosed(
         remarks += dict.fromkeys(words for m in made for words in describe_missing(m.record))
     if not judged:
         remarks.append("longitudinal motion is not judged: the elevator did not move")
-    if found.of_noise:
-        remarks.append(f"not named, for noise of its sensor explains as much: {', '.join(found.of_noise)}")
-    if lost:
-        remarks.append(f"not named, for it may be no more than what the model misses: {', '.join(lost)}")
+    taken_back = {"noise of its sensor explains as much": found.of_noise}
+    taken_back["it may be no more than what the model misses"] = lost
+    remarks += [f"not named, for {why}: {', '.join(names)}" for why, names in taken_back.items() if names]
     if not_named:
         names = ", ".join(f"{e.term.id} {e.shown(e.value)}" for e in not_named)
         why = "it does not lower the error of what is held out" if kept else "nothing is held out that would confirm it"

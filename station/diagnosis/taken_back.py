@@ -25,6 +25,15 @@ LEAST_TOLD: Final = 0.25
 contradict it: of a parameter that they hardly tell, a small error of the model would seem to."""
 
 
+def told_from_error(found: Found, problem: Problem, remaining: RemainingResidual) -> tuple[Found, tuple[str, ...]]:
+    """The outcome without effects that are not the same everywhere, or may be no more than what the model misses; and
+    which are the latter."""
+    lost = drowned(found.accepted, problem, remaining)
+    left = less(found, problem, (*lost, *(x.effect for x in remaining.inhomogeneous)))
+    told = still_told(left, problem)
+    return told, (*lost, *(i for i in left.accepted.state.ids if i not in told.accepted.state.values))
+
+
 def drowned(e: Estimate, problem: Problem, remaining: RemainingResidual) -> tuple[str, ...]:
     """Effects that change no series by more than is missed there, of a force by the model or of a sensor by any effect:
     any error of structure may look like them."""
