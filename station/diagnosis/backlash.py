@@ -36,8 +36,8 @@ def lost_motion(x: Array, width: float) -> Array:
 
 
 def smoothed(x: Array, width: float) -> Array:
-    """Lost motion that delays nothing: the mean of that of x and of x played backwards. It takes out of x what moves
-    within `width` while x rests."""
+    """Lost motion (..., n) that delays nothing: the mean of that of x (..., n) and of x played backwards. Added to x,
+    it takes out what moves within `width`, in the unit of x, while x rests."""
     forwards, backwards = lost_motion(x, width), lost_motion(x[..., ::-1], width)[..., ::-1]
     return np.asarray(0.5 * (forwards + backwards))
 

@@ -142,8 +142,8 @@ EFFECTS: Final[tuple[Term, ...]] = (
          "There is {size} of backlash between the elevator's sensor and the surface.",
          "small and large doublets: backlash does not grow with the input", backlash("elevator"), ("lift", "moment"),
          least_in_noise=2.5,
-         # How much of the noise goes through the backlash with the motion, and how much is stopped, depends on how the
-         # drive rests: corrections.DITHER one more or less moves it by 0.5, and off it is by 0.2 to 2.2 of noise.
+         # How much of the noise a backlash stops depends on how the drive rests. On five flights of the second
+         # simulation what is found is too small by 0.5 to 2.5 of the true noise: corrections.DITHER is too much there.
          unsure_in_noise=1.0),
     Term("elevator.nonlinearity", "elevator", "1", "%", -0.6, 4.0, 0.1,
          "The elevator's sensor is nonlinear: at 10 deg its cubic term adds {value} to the reading.",

@@ -43,12 +43,13 @@ class Late(NamedTuple):
 LAGS: Final = ("late tail slope", "late tail arm", "late downwash", "late delay", "late amplitude", "late rate")
 """Constants of Late beside the derivatives, by name."""
 MASS: Final = "mass over"
-IYY: Final = "iyy over"
 """Over what the condition has."""
+IYY: Final = "iyy over"
+"""The same of the pitch inertia."""
 ZERO_LIFT_DRAG: Final = "CD_0 beyond"
-"""Beyond the aircraft's."""
+"""Drag coefficient without lift, less the aircraft's."""
 INDUCED_DRAG: Final = "induced drag over"
-"""Over the aircraft's."""
+"""Drag over the square of CL, over the aircraft's."""
 
 
 def constants_of(aircraft: Aircraft, about: Aircraft) -> dict[str, float]:
