@@ -14,6 +14,7 @@ the wing follows gusts, by nothing but the vane's noise.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from scipy import fft, signal
 from station.diagnosis.processing import (
     HIGH_HZ,
     LOW_HZ,
+    AirShare,
     Setting,
     Share,
     back,
@@ -32,6 +34,7 @@ from station.diagnosis.processing import (
 )
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 SMOOTHED: Final = 0.2
 """Standard deviation of the window that smooths the spectrum, as a share of the frequency, and a line at least: by it
@@ -44,6 +47,14 @@ GENTLEST: Final = -5 / 3
 """The power by which gusts fall (Kolmogorov 1941); what lags falls faster."""
 SLOWEST: Final = 0.5
 """Of the mean airspeed: below it, what the accelerations say is an error of theirs."""
+
+
+class NoiseOf(NamedTuple):
+    """Variances of a sensor's noise."""
+
+    white: float
+    slow: float
+    """Of correlation time SLOW_S."""
 
 
 class Unseen(NamedTuple):
@@ -64,12 +75,22 @@ STILL: Final = Unseen()
 
 def air_data(airspeed: Array, pressure: Array, own: Array, s: Setting, noise: float = 0.0) -> tuple[Array, Array]:
     """Airspeed (..., n), m/s, and dynamic pressure, Pa, smoothed about the speed of the `own_motion`; `noise`: see
-    Unseen."""
-    if s.airspeed_share is not None:
-        airspeed = own + _passed(airspeed - own, s.airspeed_share, s, noise)
-    if s.pressure_share is not None:
-        pressure = own**2 * _passed(pressure / own**2, s.pressure_share, s, noise)
-    return airspeed, pressure
+    Unseen. Of both the same: were each smoothed by its own noise, what one loses of a gust would be in step with what
+    the other shows of it, and a gust would seem to turn the flow by less than it does."""
+    if s.air_share is None:
+        return airspeed, pressure
+    shown = {"airspeed": airspeed / own, "dynamic_pressure": np.sqrt(np.maximum(pressure, 0.0)) / own}
+    shares, moved, rest = s.air_share.at(s.omega / (2 * np.pi), noise), 0.0, {}
+    for name, share in zip(s.air_share.sensors, shares, strict=True):
+        mean = shown[name].mean(-1, keepdims=True)
+        level = _level(shown[name] / mean, s)
+        moved = moved + share * transform(level, s)
+        rest[name] = mean, shown[name] / mean - level
+    air = back(np.asarray(moved), s)
+    smooth = {name: own * mean * (line + air) for name, (mean, line) in rest.items()}
+    return smooth.get("airspeed", airspeed), smooth[
+        "dynamic_pressure"
+    ] ** 2 if "dynamic_pressure" in smooth else pressure
 
 
 def own_motion(airspeed: Array, along: Array, down: Array, s: Setting) -> Array:
@@ -85,49 +106,57 @@ def _level(x: Array, s: Setting) -> Array:
     return without_line(x) if s.bridge else x - x.mean(-1, keepdims=True)
 
 
-def _passed(x: Array, share: Share, s: Setting, noise: float) -> Array:
-    level = _level(x, s)
-    return x - level + back(transform(level, s) * share.at(s.omega / (2 * np.pi), noise), s)
-
-
-def share_of(x: Array, dt: float, white: float, slow: float) -> Share:
-    """The share of the spectrum of a series (n,), `dt` s apart, that is no noise; 1 below the frequencies judged.
-
-    `white`, `slow`: variances of the noise, the second of correlation time SLOW_S. Of the slow, no more is assumed than
-    the spectrum shows above QUIET_HZ."""
-    f, power, shown = _spectrum(x, dt)
+def air_share(shown: Mapping[str, Array], dt: float, alike: NoiseOf, alone: Mapping[str, NoiseOf]) -> AirShare:
+    """What is taken of each of the series (n,) `shown` beyond the motion, `dt` s apart, of the airspeed over its mean;
+    all of it below the frequencies judged. Of the slow noise that they show alike no more is assumed than the spectrum
+    shows above QUIET_HZ."""
+    lines = {}
+    for name, x in shown.items():
+        f, lines[name] = _lines(x, dt)
     shape = slow_spectrum(f, dt)
+    own = np.stack([(np.full(len(f), alone[n].white), alone[n].slow * shape) for n in shown], axis=1)
+    together = 1 / (1 / own.sum(0)).sum(0)
+    power = np.abs(sum(together / own.sum(0)[k] * y for k, y in enumerate(lines.values()))) ** 2
     quiet = np.where((f > QUIET_HZ) & (f < HIGH_HZ), shape, 0.0)
-    seen = float(quiet @ (power - white)) / max(float(quiet @ quiet), 1e-30)
-    return _beyond(f, shown, white, min(max(seen, 0.0), slow) * shape)
+    seen = float(quiet @ (power - alike.white - together)) / max(float(quiet @ quiet), 1e-30)
+    both = np.stack([np.full(len(f), alike.white), min(max(seen, 0.0), alike.slow) * shape])
+    noise = both.sum(0) + together
+    spectrum = np.maximum(noise + _continued(f, smoothed(f, power) - noise, noise), 1e-30)
+    return AirShare(tuple(shown), f, np.where(f >= LOW_HZ, spectrum, np.inf), both, own)
 
 
 def share_beyond(x: Array, dt: float, frequencies: Array, noise: Array) -> Share:
-    """The same where the spectrum of the noise is known at some frequencies, Hz."""
-    f, _, shown = _spectrum(x, dt)
-    return _beyond(f, shown, np.interp(f, frequencies, noise))
+    """The share of the spectrum of a series (n,), `dt` s apart, that is no noise, of a spectrum known at `frequencies`,
+    Hz; 1 below those judged."""
+    f, lines = _lines(x, dt)
+    known = np.interp(f, frequencies, noise)
+    spectrum = known + _continued(f, smoothed(f, np.abs(lines) ** 2) - known, known)
+    return Share(f, known * (f >= LOW_HZ) / np.maximum(spectrum, 1e-30))
 
 
-def _spectrum(x: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Frequencies, Hz, the spectrum of a series (n,), which is 1 of white noise of variance 1, and that smoothed: the
-    mean of the neighbours, tilted by the power of the frequency by which they fall (prewhitening: Blackman and Tukey
-    1958, The Measurement of Power Spectra). A gust's falls so steeply that the mean as it is lies above it."""
+def _lines(x: Array, dt: float) -> tuple[Array, Complex]:
+    """Frequencies, Hz, and the lines of a series (n,) there, whose squares are 1 of white noise of variance 1."""
     n = len(x)
     window = signal.windows.hann(n, sym=False)
-    power = np.abs(fft.rfft(signal.detrend(x) * window)[1:]) ** 2 / (window @ window)
-    f = fft.rfftfreq(n, dt)[1:]
+    return fft.rfftfreq(n, dt)[1:], fft.rfft(signal.detrend(x) * window)[1:] / np.sqrt(window @ window)
+
+
+def spectrum(x: Array, dt: float) -> tuple[Array, Array]:
+    """Frequencies, Hz, and the spectrum of a series (n,) there: 1 of white noise of variance 1."""
+    f, lines = _lines(x, dt)
+    return f, np.abs(lines) ** 2
+
+
+def smoothed(f: Array, power: Array) -> Array:
+    """A spectrum (n,) smoothed: the mean of the neighbours, tilted by the power of the frequency by which they fall
+    (prewhitening: Blackman and Tukey 1958, The Measurement of Power Spectra). A gust's falls so steeply that the mean
+    as it is lies above it."""
     log, height = np.log(f), np.log(np.maximum(power, 1e-300))
     near = np.exp(-0.5 * np.square((f[:, None] - f) / np.hypot(SMOOTHED * f, f[0])[:, None]))
     near /= near.sum(1, keepdims=True)
     middle = near @ log
     slope = (near @ (log * height) - middle * (near @ height)) / (near @ log**2 - middle**2)
-    return f, power, (near * np.exp(slope[:, None] * (log[:, None] - log))) @ power
-
-
-def _beyond(f: Array, shown: Array, known: Array | float, slow: Array | float = 0.0) -> Share:
-    noise = known + slow
-    judged = (f >= LOW_HZ) / np.maximum(noise + _continued(f, shown - noise, noise), 1e-30)
-    return Share(f, known * judged, slow * judged)
+    return np.asarray((near * np.exp(slope[:, None] * (log[:, None] - log))) @ power)
 
 
 def _continued(f: Array, beyond: Array, noise: Array | float) -> Array:

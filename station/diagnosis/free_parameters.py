@@ -49,6 +49,8 @@ STEP: Final = 0.3
 """Prior standard deviations over which a slope is taken: far above rounding, and near enough to straight."""
 LEAST_SHAPE: Final = 0.1
 """Of a span's lag: more even than any loading makes it."""
+OF_SCALE: Final = ("mass", "inertia", "roll inertia", "yaw inertia", "dynamic pressure")
+"""With the derivatives of a force, what scales its series."""
 DAY: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
 """What is of the day, not of the aircraft: fitted to held-out manoeuvres, too."""
 _MEANS: Final = (*DAY[:-1], "phi bias", "ay bias", "p bias", "r bias", "CY_0", "Cl_0", "Cn_0")
@@ -74,6 +76,13 @@ class Free:
     def of_noise(self) -> bool:
         """Whether the way of sensors' noise into the residuals depends on it: zeros and trims move means alone."""
         return self.name not in _MEANS
+
+    @property
+    def waits(self) -> bool:
+        """Whether it stays the profile's while the rest is far off: then a step may take what lies between two ends to
+        the wrong side for good, and noise that is taken not to follow the parameters is less in a series that is scaled
+        down, so far that the way back is long and bent."""
+        return bool(np.isfinite(self.ends).all()) or self.name in OF_SCALE
 
 
 def _share(field: str) -> Extend:

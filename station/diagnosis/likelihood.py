@@ -304,11 +304,11 @@ class Problem:
 
     @contextmanager
     def _far_off(self, held: bool) -> Iterator[None]:
-        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
-        between two ends stay the profile's, and the air still: while the rest is far off, a step may take them to the
-        wrong side for good."""
+        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that wait stay
+        the profile's (Free.waits), and the air still."""
         self._zeros_wander = False
-        self._known[np.isfinite(self.ends).all(0)] = self._known[len(self.frees) :] = HELD if held else 1.0
+        if held:
+            self._known[[f.waits for f in self.frees] + [True] * self.unseen_sd.size] = HELD
         try:
             yield
         finally:

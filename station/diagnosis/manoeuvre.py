@@ -11,24 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from station.diagnosis.air_data import STILL, Unseen, share_beyond, share_of
+from station.diagnosis.air_data import STILL, Unseen, share_beyond
+from station.diagnosis.air_data_noise import air_share_of
 from station.diagnosis.axis import LONGITUDINAL, Axis
-from station.diagnosis.corrections import AIR_DATA, all_corrected, instrument_of
+from station.diagnosis.corrections import AIR_DATA, all_corrected
 from station.diagnosis.inertial_motion import motion_of
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
-from station.diagnosis.processing import SLOW_S, STEP_S, Setting, Share, bridge_of, slow_spectrum, thinned
-from station.diagnosis.recorded_noise import GUST_SCALE_M, judged_noise, stated_noise, white_noise
+from station.diagnosis.processing import SLOW_S, STEP_S, AirShare, Setting, Share, bridge_of, slow_spectrum, thinned
+from station.diagnosis.recorded_noise import GUST_SCALE_M, SLOW_SHARE, judged_noise, stated_noise, white_noise
 from station.diagnosis.residuals import DOWN, LIFT, NORTH, THETA, VANE, gust_across, series
 from station.diagnosis.sensor_noise import Trim, answering, of_force, responses, trim_of
 from station.diagnosis.series_spectra import Spectra, spectra
-from station.profile import Aircraft, Instrument
+from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-SLOW_SHARE: Final = 0.25
-"""Variance of a sensor's slow noise over that of its white noise, where nothing is known."""
 SPREAD_BINS: Final = 4.0
 """Over which the spectrum of a coefficient is smoothed to say where the model may miss a share of it."""
 
@@ -311,8 +310,7 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         record.dt, record.n, bridge_of(record.dt, record.n), judged, record.imu, thrust,
         stated_noise(axis.surfaces[0], record) * math.sqrt(recorded.dt / record.dt), "v_down" not in x, record.held,
     )  # fmt: skip
-    shares = {} if axis.lateral else _air_shares(record, recorded, aircraft, own)
-    own = replace(own, airspeed_share=shares.get("airspeed"), pressure_share=shares.get("dynamic_pressure"))
+    own = replace(own, air_share=None if axis.lateral else _air_share(record, recorded, aircraft, own))
     f = own.frequencies
     slow = slow_spectrum(f, record.dt)
     reach = 2 * np.pi * f * GUST_SCALE_M / float(np.mean(x["airspeed"]))
@@ -332,7 +330,7 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
         np.ones((len(axis.missed), len(f)), dtype=complex),
         np.ones((len(axis.missed), len(f))),
         groups_of(f),
-        _left(trim.sensors, {name: share.at(f) for name, share in shares.items()}, np.ones(len(f))),
+        _left(trim.sensors, own),
         axis,
     )
     if not axis.lateral and VANE in judged:
@@ -346,25 +344,22 @@ def manoeuvre(recorded: Record, aircraft: Aircraft, axis: Axis = LONGITUDINAL) -
     return made
 
 
-def _left(sensors: Sequence[str], shares: Mapping[str, Array], whole: Array) -> Array:
+def _left(sensors: Sequence[str], s: Setting) -> Array:
     """(sensors, bins) of Manoeuvre.left."""
-    if len(shares) == len(AIR_DATA):
-        shares = {**shares, "pitot": np.maximum(*shares.values())}
-    return np.stack([1 / shares.get(name, whole) for name in sensors])
+    left, share = np.ones((len(sensors), len(s.frequencies))), s.air_share
+    if share is not None:
+        alike = ("pitot",) if len(share.sensors) == len(AIR_DATA) else ()
+        left[[sensors.index(n) for n in (*share.sensors, *alike) if n in sensors]] /= share.at(s.frequencies).sum(0)
+    return left
 
 
-def _air_shares(record: Record, recorded: Record, aircraft: Aircraft, s: Setting) -> dict[str, Share]:
+def _air_share(record: Record, recorded: Record, aircraft: Aircraft, s: Setting) -> AirShare | None:
     """Of airspeed and dynamic pressure, where they do not repeat their values, see air_data."""
     _, x = all_corrected(record.signals, aircraft, s, Memo())
-    own, found = motion_of(x, aircraft, s).own, {}
-    beyond = {"airspeed": x["airspeed"] - own, "dynamic_pressure": x["dynamic_pressure"] / own**2}
-    units = {"airspeed": 1.0, "dynamic_pressure": float(np.mean(own)) ** 2}
-    for name, values in beyond.items():
-        if name not in record.held:
-            gain = (instrument_of(aircraft, name) or Instrument()).gain
-            white, judged = (of(name, recorded) / (gain * units[name]) for of in (white_noise, judged_noise))
-            found[name] = share_of(values, record.dt, judged**2 * recorded.dt / record.dt, SLOW_SHARE * white**2)
-    return found
+    own = motion_of(x, aircraft, s).own
+    beyond = {"airspeed": x["airspeed"] / own, "dynamic_pressure": np.sqrt(x["dynamic_pressure"]) / own}
+    fresh = {name: values / values.mean() for name, values in beyond.items() if name not in record.held}
+    return air_share_of(record, recorded, fresh)
 
 
 def _gust_share(m: Manoeuvre, aircraft: Aircraft) -> Share:

@@ -47,18 +47,42 @@ class Share:
 
     frequencies: Array
     """(n,) Hz."""
-    known: Array
-    """(n,) noise of known size, over the spectrum."""
-    slow: Array
-    """(n,) slow noise of the size assumed, over the spectrum."""
+    noise: Array
+    """(n,) over the spectrum."""
+
+    def at(self, frequencies: Array) -> Array:
+        """From LEAST_SHARE to 1, at `frequencies`, Hz."""
+        return np.asarray(np.interp(frequencies, self.frequencies, np.clip(1 - self.noise, LEAST_SHARE, 1.0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AirShare:
+    """How much of what each sensor of the airspeed shows is taken for what the air did, by frequency. Variances are
+    relative, of the airspeed; spectra are 1 of white noise of variance 1."""
+
+    sensors: tuple[str, ...]
+    frequencies: Array
+    """(n,) Hz."""
+    shown: Array
+    """(n,) spectrum of all sensors together, each by its weight; infinite where nothing is taken out."""
+    alike: Array
+    """(2, n) spectra of the noise that they show alike: of known size, and slow of the size assumed."""
+    alone: Array
+    """(2, sensors, n) of what each shows alone."""
 
     def at(self, frequencies: Array, noise: float | Array = 0.0) -> Array:
-        """From LEAST_SHARE to 1, at `frequencies`, Hz; the slow noise's variance is exp(`noise`) times that assumed, a
-        number or a column (p, 1)."""
-        rest = np.clip(1 - self.known - np.exp(np.minimum(noise, ALL_NOISE)) * self.slow, LEAST_SHARE, 1.0)
-        if rest.ndim == 1:
-            return np.asarray(np.interp(frequencies, self.frequencies, rest))
-        return np.stack([np.interp(frequencies, self.frequencies, row) for row in rest])
+        """(sensors, ..., frequencies) at `frequencies`, Hz: the mean of what the air did, given what all show (Wiener
+        1949), which sensors of less noise tell more of. Slow noise has exp(`noise`) times the variance assumed: a
+        number, or a column (p, 1)."""
+        grown = np.exp(np.minimum(noise, ALL_NOISE))
+        known, slow = self.alone.reshape(2, len(self.sensors), *[1] * (np.ndim(grown) - 1), len(self.frequencies))
+        own = known + grown * slow
+        together = 1 / (1 / own).sum(0)
+        rest = np.clip(1 - (self.alike[0] + grown * self.alike[1] + together) / self.shown, LEAST_SHARE, 1.0)
+        parts = together / own * rest
+        rows = parts.reshape(-1, len(self.frequencies))
+        out = np.stack([np.interp(frequencies, self.frequencies, row) for row in rows])
+        return np.asarray(out.reshape(*parts.shape[:-1], len(frequencies)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +103,10 @@ class Setting:
     """The vertical speed is integrated from the accelerations."""
     held: Mapping[str, NDArray[np.int64]]
     """Signals that repeat their values, and the samples at which they are fresh."""
-    airspeed_share: Share | None = None
-    pressure_share: Share | None = None
+    air_share: AirShare | None = None
     gust_share: Share | None = None
-    """What of them, and of the gust, beyond the motion, is no noise: see air_data; None where taken as they are."""
+    """What of the airspeed, and of the gust, beyond the motion, is no noise: see air_data; None where taken as it
+    is."""
     rest: float | None = 0.0
     """rad of a surface's drive: what moves within it is noise, where a backlash is looked for besides; None: the
     backlash is that width itself, and delays nothing."""

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 FAST_S: Final = 0.025
 """Time step up to which fourth differences of the samples show a sensor's noise and no motion."""
+SLOW_SHARE: Final = 0.25
+"""Variance of a sensor's slow noise over that of its white noise, where nothing is known."""
 REPEATED: Final = 0.2
 """Share of samples that repeat the one before, from which a signal is rounded coarsely."""
 ROUNDED: Final = 1e-6

@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from station.conventions import LATERAL, from_si
+from station.diagnosis.air_data_noise import of_signals
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import DERIVATIVES
 from station.diagnosis.procedure import Diagnosis
-from station.diagnosis.variances import of_signals
 
 _UNITS: Final[Mapping[str, str]] = {
     "downwash delay": "ms", "gust span": "ft", "gust span, tail": "ft", "convection": "1", "upwash body": "1",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, to_si
+from station.diagnosis.air_data_noise import air_noise, noise_alone
 from station.diagnosis.corrections import AIR_DATA
-from station.diagnosis.manoeuvre import SLOW_SHARE, Manoeuvre
-from station.diagnosis.measured_record import Record
+from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.recorded_noise import (
     FAST_S,
+    SLOW_SHARE,
     judged_noise,
     lasting_gust,
     lasting_updraught,
@@ -42,8 +43,6 @@ LEVEL_SD: Final = 1.5
 unusual."""
 LEAST_SLOW: Final = 0.05
 """Of their white variance, slow at least: a fifth of SLOW_SHARE."""
-LEAST_OWN: Final = 0.1
-"""Of airspeed's or dynamic pressure's noise, that they have alike, and each alone, at least."""
 LEAST_GUST: Final = 3e-5
 """rad: below any vane's noise."""
 LOOSE_LEVEL: Final = 0.05
@@ -104,7 +103,8 @@ def prior_levels(manoeuvres: Sequence[Manoeuvre]) -> Levels:
             if (x := m.record.signals.get(name)) is not None:
                 slow[i] = min(slow[i], max(_slow_shown(m, x, float(white[i])), LEAST_SLOW * sd[i] ** 2))
         if alone := _of_air(sensors):
-            slow[alone] = np.maximum(_slow_apart(m, white[alone]), LEAST_SLOW * sd[alone] ** 2)
+            white[alone], apart = np.array(list(noise_alone(m.record, m.recorded).values())).T
+            slow[alone] = np.maximum(apart, LEAST_SLOW * sd[alone] ** 2)
         rows.append(np.concatenate([white, slow]))
     least = manoeuvres[0].axis.least_missed
     return Levels(np.stack(rows), np.full(len(rows), 1e-5), np.square(least), np.square(ZERO_SD))
@@ -124,59 +124,11 @@ def _of_air(sensors: Sequence[str]) -> list[int]:
     return [sensors.index(s) for s in AIR_DATA if s in sensors]
 
 
-def air_noise(record: Record) -> dict[str, float]:
-    """Standard deviations of what airspeed (m/s) and dynamic pressure (Pa) show of noise alike, and each alone: by the
-    fourth differences of their samples where these are fast enough; else as if one sensor showed both."""
-    x = record.signals
-    slope = _pressure_slope(record)
-    white, judged = (
-        [of(name, record) / unit for name, unit in zip(AIR_DATA, (1.0, slope), strict=True)]
-        for of in (white_noise, judged_noise)
-    )
-    alike = min(white)
-    if record.dt <= FAST_S:
-        a, b = (np.diff(x[n], 4) for n in ("airspeed", "dynamic_pressure"))
-        # Sheppard 1899: of normal pairs, the correlation by how often their signs agree; outliers do not upset it.
-        agreed = math.sin(0.5 * math.pi * float(np.mean(np.sign(a) * np.sign(b))))
-        alike = math.sqrt(max(agreed, 0.0) * math.prod(white))
-    least = LEAST_OWN * max(judged)
-    speed, pressure = (math.sqrt(max(sd**2 - alike**2, least**2)) for sd in judged)
-    return {
-        "pitot": max(alike, least),
-        "airspeed": speed,
-        "dynamic_pressure": slope * pressure,
-    }
-
-
-def _slow_apart(m: Manoeuvre, white: Array) -> Array:
-    """(2,) slow variances of what airspeed and dynamic pressure each show alone, by their difference: without it, slow
-    noise of an airspeed that no other series shows takes the place of whatever turns the flow."""
-    x, slope = m.record.signals, _pressure_slope(m.record)
-    apart = x["airspeed"] - x["airspeed"].mean() * np.sqrt(x["dynamic_pressure"] / x["dynamic_pressure"].mean())
-    both = float((white / np.array([1.0, slope**2])).sum())
-    return np.asarray(white / both * _slow_shown(m, apart, both))
-
-
 def _slow_shown(m: Manoeuvre, x: Array, white: float) -> float:
     """Variance of slow noise, were all of a signal that its white noise leaves no motion but such: at most as much."""
     power = np.abs(spectra(x[None], m.setting, (0,), False).bins[0]) ** 2
     slow = m.shapes[1]
     return float(slow @ (power - white) / (slow @ slow))
-
-
-def of_signals(variances: Mapping[str, float], record: Record) -> dict[str, float]:
-    """Standard deviation of each recorded signal's noise, from the variances of a trim's sensors."""
-    alike = {"airspeed": 1.0, "dynamic_pressure": _pressure_slope(record)}
-    return {
-        name: math.sqrt(v + alike.get(name, 0.0) ** 2 * variances.get("pitot", 0.0))
-        for name, v in variances.items()
-        if name in record.signals
-    }
-
-
-def _pressure_slope(record: Record) -> float:
-    """d(dynamic pressure)/d(airspeed), Pa by m/s."""
-    return 2 * float(record.signals["dynamic_pressure"].mean() / record.signals["airspeed"].mean())
 
 
 def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
@@ -188,7 +140,7 @@ def stiffness_of(manoeuvres: Sequence[Manoeuvre], prior: Levels) -> Array:
             # Of rounding, samples show the step, and how long it lasts; not what noise there is below it.
             rounded = {name for name, x in m.recorded.signals.items() if quantum(x)}
             made[k, [i for i, name in enumerate(m.trim.sensors) if name not in rounded]] = 1 / SEEN_SD**2
-        made[k, [n + i for i in _of_air(m.trim.sensors)]] = 1 / SEEN_SD**2
+        made[k, [x for i in _of_air(m.trim.sensors) for x in (i, n + i)]] = 1 / SEEN_SD**2
         unstated = [i for i, s in enumerate(m.trim.sensors) if m.axis.always.get(s)]
         made[k, unstated] = made[k, [n + i for i in unstated]] = LOOSE_LEVEL
     return made

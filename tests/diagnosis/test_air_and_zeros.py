@@ -11,13 +11,14 @@ import pytest
 from blind import Case, aircraft, fly_case, prepared
 from scipy import signal, special, stats
 
+from station.diagnosis.air_data_noise import air_noise, noise_alone
 from station.diagnosis.manoeuvre import SLOW_SHARE, manoeuvre
 from station.diagnosis.measured_record import Record
-from station.diagnosis.processing import SLOW_S, Setting, bridge_of, own_speed
+from station.diagnosis.processing import SLOW_S, Setting, bridge_of, own_speed, slow_spectrum
 from station.diagnosis.recorded_noise import GUST_SCALE_M, RECORDED_THRUST, lasting_gust
 from station.diagnosis.series_spectra import Spectra
 from station.diagnosis.span_lags import span_response
-from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, air_noise, prior_levels, wandering
+from station.diagnosis.variances import ZERO_DOF, ZERO_SD, Levels, prior_levels, wandering
 from tests.second_simulation.air import STEP, noise
 
 SPEED, DENSITY = 52.0, 1.0
@@ -82,6 +83,28 @@ def test_what_airspeed_and_dynamic_pressure_show_alike_is_told_from_their_own(
     most = max(x / per[name] for name, x in drawn.items())
     for name, x in drawn.items():
         assert found[name] / per[name] == pytest.approx(x / per[name], rel=0.2, abs=0.25 * most), name
+
+
+def test_each_one_s_noise_is_told_by_what_the_other_does_not_show() -> None:
+    """At 25 Hz, where samples tell nothing, in the mean of 20 minutes in gusts: the root of each one's spectrum within
+    a sixth, of an airspeed whose noise is slow, and of a pressure whose noise is white and three times as strong as of
+    good instruments."""
+    dt, n, told = 0.04, 1500, []
+    decay, drawn = math.exp(-dt / SLOW_S), {"airspeed": (0.1, 0.3), "dynamic_pressure": (15.0, 0.0)}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        white = rng.standard_normal((4, n))
+        gust = signal.lfilter([math.sqrt(1 - 0.98**2)], [1.0, -0.98], white[0])
+        slow = 0.3 * signal.lfilter([math.sqrt(1 - decay**2)], [1.0, -decay], white[1])
+        q = 0.5 * DENSITY * (SPEED + gust) ** 2 + 15.0 * white[3]
+        signals = {"airspeed": SPEED + gust + slow + 0.1 * white[2], "dynamic_pressure": q}
+        record = Record("noisy", dt, 0.0, signals, DENSITY, 1000.0)
+        told.append([noise_alone(record, record)[name] for name in drawn])
+    f = np.array([0.3, 1.0, 2.5])
+    shapes = np.stack([np.ones(3), slow_spectrum(f, dt)])
+    found = np.sqrt(np.mean(told, axis=0) @ shapes) / np.sqrt(np.square(list(drawn.values())) @ shapes)
+    there = np.array([[True, True, True], [False, True, True]])  # at 0.3 Hz gusts are a hundred times the pressure's
+    np.testing.assert_allclose(found[there], 1.0, atol=1 / 6)
 
 
 @pytest.mark.parametrize(("own", "both"), [(0.3, 0.0), (0.05, 0.4)])

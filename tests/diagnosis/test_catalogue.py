@@ -91,7 +91,7 @@ def flight():
     """A manoeuvre in gusts, and its series with the profile as it is; the air data as they are, without the little that
     accelerations say of them."""
     made = manoeuvre(fly_case(Case(seed=3, sigma=SIGMAS[2]), "doublets", 0), aircraft())
-    own = replace(made.setting, airspeed_share=None, pressure_share=None, gust_share=None, gust_across=None)
+    own = replace(made.setting, air_share=None, gust_share=None, gust_across=None)
     made = replace(made, setting=own)
     return made, series(made.record.signals, aircraft(), made.setting)
 

@@ -61,7 +61,7 @@ def shown(subject: Aircraft, smoothed: bool = False) -> Shown:
     m = manoeuvre(level_flight(), subject)
     plain, trim = (replace(s, gust_share=None) for s in (m.setting, m.trim.setting))
     if not smoothed:
-        plain, trim = (replace(s, airspeed_share=None, pressure_share=None) for s in (plain, trim))
+        plain, trim = (replace(s, air_share=None) for s in (plain, trim))
     m = replace(m, setting=plain, trim=replace(m.trim, setting=trim, memo=Memo()))
     return Shown(m, m.responses(subject), 2j * np.pi * m.setting.frequencies)
 

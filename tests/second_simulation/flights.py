@@ -181,7 +181,7 @@ def flown(case: Case) -> Flown:
         "constants": asdict(aircraft),
         "zeros": case.zeros,
         "hidden": case.hidden,
-        "deviations": hides.deviations(case.aircraft, case.zeros, case.hidden),
+        "deviations": hides.deviations(case.aircraft, case.zeros, case.hidden, of_motion),
         "thrust_recorded": case.thrust_recorded,
     }
     return Flown(time, {n: shown[n] for n in wanted}, true, answers)

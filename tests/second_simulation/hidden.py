@@ -147,9 +147,11 @@ def of_motion(aircraft: Drawn, trim_alpha: float, hidden: Mapping[str, float]) -
     )
 
 
-def deviations(sound: Drawn, zeros: Mapping[str, float], hidden: Mapping[str, float]) -> dict[str, float]:
+def deviations(
+    sound: Drawn, zeros: Mapping[str, float], hidden: Mapping[str, float], motion: Hidden
+) -> dict[str, float]:
     """How the aircraft flown and its instruments differ from the profile, by the catalogue's ids, SI: what is hidden,
-    and what was drawn. To name one of these with its right value is no false name.
+    and what was drawn. To name one of these with its right value is no false name. `motion`: of `of_motion`.
     """
     aircraft, x = changed(sound, hidden), hidden.get
     upwash = 1 + aircraft.upwash_body + aircraft.upwash_wing
@@ -176,4 +178,5 @@ def deviations(sound: Drawn, zeros: Mapping[str, float], hidden: Mapping[str, fl
         "imu_lateral.delay": x("imu.delay", 0.0),
         "beta_vane.scale": aircraft.sidewash + x("beta_vane.scale", 0.0),
         **{f"aero.{n}": aircraft.lateral[n] / v - 1 for n, v in LATERAL.items()},
+        **({"aero.separation": motion.stall_alpha} if motion.stall_sharpness else {}),
     }
