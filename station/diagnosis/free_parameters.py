@@ -34,6 +34,7 @@ PRIOR_SHARE: Final = 0.10
 
 
 SEPARATION: Final = "aero.separation"
+NONLINEARITY: Final = "elevator.nonlinearity"
 BEYOND: Final = 3.0
 """Prior standard deviations from which a derivative, or a zero, is itself named: no handbook is that wrong."""
 OF_ZERO: Final = {"q bias": "q.bias"}
@@ -200,7 +201,12 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         Free("induced drag", u.induced_drag, _induced),
         Free("thrust scale", u.thrust, gain("thrust")),
     ]
-    return [f for f in (*found, *_of_separation(aircraft)) if f.sd > 0]
+    zero = Free("elevator zero", u.surface_zero, bias("elevator"), of=NONLINEARITY, read=_elevator_zero)
+    return [f for f in (*found, *_of_separation(aircraft), zero) if f.sd > 0]
+
+
+def _elevator_zero(a: Aircraft) -> float:
+    return a.instruments["elevator"].bias
 
 
 def _of_separation(aircraft: Aircraft) -> list[Free]:

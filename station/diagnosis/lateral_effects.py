@@ -102,7 +102,7 @@ LATERAL_EFFECTS: Final[tuple[Term, ...]] = (
                  f"There is {{size}} of backlash between the {name}'s sensor and the surface.",
                  "small and large doublets: backlash does not grow with the input", backlash(name), _BY_SURFACE,
                  # As of the elevator.
-                 least_in_noise=2.5, unsure_in_noise=1.0),
+                 least_in_noise=4.0, unsure_in_noise=2.0),
         )
     ),
     _aero("inertia.roll", "ixx", "1", "%", -0.6, 1.0, 0.05, "The roll inertia differs from the profile's by {value}.",

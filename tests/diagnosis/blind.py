@@ -59,7 +59,7 @@ DETECTABLE = {
     "elevator.lag": (0.0033, 0.0035, 0.0036),
     "elevator.delay": (0.0033, 0.0035, 0.0035),
     "elevator.scale": (0.5, 0.52, 0.51),
-    "elevator.backlash": (0.00099, 0.0011, 0.0011),
+    "elevator.backlash": (0.0014, 0.0015, 0.0015),
     "elevator.nonlinearity": (0.12, 0.13, 0.13),
     "dynamic_pressure.scale": (0.12, 0.28, 0.3),
     "dynamic_pressure.lag": (math.inf, 0.1, 0.096),

@@ -56,7 +56,7 @@ DETECTABLE = {
     "ay.height": (0.037, 0.036, 0.035),
     "aileron.lag": (0.002, 0.0087, 0.015),
     "aileron.scale": (0.62, 0.59, 0.6),
-    "aileron.backlash": (0.00079, 0.004, 0.0065),
+    "aileron.backlash": (0.0012, 0.004, 0.0065),
     "rudder.lag": (0.0032, 0.0037, 0.0056),
     "rudder.scale": (0.5, 0.5, 0.51),
     "rudder.backlash": (0.0019, 0.0021, 0.0032),
