@@ -62,8 +62,10 @@ def later(y: Array, seconds: float) -> Array:
 
 
 def lagging(y: Array, seconds: float) -> Array:
+    """Of the first order, exact of what goes straight from one value to the next."""
     e = math.exp(-DT / seconds)
-    return np.asarray(signal.lfilter([1 - e], [1, -e], y - y[0]) + y[0])
+    straight = seconds / DT * (1 - e)
+    return np.asarray(signal.lfilter([1 - straight, straight - e], [1, -e], y - y[0]) + y[0])
 
 
 def sticking(y: Array, breakaway: float) -> Array:

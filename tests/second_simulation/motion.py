@@ -214,7 +214,9 @@ def passed(places: Array, values: Array, newest: int, place: float) -> float:
 
 @njit(cache=True)
 def rates(x, c, h, gusts, command, surface, places, values, newest, out):
-    """Derivative of the state; `out` takes COLUMNS."""
+    """Derivative of the state; `out` takes COLUMNS. `surface`: where the elevator was when the step began."""
+    half = 0.5 * h.backlash
+    surface = min(max(surface, x[SURF] - half), x[SURF] + half)
     up, wing_field, upwash_field, head, side, roll_field = gusts
     dx = np.zeros(STATES)
     a, b, cc, d = x[QUAT], x[QUAT + 1], x[QUAT + 2], x[QUAT + 3]

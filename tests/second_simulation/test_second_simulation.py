@@ -29,7 +29,7 @@ from tests.second_simulation.flights import (
     identify_case,
     quasi_steady,
 )
-from tests.second_simulation.instruments import coloured, sticking
+from tests.second_simulation.instruments import coloured, lagging, sticking
 from tests.second_simulation.motion import DT, RATE, Feedback, Hidden, fly
 
 PROFILED = Drawn(
@@ -115,6 +115,21 @@ def test_without_memory_or_downwash_equation_error_gives_the_table_back() -> Non
     found = quasi_steady(true)
     for name, value in book.LONGITUDINAL.items():
         assert found[name] == pytest.approx(value, rel=1e-3), name  # u varies by 1 %, and alpha with the square
+
+
+def test_the_rate_is_the_integral_of_its_acceleration_while_the_elevator_moves() -> None:
+    """To the trapezoid's error, 1e-4 of it. With the surface held over a step of the integration all followed it half a
+    step late: 4e-3."""
+    inputs = doublet(12)
+    true = fly(PROFILED, still(PROFILED, 12), inputs, Hidden(), Feedback(), np.random.default_rng(1))
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (true["qdot"][1:] + true["qdot"][:-1])) / RATE])
+    np.testing.assert_allclose(true["q"] - true["q"][0], integral, atol=3e-4 * np.abs(true["q"]).max())
+
+
+def test_what_lags_follows_a_ramp_by_its_lag() -> None:
+    """Closed form: of the first order, the ramp behind by the time constant, once it has come there."""
+    ramp = np.arange(4000.0)
+    np.testing.assert_allclose(lagging(ramp, 0.1)[2000:], ramp[2000:] - 0.1 * RATE, atol=1e-6)
 
 
 def test_a_pitch_damper_damps() -> None:
