@@ -78,13 +78,6 @@ class Free:
         """Whether the way of sensors' noise into the residuals depends on it: zeros and trims move means alone."""
         return self.name not in _MEANS
 
-    @property
-    def waits(self) -> bool:
-        """Whether it stays the profile's while the rest is far off: then a step may take what lies between two ends to
-        the wrong side for good, and noise that is taken not to follow the parameters is less in a series that is scaled
-        down, so far that the way back is long and bent."""
-        return bool(np.isfinite(self.ends).all()) or self.name in OF_SCALE
-
 
 def _share(field: str) -> Extend:
     def change(a: Aircraft, x: float) -> Aircraft:

@@ -22,7 +22,7 @@ from station.diagnosis.air_data import Unseen
 from station.diagnosis.candidate import Estimate, Normal, Slopes, Solved, State, solution, without_first
 from station.diagnosis.effects import BY_ID, extended
 from station.diagnosis.finite_differences import Differences, Move, unseen_differences
-from station.diagnosis.free_parameters import STEP, Free, moved
+from station.diagnosis.free_parameters import OF_SCALE, STEP, Free, moved
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.memo import Memo
 from station.diagnosis.score import normal_of
@@ -258,12 +258,19 @@ class Problem:
         return there if better else None
 
     def null(self) -> Estimate:
-        """Without effects."""
-        return self.from_profile({})
+        """Without effects. Where the model misses much, minima lie apart: the likelier of two, begun with what scales a
+        series held, and free."""
+        e = self.from_profile({})
+        if not (e.state.levels.missed > BLAMED**2 * self.prior.missed).any():
+            return e
+        return min(e, self.from_profile({}, free=True), key=lambda e: e.cost)
 
-    def from_profile(self, values: Mapping[str, float], on_the_way: State | None = None) -> Estimate:
-        """Fitted from the profile on, with effects that begin at `values`; or from a state on the way."""
-        with self._far_off(held=on_the_way is None):
+    def from_profile(
+        self, values: Mapping[str, float], on_the_way: State | None = None, free: bool = False
+    ) -> Estimate:
+        """Fitted from the profile on, with effects that begin at `values`; or from a state on the way. `free`: what
+        scales a series is so from the first step on, without effects too."""
+        with self._far_off(held=on_the_way is None, rough=not values and not free):
             start = on_the_way or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
@@ -303,12 +310,16 @@ class Problem:
         return self.relevelled(self.state(values, self.of_profile))
 
     @contextmanager
-    def _far_off(self, held: bool) -> Iterator[None]:
-        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that wait stay
-        the profile's (Free.waits), and the air still."""
+    def _far_off(self, held: bool, rough: bool = False) -> Iterator[None]:
+        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
+        between two ends stay the profile's, and the air still: while the rest is far off, a step may take them to the
+        wrong side for good. So do, by slopes as `rough`, those that scale a series: noise that is taken not to follow
+        them is less in a series that is scaled down, so far that the way back is long and bent."""
         self._zeros_wander = False
         if held:
-            self._known[[f.waits for f in self.frees] + [True] * self.unseen_sd.size] = HELD
+            self._known[np.isfinite(self.ends).all(0)] = self._known[len(self.frees) :] = HELD
+        if rough:
+            self._known[[i for i, f in enumerate(self.frees) if f.name in OF_SCALE]] = HELD
         try:
             yield
         finally:
