@@ -261,17 +261,14 @@ class Problem:
         """Without effects. Where the model misses much, minima lie apart: the likelier of two, begun with what scales a
         series held, and free."""
         e = self.from_profile({})
-        if not (e.state.levels.missed > BLAMED**2 * self.prior.missed).any():
-            return e
-        return min(e, self.from_profile({}, free=True), key=lambda e: e.cost)
+        much = (e.state.levels.missed > BLAMED**2 * self.prior.missed).any()
+        return min(e, self.from_profile({}, free=True), key=lambda e: e.cost) if much else e
 
-    def from_profile(
-        self, values: Mapping[str, float], on_the_way: State | None = None, free: bool = False
-    ) -> Estimate:
+    def from_profile(self, values: Mapping[str, float], begun: State | None = None, free: bool = False) -> Estimate:
         """Fitted from the profile on, with effects that begin at `values`; or from a state on the way. `free`: what
         scales a series is so from the first step on, without effects too."""
-        with self._far_off(held=on_the_way is None, rough=not values and not free):
-            start = on_the_way or self._profile_state(values)
+        with self._far_off(held=begun is None, rough=not values and not free):
+            start = begun or self._profile_state(values)
             near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
         return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
 
@@ -313,8 +310,8 @@ class Problem:
     def _far_off(self, held: bool, rough: bool = False) -> Iterator[None]:
         """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
         between two ends stay the profile's, and the air still: while the rest is far off, a step may take them to the
-        wrong side for good. So do, by slopes as `rough`, those that scale a series: noise that is taken not to follow
-        them is less in a series that is scaled down, so far that the way back is long and bent."""
+        wrong side for good. So do, by slopes as `rough`, those that scale a series: noise that does not follow them is
+        less in a series that is scaled down, and the way back is long and bent."""
         self._zeros_wander = False
         if held:
             self._known[np.isfinite(self.ends).all(0)] = self._known[len(self.frees) :] = HELD
