@@ -58,13 +58,16 @@ def noise_alone(record: Record, recorded: Record) -> dict[str, NoiseOf]:
     Lines of a spectrum have its own square for a variance; what two differ by, where the air moves by more than they
     err, twice the product of the spectra of their mean and of their difference. By that each counts."""
     x, slope = record.signals, _pressure_slope(record)
-    speed = x["airspeed"].mean() * np.sqrt(x["dynamic_pressure"] / x["dynamic_pressure"].mean())
-    (f, own), (_, other), (_, apart), (_, mean) = (
-        spectrum(v, record.dt) for v in (x["airspeed"], speed, x["airspeed"] - speed, 0.5 * (x["airspeed"] + speed))
+    pressure = np.maximum(x["dynamic_pressure"], 0.0)
+    speed = x["airspeed"].mean() * np.sqrt(pressure / pressure.mean())
+    f, own = spectrum(x["airspeed"], record.dt)
+    other, apart, mean = (
+        spectrum(v, record.dt)[1] for v in (speed, x["airspeed"] - speed, 0.5 * (x["airspeed"] + speed))
     )
+    f, own, other, apart, mean = (v[f < HIGH_HZ] for v in (f, own, other, apart, mean))
     units, noise = np.array([1.0, slope]), air_noise(recorded)
     known = (np.array([noise[name] for name in AIR_DATA]) / units) ** 2 * recorded.dt / record.dt
-    judged, air, sum_of = (f >= LOW_HZ) & (f < HIGH_HZ), smoothed(f, mean), smoothed(f, apart)
+    judged, air, sum_of = f >= LOW_HZ, smoothed(f, mean), smoothed(f, apart)
     shapes = np.stack([np.ones(len(f)), slow_spectrum(f, record.dt)], axis=1)
     rows = np.block([[shapes, shapes], [shapes, -shapes]])
     shown = np.concatenate([apart - known.sum(), own - other - known[0] + known[1]])
@@ -80,6 +83,8 @@ def noise_alone(record: Record, recorded: Record) -> dict[str, NoiseOf]:
 def air_share_of(record: Record, recorded: Record, shown: Mapping[str, Array]) -> AirShare | None:
     """What is taken of air data `shown` (n,), of the airspeed over its mean, beyond the motion; of none, nothing.
     `record` as of `noise_alone`."""
+    if not shown:
+        return None
     units = {"airspeed": 1.0, "dynamic_pressure": _pressure_slope(record)}
     speed = float(record.signals["airspeed"].mean())
     if len(shown) == len(AIR_DATA):
@@ -87,11 +92,10 @@ def air_share_of(record: Record, recorded: Record, shown: Mapping[str, Array]) -
         alone = {n: NoiseOf(*(x / (units[n] * speed) ** 2 for x in told[n])) for n in shown}
         alike = NoiseOf(white**2 * recorded.dt / record.dt, SLOW_SHARE * white**2)
         return air_share(shown, record.dt, alike, alone)
-    for name in shown:
-        white, judged = (of(name, recorded) / (units[name] * speed) for of in (white_noise, judged_noise))
-        alike = NoiseOf(judged**2 * recorded.dt / record.dt, SLOW_SHARE * white**2)
-        return air_share(shown, record.dt, alike, {name: NoiseOf(LEAST_OWN**2 * alike.white, 0.0)})
-    return None
+    (name,) = shown
+    white, judged = (of(name, recorded) / (units[name] * speed) for of in (white_noise, judged_noise))
+    alike = NoiseOf(judged**2 * recorded.dt / record.dt, SLOW_SHARE * white**2)
+    return air_share(shown, record.dt, alike, {name: NoiseOf(LEAST_OWN**2 * alike.white, 0.0)})
 
 
 def of_signals(variances: Mapping[str, float], record: Record) -> dict[str, float]:

@@ -357,7 +357,8 @@ def _air_share(record: Record, recorded: Record, aircraft: Aircraft, s: Setting)
     """Of airspeed and dynamic pressure, where they do not repeat their values, see air_data."""
     _, x = all_corrected(record.signals, aircraft, s, Memo())
     own = motion_of(x, aircraft, s).own
-    beyond = {"airspeed": x["airspeed"] / own, "dynamic_pressure": np.sqrt(x["dynamic_pressure"]) / own}
+    root = np.sqrt(np.maximum(x["dynamic_pressure"], 0.0))
+    beyond = {"airspeed": x["airspeed"] / own, "dynamic_pressure": root / own}
     fresh = {name: values / values.mean() for name, values in beyond.items() if name not in record.held}
     return air_share_of(record, recorded, fresh)
 
