@@ -70,6 +70,9 @@ class Free:
     """The effect that it is a constant of: it changes nothing without that."""
     read: Callable[[Aircraft], float] | None = None
     """Its value in a profile, of an effect's constants."""
+    told: bool = False
+    """Whether it is the profile's until the effect that it is a constant of is told: what makes an effect more pliable
+    is no reason to name it."""
     ends: tuple[float, float] = (-math.inf, math.inf)
     """Beyond which it changes nothing more, in standard deviations: no slope is taken across, no step goes there."""
 
@@ -194,7 +197,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         Free("induced drag", u.induced_drag, _induced),
         Free("thrust scale", u.thrust, gain("thrust")),
     ]
-    zero = Free("elevator zero", u.surface_zero, bias("elevator"), of=NONLINEARITY, read=_elevator_zero)
+    zero = Free("elevator zero", u.surface_zero, bias("elevator"), of=NONLINEARITY, read=_elevator_zero, told=True)
     return [f for f in (*found, *_of_separation(aircraft), zero) if f.sd > 0]
 
 

@@ -83,7 +83,8 @@ class Problem:
         ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * self.unseen_sd.size
         self.ends = np.array(ends).T
         """(2, parameters) where free parameters and what is unseen end."""
-        self._known = np.ones(len(ends))
+        self._usual = np.array([HELD if f.told else 1.0 for f in self.frees] + [1.0] * self.unseen_sd.size)
+        self._known = self._usual.copy()
         """Weights of the priors of free parameters and what is unseen."""
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
@@ -308,10 +309,10 @@ class Problem:
 
     @contextmanager
     def _far_off(self, held: bool, rough: bool = False) -> Iterator[None]:
-        """A zero that all manoeuvres share is looked for before zeros are let wander. `held`: parameters that lie
-        between two ends stay the profile's, and the air still: while the rest is far off, a step may take them to the
-        wrong side for good. So do, by slopes as `rough`, those that scale a series: noise that does not follow them is
-        less in a series that is scaled down, and the way back is long and bent."""
+        """A zero that all manoeuvres share is looked for before zeros wander. `held`: parameters between two ends stay
+        the profile's, and the air still: while the rest is far off, a step may take them to the wrong side for good. So
+        do, by slopes as `rough`, those that scale a series: noise that does not follow them is less in a series that is
+        scaled down, and the way back is long and bent."""
         self._zeros_wander = False
         if held:
             self._known[np.isfinite(self.ends).all(0)] = self._known[len(self.frees) :] = HELD
@@ -320,16 +321,16 @@ class Problem:
         try:
             yield
         finally:
-            self._zeros_wander, self._known[:] = True, 1.0
+            self._zeros_wander, self._known[:] = True, self._usual
 
-    def freed(self, e: Estimate, which: Sequence[int]) -> Estimate:
+    def freed(self, e: Estimate, which: Sequence[int], told: Sequence[int]) -> Estimate:
         """An estimate again, with free parameters `which` known by the data alone: a prior that they contradict draws
-        them to itself, and what they share their part with away from it. At the cost that it had."""
-        self._known[list(which)] = UNKNOWN
+        them to itself, and what they share their part with away from it; and `told` not held. At the cost it had."""
+        self._known[list(told)], self._known[list(which)] = 1.0, UNKNOWN
         try:
             return replace(self.estimate(self.relevelled(e.state), ROUNDS, self.whole), cost=e.cost)
         finally:
-            self._known[:] = 1.0
+            self._known[:] = self._usual
 
     def with_free(self, free: Sequence[Slopes]) -> Callable[[State], tuple[list[Slopes], Sequence[Term]]]:
         """All slopes of a state, of which the free parameters' are these."""

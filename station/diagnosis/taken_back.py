@@ -82,16 +82,17 @@ def is_named_alone(problem: Problem, free: Free) -> bool:
 
 
 def freed(problem: Problem, accepted: Estimate) -> Estimate:
-    """The same with derivatives and zeros freed from priors that the data contradict."""
+    """The same with derivatives and zeros freed from priors that the data contradict, and with what it is told with."""
 
     def made() -> Estimate:
-        if not _contradicting(problem, accepted):
+        told = [i for i, f in enumerate(problem.frees) if f.told and f.of in accepted.state.values]
+        if not (_contradicting(problem, accepted) or told):
             return accepted
         # To the end first: a search leaves its best after few steps, some of a standard deviation before.
-        e, far = problem.freed(accepted, ()), set[int]()
+        e, far = problem.freed(accepted, (), told), set[int]()
         while more := _contradicting(problem, e) - far:
             far |= more
-            e = problem.freed(accepted, sorted(far))
+            e = problem.freed(accepted, sorted(far), told)
         return e
 
     return problem.memo.get("freed", accepted, made)
