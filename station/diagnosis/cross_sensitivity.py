@@ -55,7 +55,7 @@ def crossed(problem: Problem, e: Estimate) -> Crossed | None:
         return None
     pairs = [(s, x) for s in sensors for x in signals]
     white = _whitened(problem, e, sensors, signals)
-    gained, share, told = scores(white, len(e.state.values), e.state.a)
+    gained, share, told = scores(white, len(e.state.values), e.state.a, problem.known)
     told &= np.array([s != x for s, x in pairs])
     gained = np.where(told, gained, 0.0)
     best = int(gained.argmax())

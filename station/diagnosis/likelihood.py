@@ -84,8 +84,8 @@ class Problem:
         self.ends = np.array(ends).T
         """(2, parameters) where free parameters and what is unseen end."""
         self._usual = np.array([HELD if f.told else 1.0 for f in self.frees] + [1.0] * self.unseen_sd.size)
-        self._known = self._usual.copy()
-        """Weights of the priors of free parameters and what is unseen."""
+        self.known = self._usual.copy()
+        """Information of the priors of free parameters and what is unseen."""
         self.prior = prior_levels(self.manoeuvres)
         self.stiffness = stiffness_of(self.manoeuvres, self.prior)
         self._zeros_wander = True
@@ -149,7 +149,7 @@ class Problem:
         roots: list[Complex] = []
         white: list[Complex] = []
         steady: list[Array] = []
-        q = float(a @ (self._known * a))
+        q = float(a @ (self.known * a))
         for k, (m, own, r) in enumerate(zip(self.manoeuvres, spectra, responses_, strict=True)):
             b = m.columns(r)
             root = np.asarray(np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2))), dtype=complex)
@@ -241,7 +241,7 @@ class Problem:
         """The step of all parameters, effects first; those of the aircraft that are at an end do not go beyond it."""
         effects = np.zeros(len(normal.gradient) - len(s.a))
         ends = np.concatenate([np.array([[-math.inf], [math.inf]]) + effects, self.ends], axis=1)
-        at, known = (np.concatenate([effects, x]) for x in (s.a, self._known))
+        at, known = (np.concatenate([effects, x]) for x in (s.a, self.known))
         return solution(at, normal, known, ends, damping)
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term], far: bool) -> State | None:
@@ -315,22 +315,22 @@ class Problem:
         scaled down, and the way back is long and bent."""
         self._zeros_wander = False
         if held:
-            self._known[np.isfinite(self.ends).all(0)] = self._known[len(self.frees) :] = HELD
+            self.known[np.isfinite(self.ends).all(0)] = self.known[len(self.frees) :] = HELD
         if rough:
-            self._known[[i for i, f in enumerate(self.frees) if f.name in OF_SCALE]] = HELD
+            self.known[[i for i, f in enumerate(self.frees) if f.name in OF_SCALE]] = HELD
         try:
             yield
         finally:
-            self._zeros_wander, self._known[:] = True, self._usual
+            self._zeros_wander, self.known[:] = True, self._usual
 
     def freed(self, e: Estimate, which: Sequence[int], told: Sequence[int]) -> Estimate:
         """An estimate again, with free parameters `which` known by the data alone: a prior that they contradict draws
         them to itself, and what they share their part with away from it; and `told` not held. At the cost it had."""
-        self._known[list(told)], self._known[list(which)] = 1.0, UNKNOWN
+        self.known[list(told)], self.known[list(which)] = 1.0, UNKNOWN
         try:
             return replace(self.estimate(self.relevelled(e.state), ROUNDS, self.whole), cost=e.cost)
         finally:
-            self._known[:] = self._usual
+            self.known[:] = self._usual
 
     def with_free(self, free: Sequence[Slopes]) -> Callable[[State], tuple[list[Slopes], Sequence[Term]]]:
         """All slopes of a state, of which the free parameters' are these."""

@@ -95,7 +95,7 @@ def nonlinear(problem: Problem, e: Estimate) -> Nonlinear | None:
     common -= {*STRAIGHT}
     sensors = [s for s in made[0].trim.sensors if s in common and all(s in m.record.signals for m in made)]
     asked = [(s, shape) for s in sensors for shape in SHAPES]
-    gained, share, told = scores(_whitened(problem, e, asked), len(e.state.values), e.state.a)
+    gained, share, told = scores(_whitened(problem, e, asked), len(e.state.values), e.state.a, problem.known)
     best = int(gained.argmax())
     log_p = float(chi2.logsf(gained[best], 1))
     if log_p > math.log(FALSE_ALARM / max(told.sum(), 1)):

@@ -30,13 +30,14 @@ class Scores(NamedTuple):
     """Whether it can be told from what is fitted."""
 
 
-def scores(white: tuple[Array, Array, Array], effects: int, at: Array) -> Scores:
+def scores(white: tuple[Array, Array, Array], effects: int, at: Array, known: Array) -> Scores:
     """Of whitened residuals (n,), slopes of what is fitted (p, n), and what shares of 1 would be (k, n). Fitted are
-    first `effects` without a prior, then parameters that are `at`, in standard deviations of theirs."""
+    first `effects` without a prior, then parameters that are `at`, in standard deviations, of priors of information
+    `known`."""
     residuals, fitted, shares = white
-    prior = np.concatenate([np.zeros(effects), np.ones(len(at))])
-    matrix = _WEIGHT * (fitted @ fitted.T) + np.diag(prior)
-    own = _WEIGHT * (fitted @ residuals) + prior * np.concatenate([np.zeros(effects), at])
+    none = np.zeros(effects)
+    matrix = _WEIGHT * (fitted @ fitted.T) + np.diag(np.concatenate([none, known]))
+    own = _WEIGHT * (fitted @ residuals) + np.concatenate([none, known * at])
     both = _WEIGHT * (fitted @ shares.T)
     scale = 1 / np.sqrt(np.diag(matrix) + 1e-30)
     moved = scale[:, None] * np.linalg.solve(

@@ -47,7 +47,7 @@ def screened(
     every = own_first(s, terms)
     m, n = len(s.values), len(every)
     normal = problem.normal(s, [f.after(e) for f, e in zip(free_slopes_of(about), made, strict=True)])
-    matrix, gradient = _regular(normal, s, n)
+    matrix, gradient = _regular(problem, normal, s, n)
     free = np.arange(n, len(gradient))
     inner = matrix[np.ix_(free, free)]
     solved = np.linalg.solve(inner, np.concatenate([matrix[free, :n], gradient[free, None]], axis=1))
@@ -86,7 +86,7 @@ def substitutes(
     every = own_first(s, terms)
     m, n = len(s.values), len(every)
     matrix, _ = _regular(
-        problem.normal(s, [f.after(e) for f, e in zip(free_slopes_of(about), made, strict=True)]), s, n
+        problem, problem.normal(s, [f.after(e) for f, e in zip(free_slopes_of(about), made, strict=True)]), s, n
     )
     out = []
     for i in range(m):
@@ -121,9 +121,9 @@ def free_slopes_of(e: Estimate) -> list[Slopes]:
     return without_first(e.slopes, len(e.state.values))
 
 
-def _regular(normal: Normal, s: State, effects: int) -> tuple[Array, Array]:
+def _regular(problem: Problem, normal: Normal, s: State, effects: int) -> tuple[Array, Array]:
     """Normal matrix and gradient with the priors; the noise in the slopes left in: a screening may be blunt."""
-    penalty = np.concatenate([np.zeros(effects), np.ones(len(normal.gradient) - effects)])
+    penalty = np.concatenate([np.zeros(effects), problem.known])
     gradient = normal.gradient + penalty * np.concatenate([np.zeros(effects), s.a])
     return normal.seen + np.diag(penalty) + 1e-9 * np.diag(np.diag(normal.seen)), gradient
 

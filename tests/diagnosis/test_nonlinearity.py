@@ -52,7 +52,7 @@ def test_a_score_is_what_one_more_parameter_would_gain() -> None:
     prior = np.hstack([np.zeros((len(at), effects)), np.eye(len(at))])
     rows = np.vstack([weight * fitted.T, prior])
     right = np.concatenate([weight * residuals, at])
-    gained, share, told = scores((residuals, fitted, shares), effects, at)
+    gained, share, told = scores((residuals, fitted, shares), effects, at, np.ones(len(at)))
     alone = np.linalg.lstsq(rows, right, rcond=None)[1][0]
     for k in (0, 1):
         with_it = np.hstack([rows, np.concatenate([weight * shares[k], np.zeros(len(at))])[:, None]])
