@@ -75,22 +75,21 @@ STILL: Final = Unseen()
 
 def air_data(airspeed: Array, pressure: Array, own: Array, s: Setting, noise: float = 0.0) -> tuple[Array, Array]:
     """Airspeed (..., n), m/s, and dynamic pressure, Pa, smoothed about the speed of the `own_motion`; `noise`: see
-    Unseen. Of both the same: were each smoothed by its own noise, what one loses of a gust would be in step with what
-    the other shows of it, and a gust would seem to turn the flow by less than it does."""
+    Unseen. Beyond the motion both show the same air: were each smoothed by its own noise, what one loses of a gust
+    would be in step with what the other shows of it, and a gust would seem to turn the flow by less than it does."""
     if s.air_share is None:
         return airspeed, pressure
-    shown = {"airspeed": airspeed / own, "dynamic_pressure": np.sqrt(np.maximum(pressure, 0.0)) / own}
+    speeds = {"airspeed": airspeed, "dynamic_pressure": np.sqrt(np.maximum(pressure, 0.0))}
     shares, moved, rest = s.air_share.at(s.omega / (2 * np.pi), noise), 0.0, {}
     for name, share in zip(s.air_share.sensors, shares, strict=True):
-        mean = shown[name].mean(-1, keepdims=True)
-        level = _level(shown[name] / mean, s)
+        shown = speeds[name] / own
+        mean = shown.mean(-1, keepdims=True)
+        level = _level(shown / mean, s)
         moved = moved + share * transform(level, s)
-        rest[name] = mean, shown[name] / mean - level
+        rest[name] = mean, shown / mean - level
     air = back(np.asarray(moved), s)
-    smooth = {name: own * mean * (line + air) for name, (mean, line) in rest.items()}
-    return smooth.get("airspeed", airspeed), smooth[
-        "dynamic_pressure"
-    ] ** 2 if "dynamic_pressure" in smooth else pressure
+    speeds |= {name: own * mean * (line + air) for name, (mean, line) in rest.items()}
+    return speeds["airspeed"], speeds["dynamic_pressure"] ** 2
 
 
 def own_motion(airspeed: Array, along: Array, down: Array, s: Setting) -> Array:
@@ -107,9 +106,9 @@ def _level(x: Array, s: Setting) -> Array:
 
 
 def air_share(shown: Mapping[str, Array], dt: float, alike: NoiseOf, alone: Mapping[str, NoiseOf]) -> AirShare:
-    """What is taken of each of the series (n,) `shown` beyond the motion, `dt` s apart, of the airspeed over its mean;
-    all of it below the frequencies judged. Of the slow noise that they show alike no more is assumed than the spectrum
-    shows above QUIET_HZ."""
+    """How much of each series (n,) `shown`, an airspeed over its mean and over the motion's, `dt` s apart, is taken for
+    what the air did; below the frequencies judged, all of their weighted mean. Of the slow noise that they show `alike`
+    no more is assumed than the spectrum shows above QUIET_HZ; what each shows `alone` is as given."""
     lines = {}
     for name, x in shown.items():
         f, lines[name] = _lines(x, dt)
@@ -126,8 +125,8 @@ def air_share(shown: Mapping[str, Array], dt: float, alike: NoiseOf, alone: Mapp
 
 
 def share_beyond(x: Array, dt: float, frequencies: Array, noise: Array) -> Share:
-    """The share of the spectrum of a series (n,), `dt` s apart, that is no noise, of a spectrum known at `frequencies`,
-    Hz; 1 below those judged."""
+    """The share of the spectrum of a series (n,), `dt` s apart, that is no noise; 1 below the frequencies judged.
+    `noise`: its spectrum at `frequencies`, Hz, between which it is straight."""
     f, lines = _lines(x, dt)
     known = np.interp(f, frequencies, noise)
     spectrum = known + _continued(f, smoothed(f, np.abs(lines) ** 2) - known, known)

@@ -141,9 +141,9 @@ EFFECTS: Final[tuple[Term, ...]] = (
     Term("elevator.backlash", "elevator", "rad", "deg", 0, 0.05, 1e-3,
          "There is {size} of backlash between the elevator's sensor and the surface.",
          "small and large doublets: backlash does not grow with the input", backlash("elevator"), ("lift", "moment"),
-         # How much of the noise a backlash stops depends on how the drive rests: what is found is too small, by up to
-         # some corrections.DITHER (0.1 to 2.9 of the noise stated, in six flights of the second simulation). Judged
-         # from where an interval with that tells it from none.
+         # How much of the noise a backlash stops depends on how the drive rests: in six flights of the second
+         # simulation what is found is too small by 0.1 to 2.9 of the noise stated; corrections.DITHER is 2 of it.
+         # Judged from where an interval with that tells it from none.
          least_in_noise=4.0, unsure_in_noise=2.0),
     Term("elevator.nonlinearity", "elevator", "1", "%", -0.95, 4.0, 0.1,
          "The elevator's sensor is nonlinear: at 10 deg its cubic term adds {value} to the reading.",

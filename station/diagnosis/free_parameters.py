@@ -51,7 +51,7 @@ STEP: Final = 0.3
 LEAST_SHAPE: Final = 0.1
 """Of a span's lag: more even than any loading makes it."""
 OF_SCALE: Final = ("mass", "inertia", "roll inertia", "yaw inertia", "dynamic pressure")
-"""With the derivatives of a force, what scales its series."""
+"""What scales the series of a force, together with its derivatives."""
 DAY: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
 """What is of the day, not of the aircraft: fitted to held-out manoeuvres, too."""
 _MEANS: Final = (*DAY[:-1], "phi bias", "ay bias", "p bias", "r bias", "CY_0", "Cl_0", "Cn_0")
@@ -70,9 +70,9 @@ class Free:
     """The effect that it is a constant of: it changes nothing without that."""
     read: Callable[[Aircraft], float] | None = None
     """Its value in a profile, of an effect's constants."""
-    told: bool = False
-    """Whether it is the profile's until the effect that it is a constant of is told: what makes an effect more pliable
-    is no reason to name it."""
+    held: bool = False
+    """Whether it stays the profile's until the effect that it is a constant of is told: that an effect becomes more
+    pliable by it is no reason to name the effect."""
     ends: tuple[float, float] = (-math.inf, math.inf)
     """Beyond which it changes nothing more, in standard deviations: no slope is taken across, no step goes there."""
 
@@ -197,7 +197,7 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         Free("induced drag", u.induced_drag, _induced),
         Free("thrust scale", u.thrust, gain("thrust")),
     ]
-    zero = Free("elevator zero", u.surface_zero, bias("elevator"), of=NONLINEARITY, read=_elevator_zero, told=True)
+    zero = Free("elevator zero", u.surface_zero, bias("elevator"), of=NONLINEARITY, read=_elevator_zero, held=True)
     return [f for f in (*found, *_of_separation(aircraft), zero) if f.sd > 0]
 
 

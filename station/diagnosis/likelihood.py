@@ -83,7 +83,7 @@ class Problem:
         ends = [f.ends for f in self.frees] + [(-math.inf, math.inf)] * self.unseen_sd.size
         self.ends = np.array(ends).T
         """(2, parameters) where free parameters and what is unseen end."""
-        self._usual = np.array([HELD if f.told else 1.0 for f in self.frees] + [1.0] * self.unseen_sd.size)
+        self._usual = np.array([HELD if f.held else 1.0 for f in self.frees] + [1.0] * self.unseen_sd.size)
         self.known = self._usual.copy()
         """Information of the priors of free parameters and what is unseen."""
         self.prior = prior_levels(self.manoeuvres)
@@ -323,10 +323,10 @@ class Problem:
         finally:
             self._zeros_wander, self.known[:] = True, self._usual
 
-    def freed(self, e: Estimate, which: Sequence[int], told: Sequence[int]) -> Estimate:
-        """An estimate again, with free parameters `which` known by the data alone: a prior that they contradict draws
-        them to itself, and what they share their part with away from it; and `told` not held. At the cost it had."""
-        self.known[list(told)], self.known[list(which)] = 1.0, UNKNOWN
+    def freed(self, e: Estimate, which: Sequence[int], released: Sequence[int]) -> Estimate:
+        """An estimate again, at its cost, with free parameters `which` known by the data alone: a prior that they
+        contradict draws them to itself, and from it what they share their part with. `released`: held no longer."""
+        self.known[list(released)], self.known[list(which)] = 1.0, UNKNOWN
         try:
             return replace(self.estimate(self.relevelled(e.state), ROUNDS, self.whole), cost=e.cost)
         finally:

@@ -85,7 +85,7 @@ def freed(problem: Problem, accepted: Estimate) -> Estimate:
     """The same with derivatives and zeros freed from priors that the data contradict, and with what it is told with."""
 
     def made() -> Estimate:
-        told = [i for i, f in enumerate(problem.frees) if f.told and f.of in accepted.state.values]
+        told = [i for i, f in enumerate(problem.frees) if f.held and f.of in accepted.state.values]
         if not (_contradicting(problem, accepted) or told):
             return accepted
         # To the end first: a search leaves its best after few steps, some of a standard deviation before.

@@ -36,7 +36,8 @@ class Uncertainty(Frozen):
     are to be within 3 % of the full range (14 CFR 91 appendix E, pitch control position), evenly spread 1.7 %."""
 
     surface_zero: Radians = math.radians(0.3)
-    """Of its zero: rigged to half a degree, evenly spread. It moves trims alone, and what a nonlinear sensor shows."""
+    """Of the zero of what measures a surface: rigged to half a degree, evenly spread. It moves trims alone, and what a
+    nonlinear sensor shows."""
 
     tail_lift_slope: float = Field(default=0.2, ge=0)
     """Of the tail's lift slope."""

@@ -35,7 +35,7 @@ def test_the_noise_of_a_drive_at_rest_is_no_backlash() -> None:
 def test_backlash_is_found_behind_a_drive_that_rests_and_one_that_does_not(seed: int, index: int) -> None:
     """Under feedback, and moved by a pilot. The sensor's noise is stated as half of what it is, and what the drive's
     noise takes from the backlash is not known: at a tenth of the noise 8 % too little is found without dither, 14 %
-    with 0.7 mrad of it. Its 95 % interval holds it for that is told with it."""
+    with 0.7 mrad of it. The error that is told counts that: its 95 % interval holds the true one."""
     problem, flights = fitted(seed, index)
     e = searched(problem, [BACKLASH]).accepted
     off = e.state.values[BACKLASH.id] - flights[0].answers["hidden"][BACKLASH.id]
