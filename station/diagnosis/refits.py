@@ -59,7 +59,7 @@ class Refits:
     def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
         """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
         key = frozenset(ids)
-        before = self.done.get(key) if ids else self.null
+        before = self._before(key)
         if before is not None and not again:
             return before
         p = self.problem
@@ -97,14 +97,20 @@ class Refits:
         return p.beside(fewer.state, there, fewer.state.a)
 
     def _better(self, found: Estimate) -> Estimate:
-        """Of a candidate and the same one fitted before."""
+        """Of a candidate, or of none, and the same one fitted before."""
         key = frozenset(found.state.ids)
-        before = self.done.get(key) if key else self.null
+        before = self._before(key)
         if before is None or found.cost <= before.cost:
             before = found
         if key:
             self.done[key] = before
+        else:
+            self.null = before
         return before
+
+    def _before(self, ids: frozenset[str]) -> Estimate | None:
+        """A candidate as it was fitted before."""
+        return self.done.get(ids) if ids else self.null
 
     def without(self, name: str, whole: Estimate) -> Estimate:
         """A candidate fitted without one of its effects, and without those that are nothing then."""
@@ -216,7 +222,7 @@ class Refits:
         if len(left) == len(found.state.ids):
             return found
         # The others are themselves a candidate, begun elsewhere: what kept it in a minimum of its own may be gone.
-        before = self.done.get(frozenset(left))
+        before = self._before(frozenset(left))
         if before is not None and math.isfinite(before.cost) and found.cost < before.cost - CONFOUNDED:
             self._beside(found, left, before.cost)
         return replace(found, cost=math.inf)

@@ -169,8 +169,6 @@ def _settled(problem: Problem, refits: Refits, accepted: Estimate, progress: Cal
         weakest, least = "", math.inf
         for name in whole.state.ids:
             fewer = refits.without(name, whole)
-            if not fewer.state.values and fewer.cost < refits.null.cost:
-                refits.null = fewer
             beyond = fewer.cost - whole.cost - _asked(refits.null, fewer)
             if beyond < least:
                 weakest, least = name, beyond

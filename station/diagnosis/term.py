@@ -92,8 +92,8 @@ class Term:
 
     def at_end(self, value: float) -> bool:
         """Whether it is at an end of what is physical, and would go on: something else then is the matter. That nothing
-        of a thing is left (-100 %) is no such end."""
-        return value >= self.high or (value <= self.low and self.low != -1.0)
+        of a thing is left (-100 %), or that the effect is not there, is no such end."""
+        return value >= self.high or (value <= self.low and self.low not in (-1.0, self.null))
 
     @property
     def tried(self) -> tuple[Term, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,6 +18,7 @@ from station.diagnosis.free_parameters import free_parameters
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
+from station.diagnosis.refits import CONFOUNDED, Refits
 from station.diagnosis.term import Term
 
 
@@ -217,3 +219,18 @@ def test_shares_stay_the_profile_s_until_the_rest_is_near(
     assert cost[~held].max() < 0.3 * cost[0]
     assert most[held].max() > 1
     assert not held[-1]
+
+
+def test_an_effect_that_turns_out_not_to_be_there_frees_a_fit_that_was_stuck(sound: tuple[Problem, Estimate]) -> None:
+    """A boom that bends by nothing was said to explain more than what is found, at an end of what is physical: the fit
+    without it had stopped in a minimum of its own."""
+    problem, null = sound
+    off = problem.relevelled(problem.state({}, null.state.a + 0.3 * (problem.known <= 1.0)))
+    stuck = replace(null, state=off, cost=problem.cost(off))
+    assert stuck.cost > null.cost + CONFOUNDED
+    stiff = problem.relevelled(problem.state({"boom.mode": 0.0}, null.state.a, null.state.levels))
+    refits = Refits(problem, stuck, {"boom.mode": 1e-4})
+    judged = refits._judged(problem.estimate(stiff, 4, problem.whole))
+    assert not math.isfinite(judged.cost)
+    assert refits.null.cost < null.cost + 1.0
+    assert not refits.beyond(stuck)
