@@ -32,7 +32,7 @@ from station.diagnosis.model_error import with_model_error
 from station.diagnosis.refits import ASKED
 from station.diagnosis.residuals import VANE
 from station.diagnosis.search import Found, is_told, rivals_of_constant
-from station.diagnosis.taken_back import freed, is_named_alone, less, told_from_error
+from station.diagnosis.taken_back import freed, is_named_alone, less, outdone, told_from_error
 from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1
@@ -145,7 +145,7 @@ def _diagnosed(
     problem = Problem(made, aircraft)
     present = set.intersection(*(set(r.signals) for r in fitted))
     terms = judged_effects(aircraft, present, True, any(len(r.held) for r in fitted), axis.lateral)
-    found = searched(problem, terms if judged else (), progress)
+    found, doubted = outdone(searched(problem, terms if judged else (), progress), problem)
     progress("residual test")
     remaining = judge.remaining_residual(problem, found.accepted, found.beyond)
     if not judged:
@@ -182,6 +182,7 @@ def _diagnosed(
         remarks.append("longitudinal motion is not judged: the elevator did not move")
     taken_back = {"noise of its sensor explains as much": found.of_noise}
     taken_back["it may be no more than what the model misses"] = lost
+    taken_back |= {f"{small}, which is too small to be judged, explains more": names for small, names in doubted}
     remarks += [f"not named, for {why}: {', '.join(names)}" for why, names in taken_back.items() if names]
     if not_named:
         names = ", ".join(f"{e.term.id} {e.shown(e.value)}" for e in not_named)

@@ -55,6 +55,7 @@ class Refits:
         self._from_profile: set[frozenset[str]] = set()
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
+        self._too_small: dict[frozenset[str], Estimate] = {}
 
     def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
         """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
@@ -214,6 +215,11 @@ class Refits:
             if accepted.cost - cost > CONFOUNDED + ASKED * max(more - size, 0)
         )
 
+    def too_small(self, cost: float) -> tuple[Estimate, ...]:
+        """Candidates with effects of a size that is not judged, which cost less than this as they are, the best
+        first."""
+        return tuple(sorted((e for e in self._too_small.values() if e.cost < cost), key=lambda e: e.cost))
+
     def _judged(self, found: Estimate) -> Estimate:
         for i, value in found.state.values.items():
             if BY_ID[i].at_end(value) and found.cost < self._at_end.get(i, (math.inf,))[0]:
@@ -225,6 +231,9 @@ class Refits:
         before = self._before(frozenset(left))
         if before is not None and math.isfinite(before.cost) and found.cost < before.cost - CONFOUNDED:
             self._beside(found, left, before.cost)
+        key = frozenset(found.state.ids)
+        if all(self._is_small(BY_ID[i], found.state) for i in key.difference(left)):
+            self._too_small[key] = min(found, self._too_small.get(key, found), key=lambda e: e.cost)
         return replace(found, cost=math.inf)
 
     def _is_nothing(self, t: Term, s: State) -> bool:

@@ -55,6 +55,8 @@ class Found:
     beyond: tuple[tuple[str, float], ...] = ()
     """Effects, and the end of their range there, that explain clearly more than what is accepted, but only beyond what
     is physical."""
+    too_small: tuple[Estimate, ...] = ()
+    """Candidates that explain more than what is accepted, with effects of a size that is not judged; the best first."""
     of_noise: tuple[str, ...] = ()
     """Effects that explain no more than noise of their sensor does."""
 
@@ -79,7 +81,8 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     beyond = refits.beyond(accepted)
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
-    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes, tuple(terms), beyond)
+    small = refits.too_small(accepted.cost - CONFOUNDED)
+    return Found(refits.null, accepted, alternatives, tuple(singles), refits.done, slopes, tuple(terms), beyond, small)
 
 
 def _one_and_two(

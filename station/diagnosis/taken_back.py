@@ -15,7 +15,7 @@ from station.diagnosis.free_parameters import BEYOND, Free
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import ROUNDS, Problem
 from station.diagnosis.model_error import with_model_error
-from station.diagnosis.refits import ASKED
+from station.diagnosis.refits import ASKED, CONFOUNDED
 from station.diagnosis.screening import LEAST_SHARE, whole_changes
 from station.diagnosis.search import Found, is_told
 from station.numerics.random_effects import NORMAL_95
@@ -32,6 +32,27 @@ def told_from_error(found: Found, problem: Problem, remaining: RemainingResidual
     left = less(found, problem, (*lost, *(x.effect for x in remaining.inhomogeneous)))
     told = still_told(left, problem)
     return told, (*lost, *(i for i in left.accepted.state.ids if i not in told.accepted.state.values))
+
+
+def outdone(found: Found, problem: Problem) -> tuple[Found, list[tuple[str, tuple[str, ...]]]]:
+    """The outcome without effects that gain less than is asked of them beside another, which explains more in their
+    place, though it is too small to be judged; and which that is, with theirs. Neither is a finding then: as small,
+    anything may be what a model misses, and so may what acts as that does."""
+    doubted = []
+    for e in found.too_small:
+        here = found.accepted.state
+        own, others = ([i for i in s.ids if i not in t.ids] for s, t in ((here, e.state), (e.state, here)))
+        if not (own and others) or e.cost > found.accepted.cost - CONFOUNDED:
+            continue
+        try:
+            both = problem.beside(here, {**e.state.values, **here.values}, here.a)
+            whole, small = (problem.estimate(problem.relevelled(s), ROUNDS, problem.whole) for s in (both, e.state))
+        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
+            continue
+        if small.cost - whole.cost < ASKED * len(own):
+            doubted.append((others[0], tuple(own)))
+            found = less(found, problem, own)
+    return found, doubted
 
 
 def drowned(e: Estimate, problem: Problem, remaining: RemainingResidual) -> tuple[str, ...]:

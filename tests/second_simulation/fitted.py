@@ -11,11 +11,13 @@ from station.profile import load_aircraft
 from tests.second_simulation.flights import QUIET, Flown, diagnose_cases, flown
 
 
-def fitted(seed: int, index: int, hidden: bool = True, noise: float = 1.0) -> tuple[Problem, list[Flown]]:
-    """Two manoeuvres of a case, with what it hides and so many times its noise, about the shipped profile, which is not
-    that aircraft's."""
+def fitted(
+    seed: int, index: int, hidden: bool = True, noise: float = 1.0, names: tuple[str, ...] | None = None
+) -> tuple[Problem, list[Flown]]:
+    """Two manoeuvres of a case, with what it hides, or with `names`, and so many times its noise, about the shipped
+    profile, which is not that aircraft's."""
     profile, made, flights = load_aircraft("twin_otter"), [], []
-    for case in diagnose_cases(seed, index)[:2]:
+    for case in diagnose_cases(seed, index, names)[:2]:
         flight = flown(replace(case, hidden=case.hidden if hidden else {}, noise=noise * case.noise))
         (record,) = manoeuvres(case.name, flight.time, flight.shown, profile, [(QUIET, QUIET + case.seconds)])
         made.append(manoeuvre(record, profile))
