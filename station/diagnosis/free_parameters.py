@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -35,6 +35,7 @@ PRIOR_SHARE: Final = 0.10
 
 SEPARATION: Final = "aero.separation"
 NONLINEARITY: Final = "elevator.nonlinearity"
+SPEED_TERMS: Final = "aero.speed_terms"
 BEYOND: Final = 3.0
 """Prior standard deviations from which a derivative, or a zero, is itself named: no handbook is that wrong."""
 OF_ZERO: Final = {"q bias": "q.bias"}
@@ -198,11 +199,18 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
         Free("thrust scale", u.thrust, gain("thrust")),
     ]
     zero = Free("elevator zero", u.surface_zero, bias("elevator"), of=NONLINEARITY, read=_elevator_zero, held=True)
-    return [f for f in (*found, *_of_separation(aircraft), zero) if f.sd > 0]
+    return [f for f in (*found, *_of_separation(aircraft), _of_speed(aircraft), zero) if f.sd > 0]
 
 
 def _elevator_zero(a: Aircraft) -> float:
     return a.instruments["elevator"].bias
+
+
+def _of_speed(aircraft: Aircraft) -> Free:
+    """What gusts change of what depends on the speed, by the profile, or where nothing does, of what is found."""
+    there = any(aircraft.value(name) for name in ("CL_V", "Cm_V", "CD_V"))
+    made = _within("speed gusts", "speed_gusts", aircraft.uncertainty.speed_gusts, aircraft, 0.0, 1.0)
+    return replace(made, of="" if there else SPEED_TERMS, read=lambda a: a.unsteady.speed_gusts)
 
 
 def _of_separation(aircraft: Aircraft) -> list[Free]:

@@ -53,9 +53,9 @@ THETA, DOWN, NORTH, VANE, LIFT, MOMENT, DRAG = range(7)
 GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
 SPEED_SPANS: Final = (10.0, 5.0)
-"""Wavelengths of the speed that lift and moment depend on, in spans: as long as the first are passed, as short as the
-second stopped. Of shorter gusts the pitot shows one point: the wing meets their mean over the span, and what the two
-differ by, made a coefficient with the pitot's pressure, would be found as a dependence on speed."""
+"""Wavelengths of the speed that lift and moment depend on, in spans: as long as the first are passed, of those as short
+as the second Unsteady.speed_gusts. Of shorter gusts the pitot shows one point: the wing meets their mean over the span,
+and what the two differ by, made a coefficient with the pitot's pressure, would be found as a dependence on speed."""
 
 
 class _Path(NamedTuple):
@@ -298,6 +298,7 @@ def _forces(x: Mapping[str, Array], motion: Motion, flow: _Flow, aircraft: Aircr
     if any(some(value(name)) for name in ("CL_V", "Cm_V", "CD_V")):
         spans = motion.mean_speed / aircraft.geometry.span
         passing = passed(s.omega, (spans / SPEED_SPANS[0], spans / SPEED_SPANS[1]))
+        passing = passing + unsteady.speed_gusts * (1 - passing)
         faster = back(transform(v, s) * passing, s) / reference
     cl_model = value("CL_0") + value("CL_V") * faster + value("CL_de") * de
     cm_model = value("Cm_0") + value("Cm_V") * faster + value("Cm_de") * de

@@ -51,6 +51,7 @@ SHARES = {
     "gust speed": ("gust_speed", 1.0),
     "tail speed": ("tail_speed", 2.0),
     "convection": ("convection", 1.0),
+    "speed gusts": ("speed_gusts", 1.0),
 }
 """Where each ends by what it means; below, all at none."""
 

@@ -115,7 +115,7 @@ def message(tmp_path, load, text):
                 f"memory = true\n{share} = -0.5",
                 f"unsteady.{share}: input should be greater than or equal",
             )
-            for share in ("turned_at_once", "gust_speed", "tail_speed", "convection")
+            for share in ("turned_at_once", "gust_speed", "tail_speed", "speed_gusts", "convection")
         ),
         ("[geometry]", "[geometry", "not valid TOML"),
         ('name = "twin_otter"', "name = 3", "name"),

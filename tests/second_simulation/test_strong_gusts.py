@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from station.diagnosis.effects import BY_ID
+from station.diagnosis.likelihood import ROUNDS
 from station.diagnosis.refits import ASKED, Refits
 from station.diagnosis.screening import screened
 from tests.second_simulation.fitted import fitted
@@ -42,6 +43,20 @@ def test_an_effect_that_multiplies_a_constant_which_took_its_place_is_followed_a
     hidden, sd = flights[0].answers["hidden"]["gust.lead"], math.sqrt(found.solved.covariance[0, 0])
     assert found.state.values["gust.lead"] == pytest.approx(hidden, abs=3 * sd)
     assert null.cost - found.cost > 3 * ASKED
+
+
+def test_lift_that_follows_the_speed_itself_follows_it_in_gusts_too() -> None:
+    """By -0.62 times V/V0 - 1, in this program at once, and along the whole span. Taken to follow slow changes alone,
+    it left 2.2 % of lift unexplained, for which a boom that bends was named."""
+    problem, flights = fitted(11, 14)
+    hidden = flights[0].answers["hidden"]["aero.speed_terms"]
+    found = problem.from_profile({"aero.speed_terms": -0.5})
+    sd = math.sqrt(found.solved.covariance[0, 0])
+    assert found.state.values["aero.speed_terms"] == pytest.approx(hidden, abs=2 * sd)
+    assert problem.aircraft_at({}, found.state.a).unsteady.speed_gusts > 0.9
+    assert dict(zip(problem.axis.missed, np.sqrt(found.state.levels.missed), strict=True))["lift"] < 0.012
+    bent = problem.beside(found.state, {**found.state.values, "boom.flexure": 1e-5}, found.state.a)
+    assert found.cost - problem.estimate(problem.relevelled(bent), ROUNDS, problem.whole).cost < ASKED
 
 
 def test_gusts_that_change_the_airspeed_are_not_taken_for_lift_that_bends() -> None:
