@@ -17,7 +17,7 @@ from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.residuals import SERIES
 from station.profile import Aircraft, load_aircraft
-from station.profile.profile_changes import Extend, derivative, inertia, sensor_lag, speed_lift
+from station.profile.profile_changes import Extend, derivative, inertia, sensor_lag, speed_lift, unsteady
 
 G, SPEED, PITCH, DENSITY = 9.80665, 55.0, 0.07, 1.0
 PRESSURE = 0.5 * DENSITY * SPEED**2
@@ -145,17 +145,18 @@ def test_lift_and_moment(navion: tuple[Aircraft, Shown]) -> None:
     close(of("moment", "theta"), 0.0, abs(d["Cm_alpha"]))
 
 
-def test_lift_depends_on_the_speed_of_gusts_that_the_span_meets_whole(tmp_path: Path) -> None:
-    """At wavelengths of ten spans and more it does, at less than five it is left to the pressure: about, for responses
-    are straight between lines 0.1 Hz apart."""
-    subject = speed_lift(aircraft(tmp_path), 0.4)
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_lift_depends_on_the_speed_of_gusts_that_the_span_meets_whole(tmp_path: Path, share: float) -> None:
+    """At wavelengths of ten spans and more it does, at less than five by a share, the rest is left to the pressure:
+    about, for responses are straight between lines 0.1 Hz apart."""
+    subject = unsteady("speed_gusts")(speed_lift(aircraft(tmp_path), 0.4), share - 0.5)
     of = shown(subject)
     spans = 2 * np.pi * SPEED / of.jw.imag / subject.geometry.span
     assert (spans > 11).any()
     assert (spans < 4.5).any()
     lift = (subject.inertia.mass * G - 1500.0 * math.sin(PITCH)) / (PRESSURE * subject.geometry.wing_area)
     close(of("lift", "pitot")[spans > 11], -(2 * lift + 0.4) / SPEED, 0.0)
-    close(of("lift", "pitot")[spans < 4.5], -2 * lift / SPEED, 0.0)
+    close(of("lift", "pitot")[spans < 4.5], -(2 * lift + share * 0.4) / SPEED, 0.0)
 
 
 def test_air_data_without_gusts_are_what_the_accelerations_say(navion: tuple[Aircraft, Shown]) -> None:
