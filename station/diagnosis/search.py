@@ -14,6 +14,7 @@ from station.diagnosis.candidate import Estimate, Slopes
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import ROUNDS, Problem
+from station.diagnosis.null_fit import without_effects
 from station.diagnosis.refits import ASKED, CONFOUNDED, MORE, SINGLES, Refits
 from station.diagnosis.screening import hopeful, least_judged, own_first, screened, substitutes
 from station.diagnosis.term import Term
@@ -68,7 +69,7 @@ class Found:
 def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], None] = lambda _: None) -> Found:
     """Names of the effects that the records ask for, or none."""
     progress("fitting the aircraft")
-    null = problem.null()
+    null = without_effects(problem)
     progress(f"screening {len(terms)} effects")
     terms = [x for t in terms for x in t.tried]
     slopes = problem.effect_slopes(null.state, terms)
