@@ -56,6 +56,7 @@ class Refits:
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
         self._too_small: dict[frozenset[str], Estimate] = {}
+        """At their best, those that are refused for nothing but an effect of a size that is not judged."""
 
     def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
         """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
