@@ -40,6 +40,8 @@ SMALLEST: Final = 2e-6
 1e-6 to 3e-6 the modes stay."""
 PULSE: Final = 0.01 * DEG
 """So small that the flight is linear to SMALLEST."""
+SLOWEST: Final = 2 * math.pi / SECONDS
+"""rad/s: of what takes longer than the flight lasts no period is seen, and a pole there may be anything that drifts."""
 LAGS: Final = 5
 """Of the actuator, after which the pulse is over."""
 
@@ -80,7 +82,7 @@ def free_flight(aircraft: Drawn, hidden: Hidden) -> dict[str, tuple[float, float
     at = {"q": 0.0, "alpha": steady.alpha, "theta": steady.alpha, "airspeed": aircraft.speed}
     shown = np.stack([(flown[name][begin::EVERY] - at[name]) * unit for name, unit in units.items()])
     found = poles(shown, EVERY * DT)
-    return {"short_period": pair(found, 0.8, 12.0), "phugoid": pair(found, 0.03, 0.6)}
+    return {"short_period": pair(found, 0.8, 12.0), "phugoid": pair(found, SLOWEST, 0.6)}
 
 
 def pull_up(aircraft: Drawn, hidden: Hidden) -> tuple[float, float]:
