@@ -54,8 +54,9 @@ GUST_PASS_HZ: Final = (4.0, 6.0)
 """The gust from the vane is passed up to the first and stopped from the second."""
 SPEED_SPANS: Final = (10.0, 5.0)
 """Wavelengths of the speed that lift and moment depend on, in spans: as long as the first are passed, of those as short
-as the second Unsteady.speed_gusts. Of shorter gusts the pitot shows one point: the wing meets their mean over the span,
-and what the two differ by, made a coefficient with the pitot's pressure, would be found as a dependence on speed."""
+as the second the share Unsteady.speed_gusts. Of shorter gusts the pitot shows one point: the wing meets their mean over
+the span, and what the two differ by, made a coefficient with the pitot's pressure, would be found as a dependence on
+speed."""
 
 
 class _Path(NamedTuple):

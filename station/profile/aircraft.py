@@ -198,8 +198,8 @@ class Unsteady(Frozen):
     """How the tail's lift in gusts follows the speed of the air there in place of that at the CG: 2 with the square of
     it over the other, as a surface alone in that air would; 0 not at all. Of diagnosis."""
     speed_gusts: float = Field(default=0.5, ge=0, le=1)
-    """Share of the airspeed's changes by short gusts that what depends on the speed itself follows (`CL_V`, `Cm_V`,
-    `CD_V`): 0 where a span meets no gust that is shorter than five of it whole, 1 where it does. Of diagnosis."""
+    """How much of the airspeed's changes in short gusts `CL_V`, `Cm_V` and `CD_V` follow: 0 none of gusts that are
+    shorter than five spans, for a span meets but their mean; 1 all of them. Of diagnosis."""
     gust_turning: float = 0.375
     """How much air turns about the vertical where a side gust changes along the path, rad/s over its rate of change
     in sideslip: 3/8 in isotropic turbulence, by continuity, 0 of gusts that are the same along the span. Of

@@ -66,7 +66,7 @@ class Uncertainty(Frozen):
     tail_speed: float = Field(default=0.7, ge=0)
     """Of how the tail's lift follows the speed of the air there, absolute: the wing's wake is slower."""
     speed_gusts: float = Field(default=0.5, ge=0)
-    """Of the share of short gusts that dependence on the speed itself follows, absolute."""
+    """Of how `CL_V`, `Cm_V` and `CD_V` follow short gusts (`speed_gusts`), absolute."""
     tail_span_lag: float = Field(default=0.5, ge=0)
     """Of the share of that lag, one half, with which the tail follows."""
     sidewash: float = Field(default=0.1, ge=0)
