@@ -1,5 +1,6 @@
 """Property tests find the same cases every time, and a slow machine is not a failure; the command line as a fixture."""
 
+import os
 import sys
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import settings
 
 from station.__main__ import main
 
+os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # there are as many tests at once as processors
 settings.register_profile("station", deadline=None, derandomize=True)
 settings.load_profile("station")
 

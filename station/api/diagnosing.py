@@ -15,6 +15,7 @@ from station.api.words_as_html import Picture, heading, lines
 from station.convert.jsbsim_aircraft import SUFFIX, write_jsbsim
 from station.diagnosis.checks import Checked, checked
 from station.diagnosis.diagnosis_result import Gain, Result, summary
+from station.diagnosis.side_by_side import meanwhile
 from station.identification.instrument_table import InstrumentTable, of_recording
 from station.identification.instrument_table import as_json as lags_json
 from station.log import Table, metadata, points, table, verdict
@@ -197,15 +198,15 @@ def diagnose(
     reader.shutdown(wait=False)
     fitted = [_checked(path, flown[path], subject) for path in fitting]
     kept = [_checked(path, flown[path], subject) for path in holding]
-    tables = {x.name: of_recording(x.table, subject, x.imu_position, x.noise) for x, _ in fitted}
+    tables = meanwhile(of_recording, [(x.table, subject, x.imu_position, x.noise) for x, _ in fitted])
     names = tuple(path.name for path in fitting)
     lacking = why_not_flown(subject)
     if lacking or not all("elevator" in x.columns for x in flown.values()):
         progress(f"{lacking or 'a record has no elevator'}: the kinematic part only")
         made = _kinematics(fitted, kept, subject)
-        return Diagnosed(made, tables, complete.result(), names, None, made)
+        return Diagnosed(made, dict(zip(names, tables(), strict=True)), complete.result(), names, None, made)
     whole = _simulated(fitted, kept, subject, progress)
-    return Diagnosed(whole.found, tables, complete.result(), names, whole, None)
+    return Diagnosed(whole.found, dict(zip(names, tables(), strict=True)), complete.result(), names, whole, None)
 
 
 def _paths(logs: Log | Sequence[Log]) -> list[Path]:

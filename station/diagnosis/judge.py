@@ -24,6 +24,7 @@ from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.nonlinearity import Nonlinear, nonlinear
 from station.diagnosis.refits import ASKED
 from station.diagnosis.search import Found
+from station.diagnosis.side_by_side import each
 from station.diagnosis.variances import INDEPENDENT, Levels
 from station.numerics.random_effects import NORMAL_95
 from station.profile import Aircraft
@@ -182,7 +183,7 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
     of the day and are fitted to either; the noise is that of the better one."""
     if not held_out:
         return None
-    states = [_settled(craft, held_out) for craft in (before, after)]
+    states = list(each(_settled, [(craft, held_out) for craft in (before, after)]))
     _, best = min(states, key=lambda x: x[0].cost(x[1]))
     one, other = (own.state(s.values, s.a, best.levels, best.flown).white for own, s in states)
     reduction, sd = lowered(one, other)

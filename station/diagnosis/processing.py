@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import fft, signal
+from scipy import fft
 
 from station.numerics.lagrange import quintic
 
@@ -300,8 +300,10 @@ def sinking_line(altitude: Array, down: Array, s: Setting) -> Array:
 
 
 def without_line(x: Array) -> Array:
-    out: Array = signal.detrend(x, axis=-1)
-    return out
+    """Series (..., n) without their mean and their straight line, by least squares."""
+    t = np.linspace(-1.0, 1.0, x.shape[-1])
+    apart = x - x.mean(-1, keepdims=True)
+    return np.asarray(apart - (apart @ t / (t @ t))[..., None] * t)
 
 
 OWN_SPEED_HZ: Final = (0.03, 0.08)

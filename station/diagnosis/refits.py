@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from station.diagnosis.candidate import Estimate, State
+from station.diagnosis.candidate import Estimate, Slopes, State
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import ROUNDS, Problem
 from station.diagnosis.screening import (
@@ -23,6 +23,7 @@ from station.diagnosis.screening import (
     screened,
     whole_changes,
 )
+from station.diagnosis.side_by_side import each
 from station.diagnosis.term import Term
 
 Array = NDArray[np.float64]
@@ -37,6 +38,8 @@ MORE: Final = 3
 """Candidates that the linear model puts first, of one effect and of more: the true one is rarely further down."""
 LEADING: Final = 2
 """Of these, fitted to the end: a few steps from the profile promise the true one most, or all but one."""
+AT_ONCE: Final = 2
+"""Candidates refitted side by side, on any number of processors: what those before cost tells when others are left."""
 REFITS: Final = 4
 """Steps of a candidate with the free parameters' slopes of none."""
 
@@ -58,26 +61,28 @@ class Refits:
         self._too_small: dict[frozenset[str], Estimate] = {}
         """At their best, those that are refused for nothing but an effect of a size that is not judged."""
 
-    def add(self, ids: Sequence[str], values: Mapping[str, float], a: Array, again: bool = False) -> Estimate:
-        """A candidate from a start; `again`: even if it was refitted before, and the better of both."""
-        key = frozenset(ids)
-        before = self._before(key)
-        if before is not None and not again:
-            return before
-        p = self.problem
-        terms = [BY_ID[i] for i in ids]
-        start = _physical({i: values[i] for i in ids})
-        self._begun[key] = start, a
+    def add(self, starts: Iterable[tuple[Sequence[str], Mapping[str, float], Array]], again: bool = False) -> None:
+        """Candidates, of effects that begin at values beside free parameters; `again`: even those refitted before, and
+        the better of both."""
+        starts = [s for s in starts if again or self._before(frozenset(s[0])) is None]
+        for k in range(0, len(starts), AT_ONCE):
+            self._add(starts[k : k + AT_ONCE], again)
 
-        # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
-        rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
-        beaten = min(rivals, default=math.inf) + CONFOUNDED
-        here = self._start(terms, start, a)
-        if here is None:
-            if before is None:
-                before = self.done[key] = replace(self.null, cost=math.inf)
-            return before
-        return self._better(self._judged(p.estimate(here, REFITS, p.with_free(self.null.slopes), beaten=beaten)))
+    def _add(self, starts: Sequence[tuple[Sequence[str], Mapping[str, float], Array]], again: bool) -> None:
+        p, calls = self.problem, []
+        for ids, values, a in starts:
+            key = frozenset(ids)
+            start = _physical({i: values[i] for i in ids})
+            self._begun[key] = start, a
+            # A candidate that can be neither the best of its size nor a rival need not be fitted to the end.
+            rivals = [] if again else [e.cost for e in self.of_size(len(ids))]
+            here = self._start([BY_ID[i] for i in ids], start, a)
+            if here is not None:
+                calls.append((p, here, self.null.slopes, min(rivals, default=math.inf) + CONFOUNDED))
+            elif key not in self.done:
+                self.done[key] = replace(self.null, cost=math.inf)
+        for found in each(_refitted, calls):
+            self._better(self._judged(found))
 
     def _start(self, terms: Sequence[Term], values: Mapping[str, float], a: Array) -> State | None:
         """The linear model's state; or where that is worse than the best with fewer of the effects, that, from which
@@ -118,7 +123,8 @@ class Refits:
         """A candidate fitted without one of its effects, and without those that are nothing then."""
         left = tuple(i for i in whole.state.ids if i != name)
         while True:
-            fewer = self.add(left, dict(whole.state.values), whole.state.a, again=True)
+            self.add([(left, whole.state.values, whole.state.a)], again=True)
+            fewer = self._before(frozenset(left)) or self.null
             fewer = min(fewer, self._beside(whole, left, fewer.cost), key=lambda e: e.cost)
             if math.isfinite(fewer.cost):
                 return fewer
@@ -152,22 +158,22 @@ class Refits:
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
 
-    def fit_to_the_end(self, e: Estimate) -> None:
-        """A candidate again from where it is, all slopes made anew, but once."""
-        key = frozenset(e.state.ids)
-        if self._ended.get(key) is not e:
-            self.done[key] = self._ended[key] = self._judged(self.problem.estimate(e.state, ROUNDS, self.problem.whole))
+    def fit_to_the_end(self, some: Sequence[Estimate]) -> None:
+        """Candidates again from where they are, all slopes made anew, but once."""
+        states = [e.state for e in some if self._ended.get(frozenset(e.state.ids)) is not e]
+        for found in each(_to_the_end, [(self.problem, s) for s in states]):
+            key = frozenset(found.state.ids)
+            self.done[key] = self._ended[key] = self._judged(found)
 
-    def fit_from_profile(self, values: Mapping[str, float], on_the_way: State | None = None) -> None:
+    def fit_from_profile(self, values: Mapping[str, float]) -> None:
         """A candidate fitted from the profile on, in place of the one there if it is better. To the end: on the way
         there the truth too promises less than constants that have taken its place."""
-        key = frozenset(values)
-        self._from_profile.add(key)
-        try:
-            found = self._judged(self.problem.from_profile(_physical(values), on_the_way))
-        except np.linalg.LinAlgError:  # so far off that its noise cannot be told
-            return
-        self._better(found)
+        self._take_from_profile(values, _from_profile(self.problem, values))
+
+    def _take_from_profile(self, ids: Iterable[str], found: Estimate | None) -> None:
+        self._from_profile.add(frozenset(ids))
+        if found is not None:
+            self._better(self._judged(found))
 
     def begin_at_profile(self, about: Estimate, terms: Sequence[Term], starts: Mapping[int, Sequence[Start]]) -> None:
         """Further effects on top of an estimate, begun where its constants are still the profile's: constants that have
@@ -183,17 +189,17 @@ class Refits:
         own, free = screened(p, there, terms, made)[1], free_slopes_of(there)
         for size, first, here in ((1, SINGLES, hopeful(own[1], MORE)), (2, MORE, own[2][:1])):
             tried: dict[frozenset[str], Estimate] = {}
-            for _, ids, values, _ in (*starts[size][:first], *here):
-                try:
-                    e = p.few_steps(_physical(values), free, REFITS)
-                except np.linalg.LinAlgError:  # so far off that its noise cannot be told
-                    continue
+            steps = [(p, _physical(values), free) for _, _, values, _ in (*starts[size][:first], *here)]
+            for e in each(_few_steps, steps):
                 # An end that a few steps reach, more may leave.
-                if not any(self._is_small(BY_ID[i], e.state) for i in ids):
-                    tried[frozenset(ids)] = min(e, tried.get(frozenset(ids), e), key=_promised)
-            for e in sorted(tried.values(), key=_promised)[:LEADING]:
+                if e is not None and not any(self._is_small(BY_ID[i], e.state) for i in e.state.ids):
+                    ids = frozenset(e.state.ids)
+                    tried[ids] = min(e, tried.get(ids, e), key=_promised)
+            leading = sorted(tried.values(), key=_promised)[:LEADING]
+            fits = each(_from_profile, [(p, e.state.values, e.state) for e in leading if not self.was_from_profile(e)])
+            for e in leading:
                 if not self.was_from_profile(e):
-                    self.fit_from_profile(e.state.values, e.state)
+                    self._take_from_profile(e.state.ids, next(fits))
                 if self.at_ease(size + len(about.state.values), about.cost):
                     return
 
@@ -249,6 +255,30 @@ class Refits:
     def of_size(self, size: int) -> list[Estimate]:
         found = [e for ids, e in self.done.items() if len(ids) == size and math.isfinite(e.cost)]
         return sorted(found, key=lambda e: (e.cost, e.state.ids))
+
+
+def _refitted(p: Problem, here: State, free: Sequence[Slopes], beaten: float) -> Estimate:
+    return p.estimate(here, REFITS, p.with_free(free), beaten=beaten)
+
+
+def _to_the_end(p: Problem, here: State) -> Estimate:
+    return p.estimate(here, ROUNDS, p.whole)
+
+
+def _few_steps(p: Problem, values: Mapping[str, float], free: Sequence[Slopes]) -> Estimate | None:
+    """None where it is so far off that its noise cannot be told."""
+    try:
+        return p.few_steps(values, free, REFITS)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _from_profile(p: Problem, values: Mapping[str, float], on_the_way: State | None = None) -> Estimate | None:
+    """None where it is so far off that its noise cannot be told."""
+    try:
+        return p.from_profile(_physical(values), on_the_way)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _promised(e: Estimate) -> float:

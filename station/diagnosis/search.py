@@ -96,16 +96,14 @@ def _one_and_two(
     """Refit the hopeful among single effects and pairs; every effect alone by the linear model."""
     null = refits.null
     singles, starts = screened(problem, null, terms, slopes)
-    for _, ids, values, a in hopeful(starts[1], SINGLES):
-        refits.add(ids, values, a)
+    refits.add(s[1:] for s in hopeful(starts[1], SINGLES))
     likely = [s for s in starts[2] if s[0] > 2 * ASKED and s[0] - singles[0][0] > HOPEFUL * ASKED]
     if likely or null.strained:
         progress("pairs of effects")
     if null.strained:
         refits.begin_at_profile(null, terms, starts)
     else:
-        for _, ids, values, a in likely[:PAIRS]:
-            refits.add(ids, values, a)
+        refits.add(s[1:] for s in likely[:PAIRS])
     return singles
 
 
@@ -117,8 +115,7 @@ def _several(problem: Problem, refits: Refits, terms: Sequence[Term], progress: 
             progress(f"{size} effects")
             made = problem.effect_slopes(accepted.state, own_first(accepted.state, terms))
             starts = screened(problem, accepted, terms, made)[1]
-            for _, ids, values, a in hopeful(starts[1], MORE):
-                refits.add(ids, values, a)
+            refits.add(s[1:] for s in hopeful(starts[1], MORE))
             if accepted.strained and not refits.at_ease(size, accepted.cost):
                 refits.begin_at_profile(accepted, terms, starts)
         best = _contended(refits, size, accepted.cost)[:1]
@@ -136,18 +133,17 @@ def _contended(refits: Refits, size: int, cost: float) -> list[Estimate]:
     refits.fit_the_promising(size, cost)
     found = refits.of_size(size)
     if found and found[0].solved.gained > ASKED:
-        refits.fit_to_the_end(found[0])
+        refits.fit_to_the_end(found[:1])
         found = refits.of_size(size)
     if found:
         best = found[0].cost
         near = RIVAL_SHARE * (cost - best)
         rivals = [e for e in found if e.cost - best < near][:MORE]
         if near > CONFOUNDED and len(rivals) > 1:
-            for e in rivals:
-                refits.fit_to_the_end(e)
+            refits.fit_to_the_end(rivals)
             found = refits.of_size(size)
         if size == 1 and cost - best > HUGE and not refits.was_from_profile(found[0]):
-            refits.fit_to_the_end(found[0])
+            refits.fit_to_the_end(found[:1])
             refits.fit_from_profile(found[0].state.values)
             found = refits.of_size(size)
     return found
@@ -199,11 +195,9 @@ def _rivalled(
     left near it are fitted to the end too."""
     for _ in range(MOST):
         made = problem.effect_slopes(accepted.state, own_first(accepted.state, terms))
-        for ids, values, a in substitutes(problem, accepted, terms, made):
-            refits.add(ids, values, a, again=True)
+        refits.add(substitutes(problem, accepted, terms, made), again=True)
         near = max(SHORT, _apart(refits, accepted))
-        for e in [e for e in _others(refits, accepted) if e.cost - accepted.cost < near][:MORE]:
-            refits.fit_to_the_end(e)
+        refits.fit_to_the_end([e for e in _others(refits, accepted) if e.cost - accepted.cost < near][:MORE])
         best = min(_others(refits, accepted), key=lambda e: e.cost, default=accepted)
         if best.cost >= accepted.cost:
             break

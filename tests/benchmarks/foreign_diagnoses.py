@@ -16,6 +16,7 @@ import argparse
 import gzip
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -93,6 +94,8 @@ def counted(flights: Path, folder: Path, foreign: bool, workers: int) -> list[Sc
     cases = sorted({n.rsplit("_", 1)[0] for n in answers if n.startswith("diagnose_")})
     cases = [c for c in cases if all(f"{c}_{m}" in answers for m in MANOEUVRES)]
     folder.mkdir(parents=True, exist_ok=True)
+    if workers > 1:
+        os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # of each
 
     def one(case: str) -> Score:
         given = answers[f"{case}_a"]

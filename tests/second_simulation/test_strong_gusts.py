@@ -38,8 +38,9 @@ def test_an_effect_that_multiplies_a_constant_which_took_its_place_is_followed_a
     problem, flights = fitted(3, 4, noise=1.4)
     null, term = problem.null(), BY_ID["gust.lead"]
     refits = Refits(problem, null, {})
-    _, ids, values, a = screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0]
-    assert null.cost - refits.add(ids, values, a).cost < ASKED
+    refits.add([screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0][1:]])
+    (begun,) = refits.of_size(1)
+    assert null.cost - begun.cost < ASKED
     refits.fit_the_promising(1, null.cost)
     (found,) = refits.of_size(1)
     hidden, sd = flights[0].answers["hidden"]["gust.lead"], math.sqrt(found.solved.covariance[0, 0])
@@ -79,8 +80,7 @@ def test_gusts_that_change_the_airspeed_are_not_taken_for_lift_that_bends() -> N
     problem, _ = fitted(7, 17, hidden=False)
     null, term = problem.null(), BY_ID["aero.alpha_squared"]
     refits = Refits(problem, null, {})
-    _, ids, values, a = screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0]
-    refits.add(ids, values, a)
+    refits.add([screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0][1:]])
     refits.fit_the_promising(1, null.cost)
     (bent,) = refits.of_size(1)
     assert null.cost - bent.cost < 0.3 * ASKED
