@@ -58,8 +58,8 @@ class Refits:
         self._from_profile: set[frozenset[str]] = set()
         self._at_end: dict[str, tuple[float, int, float]] = {}
         """Cost, effects in all, and value of those at an end of their range, each at its best."""
-        self._too_small: dict[frozenset[str], Estimate] = {}
-        """At their best, those that are refused for nothing but an effect of a size that is not judged."""
+        self._too_small: dict[frozenset[str], tuple[Estimate, frozenset[str]]] = {}
+        """At their best, those that are refused for nothing but effects of a size that is not judged, and which."""
 
     def add(self, starts: Iterable[tuple[Sequence[str], Mapping[str, float], Array]], again: bool = False) -> None:
         """Candidates, of effects that begin at values beside free parameters; `again`: even those refitted before, and
@@ -222,10 +222,10 @@ class Refits:
             if accepted.cost - cost > CONFOUNDED + ASKED * max(more - size, 0)
         )
 
-    def too_small(self, cost: float) -> tuple[Estimate, ...]:
-        """Candidates with effects of a size that is not judged, which cost less than this as they are, the best
-        first."""
-        return tuple(sorted((e for e in self._too_small.values() if e.cost < cost), key=lambda e: e.cost))
+    def too_small(self, cost: float) -> tuple[tuple[Estimate, frozenset[str]], ...]:
+        """Candidates with effects of a size that is not judged, which cost less than this as they are, the best first;
+        and which effects that are."""
+        return tuple(sorted((x for x in self._too_small.values() if x[0].cost < cost), key=lambda x: x[0].cost))
 
     def _judged(self, found: Estimate) -> Estimate:
         for i, value in found.state.values.items():
@@ -239,8 +239,10 @@ class Refits:
         if before is not None and math.isfinite(before.cost) and found.cost < before.cost - CONFOUNDED:
             self._beside(found, left, before.cost)
         key = frozenset(found.state.ids)
-        if all(self._is_small(BY_ID[i], found.state) for i in key.difference(left)):
-            self._too_small[key] = min(found, self._too_small.get(key, found), key=lambda e: e.cost)
+        small = key.difference(left)
+        if all(self._is_small(BY_ID[i], found.state) for i in small):
+            here = found, small
+            self._too_small[key] = min(here, self._too_small.get(key, here), key=lambda x: x[0].cost)
         return replace(found, cost=math.inf)
 
     def _is_nothing(self, t: Term, s: State) -> bool:

@@ -56,8 +56,9 @@ class Found:
     beyond: tuple[tuple[str, float], ...] = ()
     """Effects, and the end of their range there, that explain clearly more than what is accepted, but only beyond what
     is physical."""
-    too_small: tuple[Estimate, ...] = ()
-    """Candidates that explain more than what is accepted, with effects of a size that is not judged; the best first."""
+    too_small: tuple[tuple[Estimate, frozenset[str]], ...] = ()
+    """Candidates that explain more than what is accepted, with effects of a size that is not judged, and which these
+    are; the best first."""
     of_noise: tuple[str, ...] = ()
     """Effects that explain no more than noise of their sensor does."""
 

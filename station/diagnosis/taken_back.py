@@ -39,10 +39,12 @@ def outdone(found: Found, problem: Problem) -> tuple[Found, list[tuple[str, tupl
     place, though it is too small to be judged; and which that is, with theirs. Neither is a finding then: as small,
     anything may be what a model misses, and so may what acts as that does."""
     doubted = []
-    for e in found.too_small:
+    for e, too_small in found.too_small:
         here = found.accepted.state
         own, others = ([i for i in s.ids if i not in t.ids] for s, t in ((here, e.state), (e.state, here)))
-        if not (own and others) or e.cost > found.accepted.cost - CONFOUNDED:
+        # With a rival of a size that is judged beside it, it is that which stands in their place.
+        in_place = own and others and too_small.issuperset(others)
+        if not in_place or e.cost > found.accepted.cost - CONFOUNDED:
             continue
         try:
             both = problem.beside(here, {**e.state.values, **here.values}, here.a)

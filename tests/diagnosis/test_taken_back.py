@@ -9,7 +9,7 @@ import blind
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.search import search
-from station.diagnosis.taken_back import still_told
+from station.diagnosis.taken_back import outdone, still_told
 
 
 def test_what_the_model_s_error_may_be_all_of_is_not_named() -> None:
@@ -23,3 +23,15 @@ def test_what_the_model_s_error_may_be_all_of_is_not_named() -> None:
     missing = replace(s, levels=replace(s.levels, missed=0.0 * s.levels.missed + 0.3**2))
     doubtful = replace(found, accepted=replace(found.accepted, state=missing))
     assert not still_told(doubtful, problem).accepted.state.values
+
+
+def test_a_rival_with_something_too_small_beside_it_does_not_make_a_finding_none() -> None:
+    """A lag or a delay of 7 ms, hardly told apart; the one with a backlash of 0.5 mrad, which is too small to be
+    judged, explains more than the other alone."""
+    case = blind.Case(seed=102801, sigma=0.9144, effects={"elevator.lag": 0.007})
+    problem = Problem(blind.prepared(case), blind.aircraft())
+    found = search(problem, [BY_ID[i] for i in ("elevator.lag", "elevator.delay", "elevator.backlash")])
+    (late,) = found.accepted.state.ids
+    (rival,) = {"elevator.lag", "elevator.delay"} - {late}
+    assert any(set(e.state.ids) == {rival, "elevator.backlash"} for e, _ in found.too_small)
+    assert outdone(found, problem) == (found, [])

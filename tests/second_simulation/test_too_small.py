@@ -32,5 +32,5 @@ def test_what_gains_enough_beside_it_stays_a_finding(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(module, "least_judged", lambda *_: {"q.delay": 1.0})
     found = search.search(problem, terms)
     assert found.accepted.state.ids == ("accelerometer.delay",)
-    assert any(e.state.ids == ("q.delay",) for e in found.too_small)
+    assert any(e.state.ids == ("q.delay",) for e, _ in found.too_small)
     assert outdone(found, problem) == (found, [])
