@@ -53,7 +53,10 @@ LEAST_SHAPE: Final = 0.1
 """Of a span's lag: more even than any loading makes it."""
 LIFT_AMPLITUDES: Final = ("lift amplitude", "gust lift amplitude")
 LIFT_RATES: Final = ("lift rate", "gust lift rate")
-"""Of the wing's indicial responses, to motion and to gusts."""
+"""Of the wing's indicial responses: of both, to motion and to gusts, and of that to gusts besides."""
+OWN_SHARE: Final = 0.5
+"""Of the doubt of both, that of the latter: one wing sheds both wakes, so that what gusts tell of its memory, they tell
+of that to motion; fronts that meet a swept or tapered wing little by little make them differ."""
 OF_SCALE: Final = ("mass", "inertia", "roll inertia", "yaw inertia", "dynamic pressure")
 """What scales the series of a force, together with its derivatives."""
 DAY: Final = ("vane zero", "theta bias", "az bias", "ax bias", "q bias", "CL_0", "Cm_0", "CD_0", "thrust scale")
@@ -155,10 +158,10 @@ def free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = Fals
             Free("downwash", u.downwash, _share("downwash")),
             Free("downwash delay", u.downwash_delay, unsteady("downwash_delay")),
             Free("tail arm", u.tail_arm, _share("tail_arm")),
-            Free(LIFT_AMPLITUDES[0], u.lift_memory, indicial_amplitude("lift_motion")),
-            Free(LIFT_RATES[0], u.lift_rate, indicial_rate("lift_motion")),
-            Free(LIFT_AMPLITUDES[1], u.lift_memory, indicial_amplitude("lift_gust")),
-            Free(LIFT_RATES[1], u.lift_rate, indicial_rate("lift_gust")),
+            Free(LIFT_AMPLITUDES[0], u.lift_memory, indicial_amplitude("lift_motion", "lift_gust")),
+            Free(LIFT_RATES[0], u.lift_rate, indicial_rate("lift_motion", "lift_gust")),
+            Free(LIFT_AMPLITUDES[1], OWN_SHARE * u.lift_memory, indicial_amplitude("lift_gust")),
+            Free(LIFT_RATES[1], OWN_SHARE * u.lift_rate, indicial_rate("lift_gust")),
             Free("gust span", 0.25 * u.span_lag * aircraft.geometry.span / 2, unsteady("gust_span")),
             _within("gust span shape", "gust_span_shape", u.span_shape, aircraft, LEAST_SHAPE, 1.0),
             _within("gust span cut", "gust_span_cut", u.span_cut, aircraft, 0.0, 0.5),

@@ -13,7 +13,7 @@ from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.memo import Memo
 from station.diagnosis.model_validity import Misfit
 from station.diagnosis.procedure import Diagnosis
-from station.diagnosis.processing import HIGH_HZ
+from station.diagnosis.processing import highest_hz
 from station.diagnosis.residuals import LIFT, MOMENT, flow_angle, series
 from station.profile import Aircraft
 
@@ -35,7 +35,7 @@ def misfits(found: Diagnosis) -> list[Misfit]:
 
 def _misfit(m: Manoeuvre, aircraft: Aircraft, variances: Array) -> Misfit:
     own, s = m.loaded(aircraft), m.setting
-    low = signal.butter(4, min(HIGH_HZ, 0.35 / s.dt), fs=1 / s.dt, output="sos")
+    low = signal.butter(4, highest_hz(s.dt), fs=1 / s.dt, output="sos")
     made = series(m.record.signals, own, s)[..., _ROWS, :]
     # The ends, which filters join, are not judged: neither here nor by the likelihood.
     judged = slice(s.cut, s.n - s.cut)

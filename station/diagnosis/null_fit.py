@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from station.diagnosis.candidate import Estimate
-from station.diagnosis.free_parameters import LIFT_AMPLITUDES, LIFT_RATES
+from station.diagnosis.free_parameters import LIFT_AMPLITUDES, LIFT_RATES, OWN_SHARE
 from station.diagnosis.likelihood import ROUNDS, Problem
 
 BRISK: Final = 1.5
@@ -20,11 +20,14 @@ def without_effects(problem: Problem) -> Estimate:
     with lift that follows at once. Each ends in a minimum of its own."""
     e = problem.null()
     place = {f.name: i for i, f in enumerate(problem.frees)}
-    rates, amplitudes = ([place[n] for n in names if n in place] for names in (LIFT_RATES, LIFT_AMPLITUDES))
-    if not (e.state.a[rates] > BRISK).any():
+    if not {*LIFT_RATES, *LIFT_AMPLITUDES} <= place.keys():
+        return e
+    (both, of_gusts), amplitudes = ([place[n] for n in names] for names in (LIFT_RATES, LIFT_AMPLITUDES))
+    if e.state.a[both] + max(OWN_SHARE * e.state.a[of_gusts], 0.0) < BRISK:
         return e
     a = e.state.a.copy()
-    a[rates], a[amplitudes] = 0.0, [-1 / problem.frees[i].sd for i in amplitudes]
+    a[[both, of_gusts]] = 0.0
+    a[amplitudes] = -1 / problem.frees[amplitudes[0]].sd, 0.0
     try:
         begun = problem.relevelled(problem.beside(e.state, {}, a))
         return min(e, problem.estimate(begun, ROUNDS, problem.whole), key=lambda e: e.cost)

@@ -23,6 +23,10 @@ Complex = NDArray[np.complex128]
 
 LOW_HZ: Final = 0.1
 HIGH_HZ: Final = 3.0
+OF_RATE: Final = 0.15
+"""Of the sampling rate, up to which is judged: a signal that nothing filters before it is sampled shows there what it
+has at six times the frequency too, of a gust a twentieth of the power. Of 20 flights of the second simulation at 10 Hz
+n/alpha was 4.8, 4.4, 3.7 and 2.8 % off (rms) when judged up to 0.35, 0.25, 0.2 and 0.15 of it."""
 CUT_S: Final = 2.0
 BRIDGE_S: Final = 3.6
 """The ends are joined over this time, so that filters by Fourier transform see no step."""
@@ -139,11 +143,16 @@ def _omega(n: int, dt: float) -> Array:
     return w
 
 
+def highest_hz(dt: float) -> float:
+    """Up to which a record with a sample every `dt` s is judged."""
+    return min(HIGH_HZ, OF_RATE / dt)
+
+
 @lru_cache(maxsize=16)
 def _judged(n: int, dt: float) -> tuple[NDArray[np.int64], Array]:
     """Numbers and values (Hz) of the frequencies judged."""
     f = fft.rfftfreq(n, dt)
-    bins = np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= min(HIGH_HZ, 0.35 / dt)))
+    bins = np.flatnonzero((f >= max(LOW_HZ, 1.5 * f[1]) - 1e-9) & (f <= highest_hz(dt)))
     return bins, f[bins]
 
 

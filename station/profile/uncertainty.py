@@ -48,9 +48,9 @@ class Uncertainty(Frozen):
     tail_arm: float = Field(default=0.09, ge=0)
     """Of the tail arm."""
     lift_memory: float = Field(default=0.3, ge=0)
-    """Of the amplitude of the wing's indicial response to motion."""
+    """Of the amplitude of the wing's indicial responses to motion and gusts; that to gusts by half as much besides."""
     lift_rate: float = Field(default=0.27, ge=0)
-    """Of the rates of the wing's indicial responses."""
+    """Of the rates of the wing's indicial responses to motion and gusts; of that to gusts by half as much besides."""
     span_lag: float = Field(default=1.0, ge=0)
     """Share of the lag with which a wing of that span would follow a gust, were its lift spread evenly."""
     span_shape: float = Field(default=0.5, ge=0)
