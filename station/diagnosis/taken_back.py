@@ -35,9 +35,9 @@ def told_from_error(found: Found, problem: Problem, remaining: RemainingResidual
 
 
 def outdone(found: Found, problem: Problem) -> tuple[Found, list[tuple[str, tuple[str, ...]]]]:
-    """The outcome without effects that gain less than is asked of them beside another, which explains more in their
-    place, though it is too small to be judged; and which that is, with theirs. Neither is a finding then: as small,
-    anything may be what a model misses, and so may what acts as that does."""
+    """The outcome without effects that gain less than is asked of them beside another, which gains that beside them and
+    explains more in their place, though it is too small to be judged; and which that is, with theirs. Neither is a
+    finding then: as small, anything may be what a model misses, and so may what acts as that does."""
     doubted = []
     for e, too_small in found.too_small:
         here = found.accepted.state
@@ -51,7 +51,9 @@ def outdone(found: Found, problem: Problem) -> tuple[Found, list[tuple[str, tupl
             whole, small = (problem.estimate(problem.relevelled(s), ROUNDS, problem.whole) for s in (both, e.state))
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             continue
-        if small.cost - whole.cost < ASKED * len(own):
+        # Where neither gains beside the other, they are rivals.
+        alone = found.accepted.cost - whole.cost > ASKED * len(others)
+        if alone and small.cost - whole.cost < ASKED * len(own):
             doubted.append((others[0], tuple(own)))
             found = less(found, problem, own)
     return found, doubted
