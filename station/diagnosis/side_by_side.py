@@ -6,10 +6,12 @@ Their results are the same to the last bit on any number of processors, one incl
 from __future__ import annotations
 
 import multiprocessing
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from typing import Any, Final, TypeVar
 
+import cloudpickle
 from loky import cpu_count, get_reusable_executor
 
 T = TypeVar("T")
@@ -60,16 +62,22 @@ def _share(fit: Callable[..., T], calls: Sequence[tuple[Any, ...]]) -> list[T]:
 
 def _begun(fit: Callable[..., T], calls: Sequence[tuple[Any, ...]]) -> Callable[[], list[T]]:
     """A share begun in another process; where that cannot be or does not last, made here."""
+    # Packed now: the pool would do so in a thread of its own, while the share made here changes what is packed.
+    packed = cloudpickle.dumps((fit, calls))
     try:
-        future = get_reusable_executor(max_workers=processes() - 1, timeout=IDLE_S).submit(_share, fit, calls)
+        future = get_reusable_executor(max_workers=processes() - 1, timeout=IDLE_S).submit(_unpacked, packed)
     except (OSError, BrokenExecutor):
-        return lambda: _share(fit, calls)
+        return lambda: _unpacked(packed)
 
     def made() -> list[T]:
         try:
             found: list[T] = future.result()
         except (OSError, BrokenExecutor):  # the system took its memory
-            found = _share(fit, calls)
+            found = _unpacked(packed)
         return found
 
     return made
+
+
+def _unpacked(packed: bytes) -> list[Any]:
+    return _share(*pickle.loads(packed))

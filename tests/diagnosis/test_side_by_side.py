@@ -1,6 +1,7 @@
 """Fits side by side: in order, in other processes, the same bits as one after the other, whatever becomes of these."""
 
 import os
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -35,6 +36,26 @@ def refused(x: int) -> int:
     if x == 3:
         raise np.linalg.LinAlgError("far off")
     return x
+
+
+class Counting:
+    """Changes with each call, and takes a while to be packed."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __getstate__(self) -> dict[str, int]:
+        time.sleep(0.3)
+        return dict(self.__dict__)
+
+    def fit(self, _: int) -> int:
+        self.calls += 1
+        return self.calls
+
+
+def test_what_is_made_here_changes_nothing_elsewhere(two: None) -> None:
+    list(each(where, [(0,), (1,)]))  # or the share made here would be done before the other process is there
+    assert list(each(Counting().fit, [(x,) for x in range(4)])) == [1, 1, 2, 2]
 
 
 def test_calls_are_shared_between_processes_and_come_back_in_order(two: None) -> None:
