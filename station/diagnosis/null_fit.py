@@ -12,8 +12,8 @@ from station.diagnosis.likelihood import ROUNDS, Problem
 
 BRISK: Final = 1.5
 """Prior standard deviations of a lag's rate, beyond which a fit is begun without the lag too. Of 31 flights of the
-second simulation whose lift follows at once 11 are: 9 end in a better minimum by it, 1 to 53 lower in cost. Of 31 others
-1 is, and ends as it was."""
+second simulation whose lift follows at once 11 are: 9 end in a better minimum by it, 1 to 53 lower in cost. Of 31
+others 1 is, and ends as it was."""
 
 
 def without_effects(problem: Problem) -> Estimate:
