@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,8 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
+THRUST_ARM: Final = "thrust.moment"
+"""The effect that is the thrust's arm, told with its own standard error."""
 _STEP = 0.1
 """Over what share of a standard deviation the derivatives' slopes are taken."""
 _BESIDE = 1e-4
@@ -88,7 +92,12 @@ def _qualities(problem: Problem, e: Estimate, speed: float | None = None) -> Qua
     aircraft = problem.aircraft_at(e.state.values, e.state.a)
     at = _condition(aircraft, problem.manoeuvres)
     at = replace(at, speed=speed or at.speed)
-    return qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), posterior(problem, e, aircraft, at.alpha))
+    covariance, own = posterior(problem, e, aircraft, at.alpha), list(e.state.values)
+    arm_sd = None
+    if THRUST_ARM in own:
+        place = own.index(THRUST_ARM)
+        arm_sd = math.sqrt(e.solved.covariance[place, place])
+    return qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), covariance, arm_sd=arm_sd)
 
 
 def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> Condition:

@@ -48,6 +48,8 @@ _CLOSE: Final = 1e-9
 _SETTLED: Final = 1e-4
 """The same from which it counts as settled: no interval is as narrow."""
 _SEED: Final = 8785
+_ARM: Final = "thrust arm beyond"
+"""m, beside what is drawn of the derivatives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +253,7 @@ def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], dr
         cd, along = drag * (of("CD_0") + of("CD_alpha") * at.alpha) + cd_u, 0.0
         cl = weight - cd * lean
     slope = lift["alpha"] - cd if in_body else lift["alpha"]
-    balance = -cd * aircraft.thrust_pitch_arm / aircraft.geometry.chord
+    balance = -cd * (aircraft.thrust_pitch_arm + drawn.get(_ARM, 0.0)) / aircraft.geometry.chord
     return Coefficients(
         cl=cl,
         cl_u=of("CL_V") * per_speed,
@@ -326,11 +328,12 @@ def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late:
 
 def qualities(
     aircraft: Aircraft, at: Condition, found: Mapping[str, float], covariance: NDArray[Any], late: bool = True,
-    loading: tuple[float, float] = (0.0, 0.0),
+    loading: tuple[float, float] = (0.0, 0.0), arm_sd: float | None = None,
 ) -> Qualities:  # fmt: skip
     """All quantities of `found` derivatives, CL or CZ and Cm, in whose order `covariance` (n, n) is; `late`: whether
     they are those of an unsteady aircraft, with the profile's lags apart; `loading`: relative standard errors of mass
-    and inertia, which are not in the covariance. What is missing among the derivatives is not known."""
+    and inertia, which are not in the covariance; `arm_sd`: standard error of the thrust's arm (m), the profile's if
+    left out. What is missing among the derivatives is not known."""
     rng = np.random.default_rng(_SEED)
     names, size = tuple(found), (aircraft.geometry.wing_area, aircraft.geometry.chord)
     own = late_of(aircraft) if late else None
@@ -350,6 +353,8 @@ def qualities(
     made: dict[str, Array] = {}
     if {f"{force}_alpha", "Cm_alpha"} <= found.keys():
         drawn = {n: cloud[:, k] for k, n in enumerate(names)}
+        unsure = aircraft.uncertainty.thrust_arm * aircraft.geometry.chord if arm_sd is None else arm_sd
+        drawn[_ARM] = unsure * np.concatenate([[0.0], rng.standard_normal(DRAWS)])
         mass, iyy = (np.maximum(drawn.get(n, 1.0), _LIGHTEST) for n in (MASS, IYY))
         there = replace(at, mass=mass * at.mass, iyy=iyy * at.iyy)
         own = own.drawn(drawn) if own is not None else None

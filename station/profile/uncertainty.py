@@ -110,6 +110,9 @@ class Uncertainty(Frozen):
     """Of the drag's part that goes with lift squared."""
     thrust: float = Field(default=0.05, ge=0)
     """Of the thrust, recorded or not: an engine deck's."""
+    thrust_arm: float = Field(default=0.05, ge=0)
+    """Of the thrust's arm over the CG, in chords: how high a CG lies is computed and not weighed. The phugoid's
+    frequency is uncertain by it."""
     alpha_star: Radians = math.radians(2.0)
     """Of the angle of attack at which the flow leaves the wing, where the profile has one."""
     alpha_0: Radians = math.radians(5.0)
