@@ -280,6 +280,7 @@ def bend(aircraft: Aircraft, coefficient: str, alpha: float) -> float:
 
 
 _LOADING: Final = "iyy over mass"
+_BY_SENSOR: Final = "elevator scale"
 _ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
     "short_period_frequency": ("rad/s", ("alpha", "q"), ()),
     "short_period_damping": ("1", ("alpha", "q"), ()),
@@ -290,7 +291,7 @@ _ASKED: Final[Mapping[str, tuple[str, tuple[str, ...], tuple[str, ...]]]] = {
     "static_margin": ("1", ("alpha",), (_LOADING,)),
     "neutral_point": ("m", ("alpha",), (_LOADING,)),
     "manoeuvre_margin": ("1", ("alpha", "q"), (_LOADING,)),
-    "elevator_per_g": ("rad", ("alpha", "q", "de"), ("elevator scale",)),
+    "elevator_per_g": ("rad", ("alpha", "q", "de"), (_BY_SENSOR,)),
 }
 """Unit of each quantity, the derivatives it is made of, and what of the profile it rests on. Mass and inertia cancel
 where the derivatives were found with the same ones. The neutral point is behind the CG; margins are in chords. A wrong
@@ -348,13 +349,14 @@ def qualities(
     # Forces were found as mass times acceleration, moments as inertia times angular acceleration: the motion is the
     # same whatever both are, the ratio of moment to lift is not.
     share = np.exp(np.asarray(loading)[:, None] * rng.standard_normal((2, DRAWS)))
-    ratio = np.concatenate([[1.0], share[1] / share[0]])
+    unsure = {_LOADING: np.append(1.0, share[1] / share[0])}
+    unsure[_BY_SENSOR] = np.exp(aircraft.uncertainty.surface_scale * np.append(0.0, rng.standard_normal(DRAWS)))
     force = "CZ" if "CZ_alpha" in found else "CL"
     made: dict[str, Array] = {}
     if {f"{force}_alpha", "Cm_alpha"} <= found.keys():
         drawn = {n: cloud[:, k] for k, n in enumerate(names)}
-        unsure = aircraft.uncertainty.thrust_arm * aircraft.geometry.chord if arm_sd is None else arm_sd
-        drawn[_ARM] = unsure * np.concatenate([[0.0], rng.standard_normal(DRAWS)])
+        line = aircraft.uncertainty.thrust_arm * aircraft.geometry.chord if arm_sd is None else arm_sd
+        drawn[_ARM] = line * np.append(0.0, rng.standard_normal(DRAWS))
         mass, iyy = (np.maximum(drawn.get(n, 1.0), _LIGHTEST) for n in (MASS, IYY))
         there = replace(at, mass=mass * at.mass, iyy=iyy * at.iyy)
         own = own.drawn(drawn) if own is not None else None
@@ -370,7 +372,7 @@ def qualities(
         elif no_drag and "drag" in rests:
             out[name] = Derived(name, unit, why="the profile gives no drag")
         else:
-            values = np.asarray(made[name] * ratio if _LOADING in rests else made[name])
+            values = np.asarray(made[name] * math.prod(unsure.get(x, 1.0) for x in rests))
             draws[name] = values[1:]
             out[name] = _judged(name, unit, values, rests)
     return Qualities(at, out, draws)

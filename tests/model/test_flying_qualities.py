@@ -74,6 +74,15 @@ def test_a_wrong_scale_of_the_elevator_s_sensor_shows_in_the_elevator_per_g_alon
     assert [n for n, q in told.items() if "elevator scale" in q.rests_on] == list(moved)
 
 
+def test_elevator_per_g_is_no_better_known_than_the_elevator_s_scale() -> None:
+    """To the tenth that 1000 draws leave."""
+    body = load_aircraft("twin_otter")
+    own, none = {n: body.value(n) for n in NAMES}, np.zeros((len(NAMES), len(NAMES)))
+    per_g = qualities(body, Condition(56.6, 1.1, 4960.0, 33400.0), own, none).quantities["elevator_per_g"]
+    half = 0.5 * abs(per_g.ci95[1] - per_g.ci95[0])
+    assert half == pytest.approx(1.96 * body.uncertainty.surface_scale * abs(per_g.estimate), rel=0.1)
+
+
 def test_short_period_of_an_unsteady_aircraft_is_that_of_its_flight() -> None:
     """The nonlinear simulation, with wake, tail and lags, rings down after a pulse of the elevator as the root of the
     characteristic equation says. The oscillation's fit and the motion's nonlinearity leave 2 %."""
