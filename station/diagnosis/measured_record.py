@@ -118,7 +118,7 @@ def manoeuvres(
     if len(t_s) < LEAST_ROWS:
         raise UsageError(f"{name}: {len(t_s)} rows are too few")
     dt = float(np.median(np.diff(t_s)))
-    if dt > SLOWEST_STEP_S:
+    if dt > SLOWEST_STEP_S * (1 + 1e-6):  # rounded times
         raise UsageError(f"{name}: {1 / dt:.2g} Hz is too slow: 5 Hz are needed")
     first, last = float(t_s[0]), float(t_s[-1])
     if not spans:

@@ -33,6 +33,9 @@ class Method:
     equation error with a perfect angle of attack gives of the manoeuvre in calm air, these in it."""
     runner: str = ""
     """Of a post-flight method, "module:function", imported when it runs: (FlightRecord, Axes) -> MethodResult."""
+    begin: str = ""
+    """Of a long one that needs the recording as it is, "module:function": (identification.preparation.Prepared) -> what
+    gives the MethodResult when it is called, made beside the other methods until then."""
     colour: int = 0xC0C0C0FF
     """On every plot, RGBA; told apart by colour-blind eyes too (after Okabe and Ito 2008)."""
 
@@ -69,6 +72,8 @@ METHODS: Final = {
                "split", live=True, lateral=True, by_input=True, colour=0xE58AC0FF),
         Method("physical", "wing, tail and gust as the regressors, with uncertain constants", "none", live=True,
                definition="derivatives", colour=0xF5F5F5FF),
+        Method("ml", "all instruments and the aircraft in one likelihood, with uncertain constants", "none",
+               definition="derivatives", begin="station.diagnosis.derivative_fit:begun", colour=0x0072B2FF),
         Method("oe", "output error", "steady", runner="station.estimation.published.motion_methods:method_oe"),
         Method("fe", "filter error", "steady", lateral=True,
                runner="station.estimation.published.motion_methods:method_fe"),
@@ -85,12 +90,13 @@ def recommended(given: Mapping[str, int], level: str) -> str | None:
     """The method to believe first, or None.
 
     `given`: how many longitudinal derivatives each method gives that applies; `level`: of turbulence. The first that
-    gives as much as split does: physical, whose profile has wing, tail and boom; split+gust where there is gust energy;
-    else split.
+    gives as much as split does: after the flight ml; physical, whose profile has wing, tail and boom; split+gust where
+    there is gust energy; else split.
     """
     split = given.get("split", 0)
-    if 0 < given.get("physical", 0) >= split:
-        return "physical"
+    for own in ("ml", "physical"):
+        if 0 < given.get(own, 0) >= split:
+            return own
     if level not in ("calm", "unknown") and 0 < given.get("split+gust", 0) >= split:
         return "split+gust"
     return "split" if split else None

@@ -7,8 +7,9 @@ written here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from typing import Final
 
 from station.conventions import LATERAL
@@ -76,10 +77,12 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     examined = examined or (not ready.refusal and moves_laterally(ready.record))
     if ready.refusal and (made is None or not made.any_found):
         raise UsageError(f"{request.subject}: {ready.refusal}")
+    later = {name: _begun(name, ready) for name in wanted if METHODS[name].begin}
     spectra = _spectra(wanted, ready)
     flown = _flown(wanted, ready, spectra)
     level, gust_sd = ready.record.turbulence(flown.gust_vertical(ready.record) if flown else None)
-    results = {name: _result(name, ready, flown, spectra) for name in wanted}
+    results = {name: _result(name, ready, flown, spectra) for name in wanted if name not in later}
+    results = {name: later[name]() if name in later else results[name] for name in wanted}
     if request.force:
         results = {name: _forced(name, result, level) for name, result in results.items()}
     lines = _sifted(results, ready, flown)
@@ -130,7 +133,7 @@ def _with_doubts(
     """Errors that hold what no residual shows, refusals where nothing is left, and the signals that the others
     contradict, in words where that matters."""
     record, axes = ready.record, ready.request.axes
-    as_they_are = [n for n, m in METHODS.items() if m.angle == "none" and not m.live]
+    as_they_are = [n for n, m in METHODS.items() if m.angle == "none" and not (m.live or m.begin)]
     shown = by_input(record, axes, longitudinal=not knows_gusts(record))
     doubts = biases(record, instruments, axes, shown)
     wrong, own = doubts.wrong(), _of_method(ready, flown, doubts.errors)
@@ -141,7 +144,9 @@ def _with_doubts(
     beside = left_out(record, axes)
     folds = _folded(ready)
     for n in results.keys() - set(as_they_are):
-        for more in (doubts.wrong(own.get(n)), beside, wrong_by(folds, results[n])):
+        # What begins by itself judges no frequencies that others fold into.
+        fold = {} if METHODS[n].begin else wrong_by(folds, results[n])
+        for more in (doubts.wrong(own.get(n)), beside, fold):
             results[n] = with_more_error(results[n], more, record)
     return {n: refused(r, whys) for n, r in results.items()}, contradiction
 
@@ -193,6 +198,14 @@ def _flown(wanted: tuple[str, ...], ready: Prepared, spectra: VaneSpectra | str 
     live = tuple(n for n in LIVE if n in wanted or n in witnesses)
     live += tuple(n for n in wanted if METHODS[n].needs_spectra) if measured else ()
     return fly(with_pitch(ready.whole), ready.record, live, ready.request, measured) if live else None
+
+
+def _begun(name: str, ready: Prepared) -> Callable[[], MethodResult]:
+    if why := ready.refusal or ready.mistaken:
+        return lambda: not_applicable(why, names(ready.request.axes))
+    module, _, function = METHODS[name].begin.partition(":")
+    made: Callable[[], MethodResult] = getattr(import_module(module), function)(ready)
+    return made
 
 
 def _result(name: str, ready: Prepared, flown: Flown | None, spectra: VaneSpectra | str | None) -> MethodResult:

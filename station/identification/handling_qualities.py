@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import from_si
+from station.estimation.method_table import METHODS
 from station.estimation.results import DOF, without_airframe_errors
 from station.identification.identified import Identification
 from station.model.airframe_error import relative_errors
@@ -60,7 +61,7 @@ def identified_qualities(found: Identification) -> Qualities | str:
         alpha=float(np.nanmean(record.alpha)),
         scale_height=scale_height(record.mean_density),
     )
-    late = found.recommended == "physical"
+    late = METHODS[found.recommended or ""].definition == "derivatives"
     values = {names[k]: good[names[k]].value for k in known}
     for name, sign, of in (("CL_alpha", 1, "CL"), ("CZ_alpha", -1, "CL"), ("Cm_alpha", 1, "Cm")):
         if name in values:

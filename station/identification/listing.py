@@ -71,7 +71,7 @@ def print_estimates(found: Identification) -> None:
 
 def _meaning(found: Identification) -> str:
     own = [m for m, made in found.methods.items() if made.status == "ok" and made.quasi_steady]
-    return f"{definitions(own)} Row{QUASI_STEADY}: by {own[0]}.\n" if own else ""
+    return f"{definitions(own)} Row{'s' * (len(own) > 1)}{QUASI_STEADY}: by {', '.join(own)}.\n" if own else ""
 
 
 def definitions(own: list[str]) -> str:

@@ -38,8 +38,10 @@ class Prepared:
     """A recording ready for identification; `request` with its interval as seconds of the table's time axis."""
 
     request: Request
+    recorded: Table
+    """All of the recording, cleaned, as its instruments showed it."""
     whole: Table
-    """All of the recording, cleaned and corrected."""
+    """The same, corrected."""
     cut: Table
     """The interval of it."""
     record: FlightRecord
@@ -68,6 +70,7 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
     whole, said = in_reserve(whole, request.vanes, aircraft)
     remarks = [*remarks, *said]
     whole, aircraft = less_fuel(whole, aircraft)
+    recorded = whole
     whole = corrected(whole, aircraft, request.noise, request.imu_position)
     if not len(table.t_s):
         raise UsageError(f"{request.subject}: no data from {request.start_s} to {request.end_s} s")
@@ -94,7 +97,7 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
         card = card.model_copy(update={"high": high})
         remarks = [*remarks, f"recorded at {1 / record.dt:.3g} Hz: lines from {card.low:g} to {high:.2g} Hz are used"]
     asked = replace(request, start_s=start, end_s=end, card=card)
-    return Prepared(asked, whole, cut, record, refusal, mistaken, tuple(remarks))
+    return Prepared(asked, recorded, whole, cut, record, refusal, mistaken, tuple(remarks))
 
 
 def begin(table: Table) -> float:

@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.model.physical_columns import (
+    CHANNELS,
     DE,
     QH,
     Columns,
@@ -107,6 +108,21 @@ def products(motion: Complex) -> Complex:
     """Of spectra of alpha, q c/2V, elevator and gust (channels, frequencies): conj(x_i) x_j on every line,
     (frequencies, channels, channels)."""
     return np.asarray(np.einsum("il,jl->lij", motion.conj(), motion))
+
+
+def of_elevator(
+    con: Constants, derivatives: Array, frequencies_hz: Array, speed: float, density: float, energy: Array
+) -> Array:
+    """The six quasi-steady derivatives, (6,), of an aircraft with `derivatives` (6,) of its own, in the motion that an
+    elevator of that `energy` (frequencies,) makes of it in calm air. `speed` m/s, `density` kg/m3."""
+    lines = len(frequencies_hz)
+    none, theta = np.zeros((CHANNELS, lines), dtype=np.complex128), np.zeros(PARAMETERS)
+    theta[:FIRST_NUISANCE] = derivatives
+    omega, ones = 2 * np.pi * frequencies_hz, np.ones(lines)
+    segment = Segment(none, omega, ones, independent=1.0, vane_noise=1.0, speed=speed, density=density, wind_sd=0.0)
+    h = np.empty((2, 3, lines), dtype=np.complex128)
+    _transfers(segment, con, theta, h)
+    return _least_squares(h, _of_elevator(segment, con, h, energy))
 
 
 def _least_squares(h: Complex, moved: Complex) -> Array:
