@@ -1,0 +1,70 @@
+"""Method `ml` on flights of the second simulation, whose aircraft, noise and air differ from all that the station
+assumes; beside `physical`, which is fitted line by line of a spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from station.conventions import LONGITUDINAL
+from station.diagnosis import derivative_fit
+from station.estimation.results import MethodResult
+from station.identification.analysis import identify
+from station.identification.identified import Identification
+from station.identification.request import Request
+from station.log import Table
+from station.profile import load_aircraft
+from station.rows import Status
+from tests.second_simulation.flights import QUIET, Flown, flown, identify_case
+
+
+def found(flight: Flown, *methods: str, **asked: object) -> Identification:
+    aircraft = load_aircraft("twin_otter")
+    return identify(Table(flight.time, flight.shown, aircraft, 0), aircraft, Request(methods, QUIET, **asked))
+
+
+def off(result: MethodResult, flight: Flown, definition: str) -> np.ndarray:
+    """(6,) from the truth, in standard errors; all of them called estimated."""
+    told = result.parameters if definition == "derivatives" else result.quasi_steady
+    assert [p.status for p in told] == [Status.ESTIMATED] * len(LONGITUDINAL)
+    return np.array([(p.value - flight.answers[definition][p.name]) / p.sd for p in told])
+
+
+@pytest.mark.parametrize(
+    "index", [GUSTY, *(pytest.param(k, marks=pytest.mark.slow) for k in OTHERS)]
+)
+def test_in_gusts_it_holds_both_definitions_and_is_nearer_than_one_line_by_line(index: int) -> None:
+    flight = flown(identify_case(1, index))
+    made = found(flight, "physical", "ml")
+    assert made.recommended == "ml"
+    for definition in ("derivatives", "quasi_steady"):
+        assert np.abs(off(made.methods["ml"], flight, definition)).max() < 3
+    ml, physical = (
+        np.mean([abs(made.methods[m].parameter(n).value / flight.answers["derivatives"][n] - 1) for n in NEAR])
+        for m in ("ml", "physical")
+    )
+    assert ml < physical
+
+
+def test_what_it_cannot_tell_it_says() -> None:
+    flight = flown(replace(identify_case(1, GUSTY), seconds=20.0))
+    assert found(flight, "ml", axes="body").methods["ml"].why == "estimates wind-axes derivatives only"
+    still = replace(flight, shown={**flight.shown, "elevator": 0.0 * flight.time})
+    made = found(still, "ml").methods["ml"]
+    assert made.status == "not_applicable"
+    assert {p.status for p in made.parameters} == {Status.UNESTIMATED}
+    assert "elevator" in made.why
+
+
+def test_of_a_long_record_the_pieces_with_most_input_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Six of a minute, of which the elevator moves twice as much in four."""
+    flight, given = flown(replace(identify_case(1, GUSTY), seconds=270.0)), []
+    minute = (flight.time - flight.time[0]) // 45
+    large = np.where(np.isin(minute, (1, 2, 4, 5)), 2.0, 1.0)
+    moved = replace(flight, shown={**flight.shown, "elevator": large * flight.shown["elevator"]})
+    monkeypatch.setattr(derivative_fit, "_fitted", lambda *call: given.append(call) or MethodResult("ok"))
+    found(moved, "ml")
+    records, _, _, settings = given[0]
+    assert len(records) == settings["manoeuvres"] == derivative_fit.MOST < settings["of"]
