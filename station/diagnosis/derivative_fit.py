@@ -30,6 +30,7 @@ from station.estimation.results import MethodResult, excited, names, not_applica
 from station.identification.preparation import Prepared
 from station.identification.request import DEFAULT_CARD
 from station.model import physical_constants
+from station.model.airframe_error import relative_errors
 from station.model.quasi_steady import of_elevator
 from station.numerics.spectra import grid
 from station.profile import Aircraft
@@ -40,6 +41,9 @@ Array = NDArray[np.float64]
 MOST: Final = 4
 """Manoeuvres that are fitted, those in which the elevator moves most: three of a minute tell all derivatives to what
 mass and inertia leave open, and each costs a second."""
+_SURE: Final = {"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, "dynamic_pressure": 0.0}
+"""Of the uncertainty. What multiplies all derivatives of a force by one number no residual shows, where nothing is
+known of these: a likelihood whose noise follows the model would make it small. It is in the errors that are told."""
 _STEP: Final = 0.1
 """Of a prior's standard deviation, over which slopes are taken."""
 
@@ -72,23 +76,25 @@ def begun(ready: Prepared) -> Callable[[], MethodResult]:
 
 
 def _fitted(records: Sequence[Record], aircraft: Aircraft, lines: Array, settings: dict[str, Any]) -> MethodResult:
+    own = aircraft.model_copy(update={"uncertainty": aircraft.uncertainty.model_copy(update=_SURE)})
     try:
-        problem = Problem([manoeuvre(r, aircraft) for r in records], aircraft)
+        problem = Problem([manoeuvre(r, own) for r in records], own)
         six = [i for i, f in enumerate(problem.frees) if f.name in DERIVATIVES]
         e = with_model_error(problem, problem.freed(without_effects(problem), six, ()))
         values, covariance = _told(problem, e, lines)
     except (np.linalg.LinAlgError, UsageError) as failure:
         return not_applicable(f"numerical failure: {failure}", LONGITUDINAL)
-    # No instrument shows the scale of what measures the elevator.
-    share = np.array([aircraft.uncertainty.surface_scale if n.endswith("_de") else 0.0 for n in DERIVATIVES])
-    errors = np.sqrt(np.diag(covariance) + np.square(np.tile(share, 2) * values))
-    own, quasi_steady = (
+    statistical = np.sqrt(np.diag(covariance))
+    shares = relative_errors(aircraft, DERIVATIVES)[int(all(r.mass is not None for r in records))]
+    errors = np.hypot(statistical, np.tile(shares, 2) * values)
+    found, quasi_steady = (
         tuple(_judged(aircraft, n, x, sd) for n, x, sd in zip(DERIVATIVES, values[k], errors[k], strict=True))
         for k in (slice(0, len(DERIVATIVES)), slice(len(DERIVATIVES), None))
     )
-    if not any(p.status is Status.ESTIMATED for p in own):
-        return replace(not_applicable(own[0].why, LONGITUDINAL), parameters=own, settings=settings)
-    return MethodResult("ok", "", own, settings=settings, quasi_steady=quasi_steady)
+    if not any(p.status is Status.ESTIMATED for p in found):
+        return replace(not_applicable(found[0].why, LONGITUDINAL), parameters=found, settings=settings)
+    noise = dict(zip(DERIVATIVES, statistical.tolist(), strict=False))
+    return MethodResult("ok", "", found, settings=settings, statistical=noise, quasi_steady=quasi_steady)
 
 
 def _judged(aircraft: Aircraft, name: str, value: float, sd: float) -> ParamEstimate:

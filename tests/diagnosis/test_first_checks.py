@@ -147,6 +147,14 @@ def test_a_velocity_that_repeats_is_seen_with_its_period(records):
     assert seen[0].value == pytest.approx(0.5, abs=0.02)
 
 
+def test_five_hertz_are_enough_however_times_are_rounded(records):
+    _, columns = columns_of(records[0])
+    slow = {n: x[::10] for n, x in columns.items()}
+    t = 20.0 + np.arange(len(slow["q"])) * 0.2
+    assert np.median(np.diff(t)) > 0.2
+    assert manoeuvres("slow", t, slow, aircraft())[0].dt == pytest.approx(0.2)
+
+
 def test_lost_rows_are_counted(records):
     t, columns = columns_of(records[0])
     lost = {n: x.copy() for n, x in columns.items()}

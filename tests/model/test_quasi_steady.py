@@ -17,7 +17,7 @@ from station.model.physical_constants import (
     Constants,
     constants,
 )
-from station.model.quasi_steady import products, quasi_steady
+from station.model.quasi_steady import of_elevator, products, quasi_steady
 from station.numerics.spectra import grid
 from station.profile import Aircraft, Indicial, load_aircraft
 
@@ -84,6 +84,8 @@ def test_a_foreign_aircraft_s_are_its_equation_error_in_calm_air(number: int) ->
     wanted = np.array([answers["quasi_steady"][n] for n in DERIVATIVES])
     assert np.all(np.abs(found / wanted - 1) < [0.01, 0.05, 0.02, 0.03, 0.03, 0.02]), found / wanted
     assert np.abs(theta[3] / wanted[3] - 1) > 0.1
+    alone = of_elevator(con, theta[:FIRST_NUISANCE], HZ, speed, density, np.abs(spectrum) ** 2)
+    assert alone == pytest.approx(found, rel=1e-9)
 
 
 @pytest.mark.parametrize("number", [1, 3])
