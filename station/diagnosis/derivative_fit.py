@@ -33,7 +33,7 @@ from station.model import physical_constants
 from station.model.airframe_error import relative_errors
 from station.model.quasi_steady import of_elevator
 from station.numerics.spectra import grid
-from station.profile import Aircraft
+from station.profile import Aircraft, Derivative
 from station.rows import ParamEstimate, Status, UsageError
 
 Array = NDArray[np.float64]
@@ -44,6 +44,8 @@ mass and inertia leave open, and each costs a second."""
 _SURE: Final = {"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, "dynamic_pressure": 0.0}
 """Of the uncertainty. What multiplies all derivatives of a force by one number no residual shows, where nothing is
 known of these: a likelihood whose noise follows the model would make it small. It is in the errors that are told."""
+_USUAL: Final = dict(zip(DERIVATIVES, (5.0, 8.0, 0.4, -1.0, -20.0, -1.5), strict=True))
+"""Of light transports: where the fit begins, and no more, of derivatives that a profile does not give."""
 _STEP: Final = 0.1
 """Of a prior's standard deviation, over which slopes are taken."""
 
@@ -76,7 +78,7 @@ def begun(ready: Prepared) -> Callable[[], MethodResult]:
 
 
 def _fitted(records: Sequence[Record], aircraft: Aircraft, lines: Array, settings: dict[str, Any]) -> MethodResult:
-    own = aircraft.model_copy(update={"uncertainty": aircraft.uncertainty.model_copy(update=_SURE)})
+    own = _open(aircraft)
     try:
         problem = Problem([manoeuvre(r, own) for r in records], own)
         six = [i for i, f in enumerate(problem.frees) if f.name in DERIVATIVES]
@@ -95,6 +97,14 @@ def _fitted(records: Sequence[Record], aircraft: Aircraft, lines: Array, setting
         return replace(not_applicable(found[0].why, LONGITUDINAL), parameters=found, settings=settings)
     noise = dict(zip(DERIVATIVES, statistical.tolist(), strict=False))
     return MethodResult("ok", "", found, settings=settings, statistical=noise, quasi_steady=quasi_steady)
+
+
+def _open(aircraft: Aircraft) -> Aircraft:
+    """With all six derivatives, each free; without the uncertainty that is told apart."""
+    stated = {n: aircraft.derivatives.get(n) or Derivative(value=0.0) for n in DERIVATIVES}
+    six = {n: Derivative(value=d.value or _USUAL[n], sd=d.sd or None) for n, d in stated.items()}
+    known = aircraft.uncertainty.model_copy(update=_SURE)
+    return aircraft.model_copy(update={"derivatives": {**aircraft.derivatives, **six}, "uncertainty": known})
 
 
 def _judged(aircraft: Aircraft, name: str, value: float, sd: float) -> ParamEstimate:

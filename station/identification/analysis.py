@@ -56,6 +56,9 @@ from station.rows import ParamEstimate, Status, UsageError
 
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Where `recommended` names none, the first of these that applies is recommended, then any other post-flight method."""
+FLOWN_BY: Final = 4
+"""Longitudinal derivatives, those of the short period, that a method which gives no lateral ones has to give to be
+recommended for a flight that shows some."""
 SPECTRA_HZ: Final = 25.0
 """Rate of a record that shows the vane's spectra to the frequencies of the gusts."""
 REGRESSED: Final = ("split+gust", "split", "II", "I")
@@ -246,6 +249,9 @@ def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
         name: sum(p.status is Status.ESTIMATED and p.name not in LATERAL for p in result.parameters)
         for name, result in ok.items()
     }
+    sideways = any(p.status is Status.ESTIMATED and p.name in LATERAL for r in ok.values() for p in r.parameters)
+    if sideways:
+        given = {name: n for name, n in given.items() if n >= FLOWN_BY or not METHODS[name].begin}
     others = (name for name in ok if METHODS[name].runner)
     return recommended(given, level) or next((name for name in (*PREFERRED, *others) if name in ok), None)
 

@@ -3,9 +3,9 @@
     uv run python tests/benchmarks/real_derivatives.py [--listing]
 
 Each record's columns become the station's CSV, `station import` a recording, `station identify --json` the estimates.
-A line gives what is known (tests/real_records.py), the recommended method's estimate with two standard errors, in
-brackets where it is not called estimated, by how many methods it is, and by which of these in a 95 % interval that does
-not hold what is known. `--listing` prints what identify prints, too.
+A line gives what is known (tests/real_records.py), the recommended method's estimate, or split's where that gives none,
+with two standard errors, in brackets where it is not called estimated, by how many methods it is, and by which of these
+in a 95 % interval that does not hold what is known. `--listing` prints what identify prints, too.
 """
 
 from __future__ import annotations
@@ -97,8 +97,9 @@ def show(title: str, result: Mapping, known: Mapping[str, float], names: Sequenc
         at = {m: r["parameters"].get(name) for m, r in result["methods"].items() if m not in AS_PUBLISHED}
         told = {m: p for m, p in at.items() if p and p["status"] == "estimated"}
         out = [m for m, p in told.items() if not (p["ci95"][0] <= truth <= p["ci95"][1] or same(p, truth))]
+        shown = at.get(best) or at.get("split")
         missed = f"; not held by {', '.join(out)}" if out and math.isfinite(truth) else ""
-        print(f"  {name:9s} {truth:9.4g} {cell(at.get(best)):>24s}   {len(told)} methods{missed}")
+        print(f"  {name:9s} {truth:9.4g} {cell(shown):>24s}   {len(told)} methods{missed}")
     for words in (w for w in result["remarks"] if "against the other signals" in w or "disagree" in w):
         print(f"  {words.split(': the standard errors')[0]}")
 

@@ -15,18 +15,18 @@ from station.identification.analysis import identify
 from station.identification.identified import Identification
 from station.identification.request import Request
 from station.log import Table
-from station.profile import load_aircraft
+from station.profile import Aircraft, load_aircraft
 from station.rows import Status
 from tests.second_simulation.flights import QUIET, Flown, flown, identify_case
 
 GUSTY, OTHERS = 41, (17, 45)
 """Flights in 10 and 12 ft/s, at 50, 12.5 and 25 Hz."""
+PROFILE = load_aircraft("twin_otter")
 NEAR = ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de")
 """What an aircraft is trimmed, steered and flown by; gusts leave CL_q and CL_de nearly unknown."""
 
 
-def found(flight: Flown, *methods: str, **asked: object) -> Identification:
-    aircraft = load_aircraft("twin_otter")
+def found(flight: Flown, *methods: str, aircraft: Aircraft = PROFILE, **asked: object) -> Identification:
     return identify(Table(flight.time, flight.shown, aircraft, 0), aircraft, Request(methods, QUIET, **asked))
 
 
@@ -49,6 +49,17 @@ def test_in_gusts_it_holds_both_definitions_and_is_nearer_than_one_line_by_line(
         for m in ("ml", "physical")
     )
     assert ml < physical
+
+
+def test_what_the_profile_does_not_give_or_is_sure_of_is_found_all_the_same() -> None:
+    """Without CL_q and CL_de, and with a wrong Cm_de that it calls exact."""
+    flight, stated = flown(identify_case(1, GUSTY)), dict(PROFILE.derivatives)
+    del stated["CL_q"]
+    stated["CL_de"] = stated["CL_de"].model_copy(update={"value": 0.0})
+    stated["Cm_de"] = stated["Cm_de"].model_copy(update={"value": 1.5 * stated["Cm_de"].value, "sd": 0.0})
+    made = found(flight, "ml", aircraft=PROFILE.model_copy(update={"derivatives": stated})).methods["ml"]
+    assert np.abs(off(made, flight, "derivatives")).max() < 3
+    assert all(p.sd > 0.01 * abs(p.value) for p in made.parameters)
 
 
 def test_what_it_cannot_tell_it_says() -> None:
