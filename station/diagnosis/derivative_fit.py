@@ -53,7 +53,7 @@ _STEP: Final = 0.1
 def begun(ready: Prepared) -> Callable[[], MethodResult]:
     """The fit, made beside what else is done until it is asked for."""
     request, aircraft = ready.request, ready.record.aircraft
-    why = why_not_flown(aircraft)
+    why = why_not_flown(_open(aircraft))
     if request.axes == "body":
         why = "estimates wind-axes derivatives only"
     if not why and not excited(ready.record, ("elevator",)):
