@@ -73,6 +73,7 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     request = request or Request()
     wanted = request.names()
     ready = prepare(table, aircraft, request)
+    later = {name: _begun(name, ready) for name in wanted if METHODS[name].begin}
     # The instruments are examined where everything is asked for, or nothing else can be had,
     examined = request.wants_all or bool(ready.refusal)
     made = kinematics(ready.record) if examined else None
@@ -80,7 +81,6 @@ def identify(table: Table, aircraft: Aircraft, request: Request | None = None) -
     examined = examined or (not ready.refusal and moves_laterally(ready.record))
     if ready.refusal and (made is None or not made.any_found):
         raise UsageError(f"{request.subject}: {ready.refusal}")
-    later = {name: _begun(name, ready) for name in wanted if METHODS[name].begin}
     spectra = _spectra(wanted, ready)
     flown = _flown(wanted, ready, spectra)
     level, gust_sd = ready.record.turbulence(flown.gust_vertical(ready.record) if flown else None)

@@ -4,9 +4,9 @@
 
 Two kinds of flights. The station's own simulation, whose profile is right: both Twin Otters, doublet and multisine, in
 calm air and at 5 and 10 ft/s. And the foreign flights (tests/records.toml): a program that shares no formula with the
-station, aircraft that differ from their profile as real ones do, half of them under feedback. `physical` is held
-against the aircraft's own derivatives, every other method against what the manoeuvre gives in calm air with a perfect
-angle of attack.
+station, aircraft that differ from their profile as real ones do, half of them under feedback. `ml` and `physical` are
+held against the aircraft's own derivatives, every other method against what the manoeuvre gives in calm air with a
+perfect angle of attack.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from station.log import table
 from station.profile import load_aircraft
 from tests.records import record
 
-METHODS = ("physical", "split+gust", "split")
+METHODS = ("ml", "physical", "split+gust", "split")
 SEEDS = range(101, 105)
 LIGHT_FPS = 5.0
 
@@ -51,7 +51,7 @@ def chosen(kind: str, found: dict[str, Any], derivatives: dict[str, float], quas
     name = found["recommended"]
     given = found["methods"][name]["parameters"] if name else {}
     estimated = {n: p for n, p in given.items() if p["status"] == "estimated"}
-    return Flight(kind, estimated, derivatives if name == "physical" else quasi_steady)
+    return Flight(kind, estimated, derivatives if name in ("ml", "physical") else quasi_steady)
 
 
 def own(job: tuple[str, float, str, int]) -> Flight:
