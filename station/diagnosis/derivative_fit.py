@@ -84,7 +84,7 @@ def _fitted(records: Sequence[Record], aircraft: Aircraft, lines: Array, setting
         six = [i for i, f in enumerate(problem.frees) if f.name in DERIVATIVES]
         e = with_model_error(problem, problem.freed(without_effects(problem), six, ()))
         values, covariance = _told(problem, e, lines)
-    except (np.linalg.LinAlgError, UsageError) as failure:
+    except (ArithmeticError, ValueError, UsageError) as failure:  # the other methods have theirs
         return not_applicable(f"numerical failure: {failure}", LONGITUDINAL)
     statistical = np.sqrt(np.diag(covariance))
     shares = relative_errors(aircraft, DERIVATIVES)[int(all(r.mass is not None for r in records))]

@@ -82,3 +82,13 @@ def test_of_a_long_record_the_pieces_with_most_input_are_fitted(monkeypatch: pyt
     found(moved, "ml")
     records, _, _, settings = given[0]
     assert len(records) == settings["manoeuvres"] == derivative_fit.MOST < settings["of"]
+
+
+def test_a_fit_that_fails_leaves_the_other_methods_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise np.linalg.LinAlgError("it is singular")
+
+    monkeypatch.setattr(derivative_fit, "Problem", fails)
+    made = found(flown(replace(identify_case(1, GUSTY), seconds=20.0)), "split", "ml")
+    assert made.methods["ml"].why == "numerical failure: it is singular"
+    assert made.recommended == "split"
