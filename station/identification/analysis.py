@@ -56,7 +56,7 @@ from station.rows import ParamEstimate, Status, UsageError
 
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Where `recommended` names none, the first of these that applies is recommended, then any other post-flight method."""
-FLOWN_BY: Final = 4
+SHORT_PERIOD: Final = 4
 """Longitudinal derivatives, those of the short period, that a method which gives no lateral ones has to give to be
 recommended for a flight that shows some."""
 SPECTRA_HZ: Final = 25.0
@@ -147,7 +147,7 @@ def _with_doubts(
     beside = left_out(record, axes)
     folds = _folded(ready)
     for n in results.keys() - set(as_they_are):
-        # What begins by itself judges no frequencies that others fold into.
+        # The likelihood leaves out the frequencies that others fold into (diagnosis.processing.OF_RATE).
         fold = {} if METHODS[n].begin else wrong_by(folds, results[n])
         for more in (doubts.wrong(own.get(n)), beside, fold):
             results[n] = with_more_error(results[n], more, record)
@@ -251,7 +251,7 @@ def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
     }
     sideways = any(p.status is Status.ESTIMATED and p.name in LATERAL for r in ok.values() for p in r.parameters)
     if sideways:
-        given = {name: n for name, n in given.items() if n >= FLOWN_BY or not METHODS[name].begin}
+        given = {name: n for name, n in given.items() if n >= SHORT_PERIOD or not METHODS[name].begin}
     others = (name for name in ok if METHODS[name].runner)
     return recommended(given, level) or next((name for name in (*PREFERRED, *others) if name in ok), None)
 

@@ -73,15 +73,16 @@ def test_what_it_cannot_tell_it_says() -> None:
 
 
 def test_of_a_long_record_the_pieces_with_most_input_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Six of a minute, of which the elevator moves twice as much in four."""
+    """Six of 45 s, of which the elevator moves twice as much in four."""
     flight, given = flown(replace(identify_case(1, GUSTY), seconds=270.0)), []
-    minute = (flight.time - flight.time[0]) // 45
-    large = np.where(np.isin(minute, (1, 2, 4, 5)), 2.0, 1.0)
+    loud = [1, 2, 4, 5]
+    large = np.where(np.isin((flight.time - QUIET) // 45, loud), 2.0, 1.0)
     moved = replace(flight, shown={**flight.shown, "elevator": large * flight.shown["elevator"]})
     monkeypatch.setattr(derivative_fit, "_fitted", lambda *call: given.append(call) or MethodResult("ok"))
     found(moved, "ml")
     records, _, _, settings = given[0]
-    assert len(records) == settings["manoeuvres"] == derivative_fit.MOST < settings["of"]
+    assert sorted(round((r.start_s - QUIET) / 45) for r in records) == loud
+    assert (settings["manoeuvres"], settings["of"]) == (derivative_fit.MOST, 6)
 
 
 def test_a_fit_that_fails_leaves_the_other_methods_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
