@@ -59,7 +59,9 @@ SCAN_S: Final = 0.1
 SURE: Final = 3.0
 """Standard deviations from its null beyond which an instrument's error is beyond doubt."""
 RENEWALS: Final = 3
-"""Of the velocities, at most: one vane in error makes the other look so, which the first renewal shows."""
+"""Of the factors, at most: one vane in error makes the other look so, which the first renewal shows."""
+STEADY: Final = 0.1
+"""Samples by which lags then still move, at most: less than any lag's error."""
 BETTER: Final = SURE**2
 """Deviance by which a lag elsewhere, or a filter, must be better."""
 HEARD: Final = 25.0
@@ -77,11 +79,9 @@ HARDLY: Final = "hardly moves beside its noise"
 CLOCKED_WHY: Final = "taken as in time with the attitude: lift makes it look like a vane's scale"
 TOLD: Final[Mapping[str, float]] = {"lag": 0.1, "scale": 0.5 * SCALE_SD, "zero": 0.5}
 """Largest standard deviation that says something: of a lag, s, of a scale; of a zero as a share of its prior's."""
-
-
 APART: Final = 2 * HEARD
-"""Deviance by which the roll angle must be late before it is told: it comes with the pitch angle from one instrument,
-and its lag shows only by what the weight does sideways. Sound records show 15 and 25 (ATTAS), one of 0.1 s 230."""
+"""Deviance by which the roll angle must be late before it is told: it comes with the pitch angle, and its lag shows
+only by what the weight does sideways. Sound records show 15 and 25 (ATTAS), one of 0.1 s 230."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,26 +114,28 @@ def solve(
     """Of signals (n,), forces at the CG, without gaps within `spans` of rows; `arm`: place of the vanes from the CG, m;
     `upwash`: the vane's scale by the profile, which only the airspeed's and side force's rows take from it.
 
-    A flow angle, a rate or a roll angle in error is also wrong in the factors that multiply the others: once it is
-    known by how much, these are made anew.
+    A flow angle, a rate or a roll angle in error is also wrong in the factors that multiply the others, and goes with
+    their values of another time: once it is known by how much, these are made anew.
 
     Raises NotIdentifiable for spans too short, and LinAlgError for a record in which nothing moves.
     """
-    (found, deviance), before = _Fit(motion, dt, arm, spans, upwash).solve(motion), frozenset[str]()
+    (found, deviance), before = _Fit(motion, dt, arm, spans, upwash).solve(motion), dict[str, float]()
     for _ in range(RENEWALS):
-        mended = _mended(motion, dt, found, upwash)
-        if mended.keys() == before:
+        mended, late = _mended(motion, dt, found, upwash)
+        if late.keys() == before.keys() and all(abs(late[n] - before[n]) < STEADY for n in late):
             break
-        renewed, now = _Fit(motion, dt, arm, spans, upwash, mended).solve(motion)
+        renewed, now = _Fit(motion, dt, arm, spans, upwash, mended, late).solve(motion)
         if now >= deviance:
             break  # it was not that
-        found, deviance, before = renewed, now, frozenset(mended)
+        found, deviance, before = renewed, now, late
     return found
 
 
-def _mended(motion: Mapping[str, Array], dt: float, found: Solution, upwash: float) -> dict[str, Array]:
-    """Flow angles, rates and roll angle (n,) whose lag or scale is wrong beyond doubt, as they were."""
-    made = {}
+def _mended(
+    motion: Mapping[str, Array], dt: float, found: Solution, upwash: float
+) -> tuple[dict[str, Array], dict[str, float]]:
+    """Flow angles, rates and roll angle (n,) beyond doubt wrong, as they were; by how many samples they are late."""
+    made, samples = {}, {}
     for name in (n for n in (*FLOW, *RATES, ROLL) if n in motion):
         lag, scale = found.values.get((name, "lag")), found.values.get((name, "scale"))
         stated = upwash if name == "alpha_vane" else 1.0
@@ -141,9 +143,9 @@ def _mended(motion: Mapping[str, Array], dt: float, found: Solution, upwash: flo
         told = scale and not scale.why and abs(math.log(scale.value / stated)) > SURE * scale.sd / scale.value
         share = scale.value if scale and told else stated
         if late or share != stated:
-            ticks = np.arange(len(motion[name]))
-            made[name] = np.interp(ticks + late / dt, ticks, motion[name]) / share
-    return made
+            ticks, samples[name] = np.arange(len(motion[name])), late / dt
+            made[name] = np.interp(ticks + samples[name], ticks, motion[name]) / share
+    return made, samples
 
 
 class _Fit(Likelihood):
@@ -261,8 +263,7 @@ class _Fit(Likelihood):
                 continue
             sd = math.sqrt(max(covariance[n, n], 0.0))
             if kind == "scale":
-                # What was estimated is its logarithm.
-                scale = math.exp(values[i, kind])
+                scale = math.exp(values[i, kind])  # what was estimated is its logarithm
                 found[i, kind] = Value(scale, scale * sd, HARDLY if i in unheard or sd > TOLD[kind] else "")
             else:
                 sd = math.hypot(sd, ATTITUDE_DRIFT / self._length if i in RATES else GRAVITY if i == "az" else 0.0)

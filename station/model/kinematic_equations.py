@@ -8,9 +8,10 @@
     V'          = ax cos(alpha) cos(beta) + ay sin(beta) + az sin(alpha) cos(beta) - g sin(gamma)
     v_north', v_east', v_down' = R(phi, theta, psi) (ax, ay, az) + (0, 0, g),   altitude'' = -v_down'
 
-Every row is linear in one instrument's readings at a time, so a lag, a scale and a zero of each act on its own terms;
-the factors (speed, direction cosines) vary slowly beside them. The signal that heads a row is the one that no rate or
-acceleration is needed for. SI, rad; body axes x forward, z down.
+Every row is linear in one instrument's readings at a time, so a lag, a scale and a zero of each act on its own terms.
+Its factors (speed, direction cosines) are those of the motion: what is read a lag late goes with the factor of a lag
+before. The signal that heads a row is the one that no rate or acceleration is needed for. SI, rad; body axes x forward,
+z down.
 
 The speed is held against forces along the path, not along the body: u' has w (q - alpha'), small by the difference of
 two large motions, which a vane's lag and rate term upset.
@@ -21,7 +22,7 @@ Source: Klein and Morelli 2006, equations 3.29-3.34 and section 10.1.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -70,6 +71,14 @@ class Term:
     order: int
     slope: float
     """Mean derivative by the reading: what its noise is multiplied by."""
+    late: float = 0.0
+    """Samples by which the readings are known to come after the motion."""
+
+    @property
+    def factor_read(self) -> Array:
+        """The factor (n,) of the motion that each reading shows."""
+        ticks = np.arange(len(self.factor))
+        return np.interp(ticks - self.late, ticks, self.factor) if self.late else self.factor
 
 
 @dataclass(slots=True)
@@ -88,11 +97,12 @@ def equations(
     arm: tuple[float, float, float],
     upwash: float = 1.0,
     mended: Mapping[str, Array] | None = None,
+    late: Mapping[str, float] | None = None,
 ) -> Equations:
     """Of the signals (n,) that the record has, forces at the CG; `arm` (m): the vanes' place from it; `upwash`: scale
     that the profile gives the vane of angle of attack, which the other rows' velocities are free of. `mended`: flow
     angles, rates and roll angle as the instruments would show them without errors, for the factors, where that is
-    known."""
+    known; `late`: by how many samples the instruments are late, as far as that is known."""
     made = Equations()
     mended = mended or {}
     true = {**motion, **mended}
@@ -101,6 +111,8 @@ def equations(
         true["alpha_vane"] = motion["alpha_vane"] / upwash
     _air(made, motion, true, arm)
     _ground(made, motion, true)
+    for name, samples in (late or {}).items():
+        made.terms = [replace(t, late=samples) if t.instrument == name else t for t in made.terms]
     return made
 
 

@@ -78,6 +78,7 @@ class Likelihood:
         spans: Sequence[slice],
         upwash: float = 1.0,
         mended: Mapping[str, Array] | None = None,
+        late: Mapping[str, float] | None = None,
     ) -> None:
         longest = max((s.stop - s.start for s in spans), default=0)
         if longest * dt < LEAST_S:
@@ -95,7 +96,7 @@ class Likelihood:
             for start in range(s.start + self.margin, s.stop - self.margin - count, count)
         ]
         self.arm = arm
-        self.model = equations(motion, arm, upwash, mended)
+        self.model = equations(motion, arm, upwash, mended, late)
         self.rows = {head: r for r, head in enumerate(self.model.heads)}
         self.speed = float(np.mean(motion["airspeed"])) if "airspeed" in motion else math.nan
         instruments = list(dict.fromkeys(t.instrument for t in self.model.terms if t.instrument))
@@ -124,7 +125,7 @@ class Likelihood:
             # Only what moves is late; the factor of its mean (gravity, a trim) is the attitude's.
             mean = float(np.mean(term.readings[rows])) if term.order == 0 else 0.0
             highest = min(term.order + 2, MOST)
-            made = stretch.transform(term.factor * (term.readings - mean), lag, highest)[term.order :]
+            made = stretch.transform(term.factor_read * (term.readings - mean), lag, highest)[term.order :]
             unit = stretch.transform(term.factor, 0.0, term.order)[term.order]
             made[0] = made[0] + mean * unit
             if len(self._kept) > 20 * len(self.model.terms) * len(self.stretches):

@@ -1,5 +1,7 @@
 """Elevator, aileron and rudder moved at once by orthogonal multisines: each axis is known as if flown alone."""
 
+from collections import defaultdict
+
 import numpy as np
 import pytest
 
@@ -49,9 +51,12 @@ def test_lines_of_every_axis_are_sifted_apart() -> None:
 
 @pytest.mark.slow
 def test_one_manoeuvre_tells_as_much_as_two() -> None:
-    """In light turbulence: against an elevator manoeuvre, and one of aileron and rudder, each as long as the one."""
-    rows = []
-    for seed in (10, 11):
+    """In light turbulence: against an elevator manoeuvre, and one of aileron and rudder, each as long as the one.
+
+    By the median of three flights: in one of twenty an instrument is doubted by chance, and every interval holds that.
+    """
+    rows: dict[str, list[float]] = defaultdict(list)
+    for seed in (10, 11, 12):
         one = _identified(THREE, "5 ft/s", seed, "split", "physical").methods
         flown = {
             "longitudinal": _identified(THREE[:1], "5 ft/s", seed, "split", "physical").methods,
@@ -63,8 +68,9 @@ def test_one_manoeuvre_tells_as_much_as_two() -> None:
                 assert a is not None
                 assert b is not None
                 assert abs(a.value - b.value) < 2 * np.hypot(a.sd, b.sd), name
-                rows.append(a.sd / b.sd)
+                rows[name].append(a.sd / b.sd)
     # Of the same power as alone, so of like intervals; at worst a derivative rests on the number of lines, of which the
     # elevator has 10 for the 29 that it has alone.
-    assert np.median(rows) < 1.1
-    assert max(rows) < np.sqrt(29 / 10)
+    of_each = [float(np.median(r)) for r in rows.values()]
+    assert np.median(of_each) < 1.1
+    assert max(of_each) < np.sqrt(29 / 10)
