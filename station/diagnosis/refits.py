@@ -158,6 +158,13 @@ class Refits:
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return
 
+    def fit_those_ahead(self, size: int, cost: float) -> None:
+        """Fits to the end, of the candidates that a few steps left behind the best, those that promise more than it has
+        and than is asked on `cost`: a constant that has taken an effect's place hands it back slowly."""
+        found = self.of_size(size)
+        ahead = [e for e in found[1:] if _promised(e) < min(found[0].cost, cost - ASKED)]
+        self.fit_to_the_end(sorted(ahead, key=_promised)[:LEADING])
+
     def fit_to_the_end(self, some: Sequence[Estimate]) -> None:
         """Candidates again from where they are, all slopes made anew, but once."""
         states = [e.state for e in some if self._ended.get(frozenset(e.state.ids)) is not e]

@@ -130,8 +130,10 @@ def _several(problem: Problem, refits: Refits, terms: Sequence[Term], progress: 
 
 def _contended(refits: Refits, size: int, cost: float) -> list[Estimate]:
     """Candidates of one size, the best first; those that a few steps left close to the best, by what it gains on the
-    `cost` with fewer effects, are fitted to the end; so is one that they left short of what is asked, and promise."""
+    `cost` with fewer effects, are fitted to the end; so are those that promise more than it has, and one that they left
+    short of what is asked, and promise."""
     refits.fit_the_promising(size, cost)
+    refits.fit_those_ahead(size, cost)
     found = refits.of_size(size)
     if found and found[0].solved.gained > ASKED:
         refits.fit_to_the_end(found[:1])
