@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import betainc
 from scipy.stats import chi2
 
+from station.diagnosis import null_fit
 from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.cross_sensitivity import Crossed, crossed
 from station.diagnosis.diagnosis_result import Gain
@@ -224,7 +225,7 @@ def _settled(craft: Aircraft, manoeuvres: Sequence[Manoeuvre]) -> tuple[Problem,
     axis = manoeuvres[0].axis
     frees = [f for f in axis.free_parameters(craft, speed, False) if f.name in axis.day]
     problem = Problem(manoeuvres, craft, frees)
-    return problem, problem.null().state
+    return problem, null_fit.null(problem).state
 
 
 def alternatives_of(found: Found, effect: str) -> tuple[str, ...]:

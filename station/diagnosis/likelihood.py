@@ -31,9 +31,9 @@ from station.diagnosis.surface_sampling import of_sampling
 from station.diagnosis.term import Term
 from station.diagnosis.variances import (
     INDEPENDENT,
-    ZERO_DOF,
     Levels,
     fitted,
+    log_determinants,
     prior_levels,
     prior_unseen,
     stiffness_of,
@@ -165,16 +165,7 @@ class Problem:
         """log det Sigma, less log |det A|2 of the responses of the series to the sensors at their heads, and the prior
         of the variances: with Q the density of what these sensors show, given the others. Candidates are compared by
         it, each at its own parameters, and not fitted: where these are hardly known it would move them by tens."""
-        levels = s.levels
-        total = float((self.stiffness * (np.log(levels.noise) - np.log(self.prior.noise)) ** 2).sum())
-        total += ZERO_DOF * float((self.prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
-        for k, (m, r) in enumerate(zip(self.manoeuvres, s.responses, strict=True)):
-            b = m.columns(r, m.grouped.pick)
-            root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
-            total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())
-            logs = np.log(np.einsum("mii->mi", root).real).sum(-1) - np.linalg.slogdet(m.of_heads(r))[1]
-            total += 4 * INDEPENDENT * float(logs @ m.grouped.count)
-        return total
+        return log_determinants(self.manoeuvres, s.responses, s.levels, self.prior, self.stiffness)
 
     def cost(self, s: State) -> float:
         """-2 log likelihood with priors, and how rare the effects are: what candidates are compared by."""
@@ -245,37 +236,38 @@ class Problem:
         return solution(at, normal, known, ends, damping)
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term], far: bool) -> State | None:
-        """The state a step further, see `beside`; None where Q is no less there, or the cost, where Q falls with a
-        noise that grows: `far` off, where Sigma follows, and where the aircraft answers gusts, at any step."""
+        """The state a step further, see `beside`; None where neither the cost is less there nor, but where Q falls with
+        a noise that grows, Q: that is `far` off, where Sigma follows, and where the aircraft answers gusts. Steps go by
+        the score without noise, which is the slope of neither."""
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
         try:
             there = self.beside(s, values, np.clip(s.a + solved.step[len(terms) :], *self.ends))
             by_cost = far or self.axis.answers is not None
-            better = self.cost(there) < self.cost(s) if by_cost else there.q < s.q
+            better = self.cost(there) < self.cost(s) or (not by_cost and there.q < s.q)
         except np.linalg.LinAlgError:  # so far off that its noise cannot be told
             return None
         return there if better else None
 
-    def null(self) -> Estimate:
-        """Without effects. Where the model misses much, minima lie apart: the likelier of two, begun with what scales a
-        series held, and free."""
-        e = self.from_profile({})
-        much = (e.state.levels.missed > BLAMED**2 * self.prior.missed).any()
-        return min(e, self.from_profile({}, free=True), key=lambda e: e.cost) if much else e
-
     def from_profile(self, values: Mapping[str, float], begun: State | None = None, free: bool = False) -> Estimate:
         """Fitted from the profile on, with effects that begin at `values`; or from a state on the way. `free`: what
         scales a series is so from the first step on, without effects too."""
+        return self.from_near(self.near(values, begun, free))
+
+    def near(self, values: Mapping[str, float], begun: State | None = None, free: bool = False) -> State:
+        """The first part of the way there, while all is far off."""
         with self._far_off(held=begun is None, rough=not values and not free):
             start = begun or self._profile_state(values)
-            near = self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR)
-        return self._laid_to_the_model(self.estimate(near.state, ROUNDS, self.whole))
+            return self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR).state
+
+    def from_near(self, s: State) -> Estimate:
+        """The rest of it: zeros wander from the first step on, which may not be there otherwise."""
+        return self._laid_to_the_model(self.estimate(self.relevelled(s), ROUNDS, self.whole))
 
     def _laid_to_the_model(self, e: Estimate) -> Estimate:
-        """An estimate by which sensors miss a share of what they show, or one that lays it to forces first, whichever
-        is likelier: either may explain what is missed, and once one does, nothing is left for the other."""
+        """An estimate by which sensors miss a share of what they show, or one that lays that to forces first, if it is
+        likelier: once either explains what is missed, nothing is left for the other."""
         missed, least = e.state.levels.missed, self.prior.missed
         of_sensors = np.array([name not in self.axis.forces for name in self.axis.missed])
         if not (missed > BLAMED**2 * least)[of_sensors].any():

@@ -1,4 +1,4 @@
-"""The fit without effects, of an aircraft whose lift may follow at once."""
+"""The fit without effects, whose minima may lie apart."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from station.diagnosis.candidate import Estimate
+from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.free_parameters import LIFT_AMPLITUDES, LIFT_RATES, OWN_SHARE
-from station.diagnosis.likelihood import ROUNDS, Problem
+from station.diagnosis.likelihood import BLAMED, ROUNDS, Problem
+from station.diagnosis.side_by_side import meanwhile
 
 BRISK: Final = 1.5
 """Prior standard deviations of a lag's rate, beyond which a fit is begun without the lag too. Of 31 flights of the
@@ -16,10 +17,27 @@ second simulation whose lift follows at once 11 are: 9 end in a better minimum b
 others 1 is, and ends as it was."""
 
 
+def null(problem: Problem) -> Estimate:
+    """Without effects. Where the model misses much, minima lie apart: the likelier of two, begun with what scales a
+    series held, and free."""
+    near = problem.near({})
+    other = meanwhile(_freely, [(problem,)]) if _misses_much(problem, near) else lambda: [_freely(problem)]
+    e = problem.from_near(near)
+    return min(e, *other(), key=lambda e: e.cost) if _misses_much(problem, e.state) else e
+
+
+def _misses_much(problem: Problem, s: State) -> bool:
+    return bool((s.levels.missed > BLAMED**2 * problem.prior.missed).any())
+
+
+def _freely(problem: Problem) -> Estimate:
+    return problem.from_profile({}, free=True)
+
+
 def without_effects(problem: Problem) -> Estimate:
-    """`Problem.null`; or where that has made a lag of the lift brisk, the likelier of it and of a fit that is begun
+    """`null`; or where that has made a lag of the lift brisk, the likelier of it and of a fit that is begun
     with lift that follows at once. Each ends in a minimum of its own."""
-    e = problem.null()
+    e = null(problem)
     place = {f.name: i for i, f in enumerate(problem.frees)}
     if not {*LIFT_RATES, *LIFT_AMPLITUDES} <= place.keys():
         return e

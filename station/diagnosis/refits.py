@@ -235,6 +235,8 @@ class Refits:
         return tuple(sorted((x for x in self._too_small.values() if x[0].cost < cost), key=lambda x: x[0].cost))
 
     def _judged(self, found: Estimate) -> Estimate:
+        if _opposed(found.state.values):
+            return replace(found, cost=math.inf)
         for i, value in found.state.values.items():
             if BY_ID[i].at_end(value) and found.cost < self._at_end.get(i, (math.inf,))[0]:
                 self._at_end[i] = found.cost, len(found.state.values), value
@@ -293,6 +295,13 @@ def _from_profile(p: Problem, values: Mapping[str, float], on_the_way: State | N
 def _promised(e: Estimate) -> float:
     """The cost a step further, if all is linear."""
     return e.cost - e.solved.gained
+
+
+def _opposed(values: Mapping[str, float]) -> bool:
+    """Whether an instrument is late by its lag and early by its delay, or the other way: what these leave is not late,
+    but of another size at each frequency, as none is."""
+    pairs = ((x, values.get(i.removesuffix("lag") + "delay", 0.0)) for i, x in values.items() if i.endswith(".lag"))
+    return any(lag * delay < 0 for lag, delay in pairs)
 
 
 def _physical(values: Mapping[str, float]) -> dict[str, float]:

@@ -79,7 +79,7 @@ def search(problem: Problem, terms: Sequence[Term], progress: Callable[[str], No
     accepted = _settled(problem, refits, _several(problem, refits, terms, progress), progress)
     if accepted.state.values:
         accepted = _rivalled(problem, refits, accepted, terms, progress)
-    alternatives = tuple(e for e in _others(refits, accepted) if e.cost - accepted.cost < _apart(refits, accepted))
+    alternatives = _alternatives(refits, accepted)
     beyond = refits.beyond(accepted)
     plain = [k for k, t in enumerate(terms) if not t.probes]
     slopes = [Slopes(x.bins[plain], x.steady[plain], x.response[plain]) for x in slopes]
@@ -208,6 +208,13 @@ def _rivalled(
         if not accepted.state.values:
             break
     return accepted
+
+
+def _alternatives(refits: Refits, accepted: Estimate) -> tuple[Estimate, ...]:
+    """Candidates that explain the data as well. One that is too small to be judged may be there all the same."""
+    near, ids = accepted.cost + _apart(refits, accepted), frozenset(accepted.state.ids)
+    small = [e for e, _ in refits.too_small(near) if len(e.state.ids) == len(ids) and frozenset(e.state.ids) != ids]
+    return tuple(e for e in [*_others(refits, accepted), *small] if e.cost < near)
 
 
 def _apart(refits: Refits, accepted: Estimate) -> float:

@@ -247,3 +247,19 @@ def wandering(manoeuvres: Sequence[Manoeuvre], spectra: Sequence[Spectra], level
         spread = (moved**2 + v * (1 - known) * there).sum(0) * (freedom > 0)
         v = (ZERO_DOF * np.square(ZERO_SD) + spread) / (ZERO_DOF + freedom)
     return np.asarray(v)
+
+
+def log_determinants(
+    manoeuvres: Sequence[Manoeuvre], responses: Sequence[Complex], levels: Levels, prior: Levels, stiffness: Array
+) -> float:
+    """log det Sigma of a candidate's responses, by manoeuvre, less log |det A|2 of those to the sensors at the heads of
+    the series, and the priors of the variances, see `fitted`."""
+    total = float((stiffness * (np.log(levels.noise) - np.log(prior.noise)) ** 2).sum())
+    total += ZERO_DOF * float((prior.zeros / levels.zeros + np.log(levels.zeros)).sum())
+    for k, (m, r) in enumerate(zip(manoeuvres, responses, strict=True)):
+        b = m.columns(r, m.grouped.pick)
+        root = np.linalg.cholesky((b * levels.of(k)) @ np.conj(b.swapaxes(-1, -2)))
+        total += float(np.log(m.steady_variances(levels.of(k), levels.zeros)).sum())
+        logs = np.log(np.einsum("mii->mi", root).real).sum(-1) - np.linalg.slogdet(m.of_heads(r))[1]
+        total += 4 * INDEPENDENT * float(logs @ m.grouped.count)
+    return total

@@ -150,7 +150,7 @@ def _baseline(made: Programme) -> Iterator[str]:
         for p in (p for p in made.points if p.title in baseline.points):
             found = estimates(p, recommended(p) or "").get(definition, {})
             cells = "".join(f"<td>{_estimate(found, n)}</td>" for n in LONGITUDINAL)
-            rows.append(f"<tr><td>{text(p.title)}, {called}</td>{cells}</tr>")
+            rows.append(f"<tr><td class='words'>{text(p.title)}, {called}</td>{cells}</tr>")
         cells = "".join(f"<td>{_pooled(values.get(n))}</td>" for n in LONGITUDINAL)
         rows.append(f"<tr class='chosen'><td>pooled, {called}</td>{cells}</tr>")
         cells = "".join(f"<td>{_scatter(values.get(n))}</td>" for n in LONGITUDINAL)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from station.conventions import from_si, to_si
+from station.diagnosis import null_fit
 from station.diagnosis.detectable import Detectable, detectable_sizes
 from station.diagnosis.effects import EFFECTS
 from station.diagnosis.likelihood import Problem
@@ -73,7 +74,7 @@ def main() -> None:
         for air, sigma in AIRS.items():
             made = [flown(inputs, sigma, 40 + k) for k, inputs in enumerate(cards)]
             problem = Problem(made, load_aircraft("twin_otter"))
-            sizes = detectable_sizes(problem, problem.null())
+            sizes = detectable_sizes(problem, null_fit.null(problem))
             columns[f"{title}, {air}"] = {d.id: d for d in sizes}
     print("| effect | unit | " + " | ".join(columns) + " | nearest rival |")
     print("|---" * (3 + len(columns)) + "|")

@@ -15,6 +15,7 @@ import blind
 import pytest
 
 from station.conventions import to_si
+from station.diagnosis import null_fit
 from station.diagnosis.detectable import detectable_sizes
 from station.diagnosis.likelihood import Problem
 from station.identification.input_ranking import short_period
@@ -112,4 +113,4 @@ def flying(scene: Scene) -> Iterator[None]:
 def sizes(scene: Scene, sigma: float) -> dict[str, float]:
     """What a card of three manoeuvres detects, SI; while `flying`."""
     problem = Problem(blind.prepared(blind.Case(seed=1, sigma=sigma, fit_on=blind.KINDS)), scene.aircraft)
-    return {d.id: d.found for d in detectable_sizes(problem, problem.null())}
+    return {d.id: d.found for d in detectable_sizes(problem, null_fit.null(problem))}

@@ -9,7 +9,7 @@ import pytest
 from blind import DETECTABLE, SIGMAS, Case, aircraft, covered, diagnosed, planted, prepared, records, score, size
 from matrices import held_out
 
-from station.diagnosis import judge
+from station.diagnosis import judge, null_fit
 from station.diagnosis.detectable import detectable_sizes
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
@@ -136,7 +136,7 @@ def test_noise_other_than_stated_changes_no_verdict():
 @pytest.mark.parametrize("sigma", SIGMAS)
 def test_the_sizes_planted_are_multiples_of_those_that_the_engine_says_it_finds(sigma):
     problem = Problem(prepared(Case(seed=961, sigma=sigma)), aircraft())
-    found = {d.id: d for d in detectable_sizes(problem, problem.null())}
+    found = {d.id: d for d in detectable_sizes(problem, null_fit.null(problem))}
     for name in (n for n in DETECTABLE if np.isfinite(size(n, sigma))):
         assert found[name].found == pytest.approx(size(name, sigma), rel=0.2), name
         assert found[name].named >= found[name].found

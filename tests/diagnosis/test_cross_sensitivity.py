@@ -6,6 +6,7 @@ import blind
 import pytest
 
 from station.conventions import G0
+from station.diagnosis import null_fit
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 
@@ -16,7 +17,7 @@ from station.diagnosis.likelihood import Problem
 def test_a_gyro_that_feels_acceleration_is_told(seed: int, sigma: float, felt: float) -> None:
     case = blind.Case(seed=seed, sigma=sigma, outside={"g_sensitivity": felt})
     problem = Problem(blind.prepared(case), blind.aircraft())
-    remaining = remaining_residual(problem, problem.null())
+    remaining = remaining_residual(problem, null_fit.null(problem))
     found = remaining.crossed
     assert found is not None
     # In calm air the vane moves as the acceleration does.

@@ -8,6 +8,7 @@ import pytest
 from blind import KINDS, NOISE, Case, aircraft, diagnosed, fly_case, score
 from foreign import SCENES, flying
 
+from station.diagnosis import null_fit
 from station.diagnosis.detectable import detectable_sizes
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import manoeuvre
@@ -43,6 +44,6 @@ def test_an_effect_that_does_not_show_has_no_size():
     plain = aircraft()
     plain = plain.model_copy(update={"boom": plain.boom.model_copy(update={"upwash_wing": 0.0})})
     problem = Problem([manoeuvre(fly_case(Case(seed=12), "doublets", 0), plain)], plain)
-    found = {d.id for d in detectable_sizes(problem, problem.null())}
+    found = {d.id for d in detectable_sizes(problem, null_fit.null(problem))}
     assert "alpha_vane.position" in found
     assert "alpha_vane.upwash_memory" not in found

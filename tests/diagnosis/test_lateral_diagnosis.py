@@ -8,6 +8,7 @@ import pytest
 from lateral_blind import SIGMAS, Case, aircraft, diagnosed, planted, prepared, records, score, true_aircraft
 from matrices import lateral_case
 
+from station.diagnosis import null_fit
 from station.diagnosis.diagnosis_json import as_json
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
@@ -73,8 +74,8 @@ def test_gusts_along_the_span_are_answered_by_the_aircraft_that_is_fitted():
     """With the answer of the profile's, and of what fits with that, the truth was unlikely by hundreds."""
     case = Case(seed=1020, sigma=SIGMAS[2], fit_on=("doublets", "multisine"))
     records = prepared(case)
-    of_profile = Problem(records, aircraft()).null()
-    of_truth = Problem(records, true_aircraft(case)).null()
+    of_profile = null_fit.null(Problem(records, aircraft()))
+    of_truth = null_fit.null(Problem(records, true_aircraft(case)))
     # Some forty constants fit what is chance: the truth, fitted on, is no further off than these.
     assert of_profile.cost < of_truth.cost + 2 * len(of_profile.state.a)
     assert not remaining_residual(Problem(records, aircraft()), of_profile).missed

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from test_sensor_noise import level_flight
 
-from station.diagnosis import variances
+from station.diagnosis import null_fit, variances
 from station.diagnosis.axis import LONGITUDINAL
 from station.diagnosis.effects import extended
 from station.diagnosis.free_parameters import Free
@@ -72,7 +72,7 @@ def estimates(
         patch.setattr(variances, "THRUST_SHARE", 1e-6)
         for seed in range(DRAWS):
             (record,) = manoeuvres("noisy", t, laid(signals, NOISY, seed), navion)
-            found = Problem([manoeuvre(replace(record, stated=NOISY), still, right)], still, frees).null()
+            found = null_fit.null(Problem([manoeuvre(replace(record, stated=NOISY), still, right)], still, frees))
             values.append(2.0 * found.state.a[: len(SIX)])
             told.append(2.0 * np.sqrt(np.diag(found.solved.covariance))[: len(SIX)])
     return np.array(values), np.array(told)
@@ -115,7 +115,7 @@ def test_what_the_model_may_miss_is_not_known_better(
     """No linear model is better than a hundredth: that is said of the pitch stiffness, however little the noise."""
     frees = [Free(n, 2.0, derivative(n, relative=True), 0.02) for n in SIX]
     (record,) = manoeuvres("noisy", quiet[0], laid(quiet[1], NOISY, 0), navion)
-    found = Problem([manoeuvre(replace(record, stated=NOISY), navion)], navion, frees).null()
+    found = null_fit.null(Problem([manoeuvre(replace(record, stated=NOISY), navion)], navion, frees))
     told = 2.0 * np.sqrt(np.diag(found.solved.covariance))[SIX.index("Cm_alpha")]
     assert told > 2 * estimates[1][:, SIX.index("Cm_alpha")].mean()
 
@@ -236,7 +236,7 @@ def test_what_the_data_do_not_tell_moves_the_cost_of_a_candidate_by_its_prior_al
     """Or half a standard deviation of what no residual shows would outweigh what is asked of an effect, and the same
     candidate cost more by one way than by another."""
     problem = Problem(prepared(Case(seed=961)), aircraft())
-    null = problem.null()
+    null = null_fit.null(problem)
     alone = np.diag(np.linalg.inv(null.solved.covariance)) ** -0.5
     here, unknown = problem.cost(null.state), [i for i, sd in enumerate(alone[: len(problem.frees)]) if sd > 0.85]
     # In calm air the vane shows the wing no gust: how it would follow one is not known by the vane's noise.
@@ -269,7 +269,7 @@ def test_an_effect_costs_what_the_constant_does_that_it_is_like():
     """One aircraft has one density, by whatever names it is told: a constant that takes an effect's place in the fit
     without effects is not counted beside it."""
     problem = Problem(prepared(Case(seed=961)), aircraft())
-    null = problem.null()
+    null = null_fit.null(problem)
     at = next(i for i, f in enumerate(problem.frees) if f.name == "vane scale")
     none, moved = null.state.a.copy(), null.state.a.copy()
     none[at], moved[at] = 0.0, -3.0
@@ -293,6 +293,6 @@ def test_no_long_step_of_a_fit_raises_the_cost(monkeypatch: pytest.MonkeyPatch) 
         return there
 
     monkeypatch.setattr(Problem, "advance", watched)
-    problem.null()
+    null_fit.null(problem)
     assert len(rises) > 5
     assert max(rises) < 0

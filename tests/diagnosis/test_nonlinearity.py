@@ -6,6 +6,7 @@ import blind
 import numpy as np
 import pytest
 
+from station.diagnosis import null_fit
 from station.diagnosis.judge import remaining_residual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.score_test import scores
@@ -29,7 +30,7 @@ def test_a_nonlinear_instrument_is_told(
     seed: int, sigma: float, outside: dict[str, float], told: tuple[str, str, float, float]
 ) -> None:
     problem = Problem(blind.prepared(blind.Case(seed=seed, sigma=sigma, outside=outside)), blind.aircraft())
-    remaining = remaining_residual(problem, problem.null())
+    remaining = remaining_residual(problem, null_fit.null(problem))
     found = remaining.nonlinear
     assert found is not None
     assert found.sensor == told[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from station.diagnosis import null_fit
 from tests.second_simulation.fitted import fitted
 
 PITCHING = ("Cm_alpha", "Cm_q", "Cm_de")
@@ -13,7 +14,7 @@ def test_inertia_and_moment_are_not_scaled_down_together() -> None:
     """The inertia is the profile's. While noise was taken not to follow the parameters, less of both was less noise:
     the fit ended 22 % low in inertia and moment, 8 standard deviations off, at a cost 30 above this."""
     problem, flights = fitted(8, 22, hidden=False)
-    null, true = problem.null(), flights[0].answers["deviations"]
+    null, true = null_fit.null(problem), flights[0].answers["deviations"]
     sd = np.sqrt(np.diag(null.solved.covariance))
     names = [f.name for f in problem.frees]
     for name, wanted in {"inertia": true["inertia.scale"], **{n: true[f"aero.{n}"] for n in PITCHING}}.items():

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from station.diagnosis import null_fit
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import LIFT_AMPLITUDES
 from station.diagnosis.likelihood import ROUNDS
@@ -24,7 +25,7 @@ from tests.second_simulation.motion import RATE
 def test_a_mean_updraught_is_told_from_the_zero_of_the_vane() -> None:
     """By how lift and moment follow the airspeed; the vane is scaled by 10 % besides, and has a zero of its own."""
     problem, flights = fitted(3, 8)
-    null = problem.null()
+    null = null_fit.null(problem)
     up = len(problem.frees) + len(flights) + np.arange(len(flights))
     told = null.state.a[up] * problem.unseen_sd[1]
     sd = np.sqrt(np.diag(null.solved.covariance))[up] * problem.unseen_sd[1]
@@ -37,7 +38,7 @@ def test_a_mean_updraught_is_told_from_the_zero_of_the_vane() -> None:
 def test_an_effect_that_multiplies_a_constant_which_took_its_place_is_followed_all_the_way() -> None:
     """Gusts that meet the vane late, where the fit has put the vane 1.4 m nearer: few steps make a sixth of the way."""
     problem, flights = fitted(3, 4, noise=1.4)
-    null, term = problem.null(), BY_ID["gust.lead"]
+    null, term = null_fit.null(problem), BY_ID["gust.lead"]
     refits = Refits(problem, null, {})
     refits.add([screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0][1:]])
     (begun,) = refits.of_size(1)
@@ -68,7 +69,7 @@ def test_lift_that_follows_at_once_is_not_taken_for_a_brisk_lag() -> None:
     1.5 times as brisk, 62 of the cost above."""
     problem, flights = fitted(11, 13, hidden=False)
     assert flights[0].answers["constants"]["memory"] == 0.0
-    null, found = problem.null(), without_effects(problem)
+    null, found = null_fit.null(problem), without_effects(problem)
     assert null.cost - found.cost > 3 * ASKED
     at = [f.name for f in problem.frees].index(LIFT_AMPLITUDES[0])
     share = 1 + problem.frees[at].sd * found.state.a[at]
@@ -79,7 +80,7 @@ def test_gusts_that_change_the_airspeed_are_not_taken_for_lift_that_bends() -> N
     """Nothing is hidden; this program's gusts stand square to the body, and the aircraft flies at 6 deg: an updraught
     is a tenth headwind, which turns no flow. Taken for a gust along the path it makes lift with the square of alpha."""
     problem, _ = fitted(7, 17, hidden=False)
-    null, term = problem.null(), BY_ID["aero.alpha_squared"]
+    null, term = null_fit.null(problem), BY_ID["aero.alpha_squared"]
     refits = Refits(problem, null, {})
     refits.add([screened(problem, null, [term], problem.effect_slopes(null.state, [term]))[1][1][0][1:]])
     refits.fit_the_promising(1, null.cost)
@@ -93,7 +94,7 @@ def test_gusts_along_the_path_turn_the_flow_by_all_that_they_do() -> None:
     """In this program a gust along the path turns the flow at once. Its airspeed has slow noise here, its dynamic
     pressure white with outliers: smoothed each by itself, the share came out as 0.43 +- 0.05, and CL_alpha 6 % low."""
     problem, _ = fitted(9, 16, hidden=False)
-    null = problem.null()
+    null = null_fit.null(problem)
     sd = math.sqrt(null.solved.covariance[(at := [f.name for f in problem.frees].index("turned at once")), at])
     end = problem.ends[1, at]
     assert sd < 0.3 * end
