@@ -35,8 +35,8 @@ def _freely(problem: Problem) -> Estimate:
 
 
 def without_effects(problem: Problem) -> Estimate:
-    """`null`; or where that has made a lag of the lift brisk, the likelier of it and of a fit that is begun
-    with lift that follows at once. Each ends in a minimum of its own."""
+    """`null`; or where that has made a lag of the lift brisk, the likelier of it and of a fit that is begun with lift
+    that follows at once. Each ends in a minimum of its own."""
     e = null(problem)
     place = {f.name: i for i, f in enumerate(problem.frees)}
     if not {*LIFT_RATES, *LIFT_AMPLITUDES} <= place.keys():
