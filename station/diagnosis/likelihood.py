@@ -236,9 +236,9 @@ class Problem:
         return solution(at, normal, known, ends, damping)
 
     def advance(self, s: State, solved: Solved, terms: Sequence[Term], far: bool) -> State | None:
-        """The state a step further, see `beside`; None where neither the cost is less there nor, but where Q falls with
-        a noise that grows, Q: that is `far` off, where Sigma follows, and where the aircraft answers gusts. Steps go by
-        the score without noise, which is the slope of neither."""
+        """The state a step further, see `beside`; None where neither its cost nor its Q is less: steps go by the
+        corrected score, the slope of neither. Q does not count `far` off, nor where the aircraft answers gusts:
+        there it falls with a noise that grows."""
         values = dict(s.values)
         for t, x in zip(terms, solved.step, strict=False):
             values[t.id] = min(max(values.get(t.id, 0.0) + float(x), t.low), t.high)
@@ -256,13 +256,14 @@ class Problem:
         return self.from_near(self.near(values, begun, free))
 
     def near(self, values: Mapping[str, float], begun: State | None = None, free: bool = False) -> State:
-        """The first part of the way there, while all is far off."""
+        """A state near the best, as `from_profile` comes by it: zeros do not wander yet, see `_far_off`."""
         with self._far_off(held=begun is None, rough=not values and not free):
             start = begun or self._profile_state(values)
             return self.estimate(start, ROUNDS, self.whole if values else self.rough, NEAR).state
 
     def from_near(self, s: State) -> Estimate:
-        """The rest of it: zeros wander from the first step on, which may not be there otherwise."""
+        """Fitted to the end from there, with variances that let zeros wander: by those of before, no step may be better
+        though the fit is far from its best."""
         return self._laid_to_the_model(self.estimate(self.relevelled(s), ROUNDS, self.whole))
 
     def _laid_to_the_model(self, e: Estimate) -> Estimate:

@@ -111,8 +111,8 @@ def equations(
         true["alpha_vane"] = motion["alpha_vane"] / upwash
     _air(made, motion, true, arm)
     _ground(made, motion, true)
-    for name, samples in (late or {}).items():
-        made.terms = [replace(t, late=samples) if t.instrument == name else t for t in made.terms]
+    if late:
+        made.terms = [replace(t, late=late.get(t.instrument, 0.0)) for t in made.terms]
     return made
 
 

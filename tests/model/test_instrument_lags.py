@@ -98,8 +98,8 @@ def test_planted_errors_are_found_at_any_rate_and_without_v_down(rate_hz: float,
 
 
 def rolling(rng: np.random.Generator, lag_s: float) -> dict[str, np.ndarray]:
-    """Attitude and rates of an aircraft that rolls and yaws and hardly pitches, r late; a quarter of its pitch rate is
-    what the heading's rate makes in a bank."""
+    """Attitude and rates of an aircraft that rolls and yaws and hardly pitches, r late; most of its pitch rate is what
+    the heading's rate makes in a bank."""
     fine = np.arange(0.0, 60.0, 1e-3)
 
     def waves(*terms: tuple[float, float]) -> np.ndarray:
@@ -129,7 +129,7 @@ def test_a_late_yaw_rate_goes_with_the_bank_of_its_motion() -> None:
             assert not value.why, key
             # Twelve of them: 3.3 standard deviations are 1 in 1000 each.
             assert abs(value.value - truth) < 3.3 * value.sd, (key, value)
-        # A bank that is late too would lay it 10 to 20 ms wrong.
+        # With the bank of when r is read it comes out 7 to 14 ms wrong.
         assert found.values["r", "lag"].value == pytest.approx(0.05, abs=0.005)
 
 
