@@ -8,8 +8,8 @@ from 420 s, so that a negative one came while it built up. Flights without it bu
 change speed by long elevator pulses; half of them are flown with throttle movements that nobody records.
 
 What a monitor sees of a flight is kept in a folder, by kind, air and number: slices add up, and a monitor that changes
-is counted anew without flying. FLIGHTS of each kind in each air; of wing and tail twice as many. The table holds all
-that the folder has.
+is counted anew without flying. FLIGHTS with ice of each kind in each air; without it three for every ten, of 20 minutes
+each. The table holds all that the folder has.
 """
 
 from __future__ import annotations
@@ -81,17 +81,17 @@ class Kind:
     """Of the first."""
     thrust_recorded: bool = True
     sigmas: tuple[int, ...] = SIGMAS
-    times: int = 1
-    """As many of them as of the others."""
+    share: float = 1.0
+    """Of the flights asked."""
 
 
 KINDS = {
     "inputs": Kind(ICE, INPUTS, END_S, 100),
     "drag": Kind(ICE, (), END_S, 200),
-    "clean": Kind({}, (*INPUTS, *SLOWLY), QUIET_S, 300),
-    "unrecorded": Kind({}, (*INPUTS, *SLOWLY), QUIET_S, 600, thrust_recorded=False),
-    "wing": Kind(WING, INPUTS, END_S, 400, sigmas=(3,), times=2),
-    "tail": Kind(TAIL, INPUTS, END_S, 500, sigmas=(3,), times=2),
+    "clean": Kind({}, (*INPUTS, *SLOWLY), QUIET_S, 300, share=0.3),
+    "unrecorded": Kind({}, (*INPUTS, *SLOWLY), QUIET_S, 600, thrust_recorded=False, share=0.3),
+    "wing": Kind(WING, INPUTS, END_S, 400, sigmas=(3,)),
+    "tail": Kind(TAIL, INPUTS, END_S, 500, sigmas=(3,)),
 }
 
 
@@ -189,10 +189,10 @@ def main() -> None:
     aircraft = baseline(given.seen)
     wanted = [
         (name, sigma, number)
-        for number in range(2 * given.flights)
+        for number in range(given.flights)
         for name, kind in KINDS.items()
         for sigma in kind.sigmas
-        if number < given.flights * kind.times
+        if number < given.flights * kind.share
     ]
     with ProcessPoolExecutor(given.processes) as pool:
         missing = [(case, path) for case in wanted if not (path := place(given.seen, *case)).exists()]
