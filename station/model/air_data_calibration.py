@@ -5,7 +5,7 @@ axes, where it has a magnitude and two flow angles. Against these stand what is 
 
     airspeed          = V + error + slope (V - V0)                         position error, V0 the mean speed
     dynamic pressure  = (1 + scale) rho V^2/2
-    alpha vane        = zero + (1 + k) alpha - (1 + k_body) q x/V + (p y)/V                k: steady upwash
+    alpha vane        = zero + (1 + k) (alpha - l) + k_wing l,   l = (q x - p y)/V          k: steady upwash
                         k = upwash + slope (dynamic pressure - its mean)                    a boom that bends
     beta vane         = zero + beta + (r x - p z)/V
     specific force    = zero + R' (dv/dt - g)
@@ -56,11 +56,12 @@ PRIORS: Final[Mapping[str, float]] = {
     "airspeed_error": 10.0, "airspeed_slope": 0.3, "pressure_scale": 0.5, "vane_zero": 0.2, "upwash": 0.5,
     "beta_zero": 0.1, "psi_zero": math.radians(10.0), "phi_zero": math.radians(0.5),
     "theta_zero": math.radians(0.1), "ax_zero": 0.03, "ay_zero": 0.05, "az_zero": 0.05, "vane_x": 0.6,
-    "upwash_slope": 0.02,
+    "upwash_slope": 0.02, "upwash_wing": 0.03,
 }  # fmt: skip
 """Standard deviations: far wider than what is looked for where a flight is to tell it; of the others those of a
 profile, which its [uncertainty] replaces. That of the upwash's slope, 1/kPa, is an engineering estimate: a boom that
-bends by 2 % of the flow angle for each kPa."""
+bends by 2 % of the flow angle for each kPa. The wing's share of the upwash (k_wing) meets no pitch rate: in a turn the
+vane shows it, and nothing else does."""
 PASCALS: Final = 1000.0
 """In a kPa."""
 ROUNDS: Final = 3
@@ -92,12 +93,12 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Of the vanes, m ahead, right and below the CG, and the upwash that has no memory."""
+    """Of the vanes, m ahead, right and below the CG, and the wing's share of the upwash there."""
 
     x: float
     y: float
     z: float
-    upwash_body: float
+    upwash_wing: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,9 +189,8 @@ class _Problem:
         if not self.has_heading:
             lacking |= {"psi_zero", "beta_zero"}
         self.names = tuple(n for n in priors if n not in lacking)
-        self.mean = np.array([known.get(n, (0.0, 0.0))[0] for n in self.names])
-        if "vane_x" in self.names and "vane_x" not in known:
-            self.mean[self.names.index("vane_x")] = place.x
+        before = {"vane_x": place.x, "upwash_wing": place.upwash_wing}
+        self.mean = np.array([known[n][0] if n in known else before.get(n, 0.0) for n in self.names])
         self.sd = np.array([known[n][1] if n in known else priors[n] for n in self.names])
         self.speed = float(np.mean(c["airspeed"]))
         self.pressure = float(np.mean(0.5 * blocks.density * c["airspeed"] ** 2))
@@ -253,10 +253,10 @@ class _Problem:
         upwash = p["upwash"]
         if "upwash_slope" in p:
             upwash = upwash + p["upwash_slope"] * (0.5 * self.blocks.density * true**2 - self.pressure) / PASCALS
-        lever = (1 + place.upwash_body) * (q * p["vane_x"] - roll * place.y) / v
+        lever = (q * p["vane_x"] - roll * place.y) / v * (1 - p["upwash_wing"] / (1 + upwash))
         made = {
             "airspeed": true - v,
-            "alpha_vane": (c["alpha_vane"] - p["vane_zero"] + lever) / (1 + upwash) - alpha,
+            "alpha_vane": (c["alpha_vane"] - p["vane_zero"]) / (1 + upwash) + lever - alpha,
         }
         if "dynamic_pressure" in self.rows:
             made["dynamic_pressure"] = c["dynamic_pressure"] - (1 + p["pressure_scale"]) * (

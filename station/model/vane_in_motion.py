@@ -3,10 +3,10 @@
     vane(t) = H [ (1 + k_body + slope dP) (a - q x/V) + k_wing F a ] (t - delay) + e(t)
 
 a is the inertial angle of attack, dP the dynamic pressure less that of the steady parts, H the vane on its spring of
-air, F the memory of the wing's upwash; their constants have the priors of the profile. An aircraft answers gusts, which
-are in e, so a and q are no fair regressors: their parts that the elevator made, its input through the aircraft's slow
-and fast modes, are the instruments (two-stage least squares), and where nobody moves the elevator against gusts the
-estimate is free of bias in any air. e is an autoregressive process, found along. SI, rad.
+air, F the memory of the wing's upwash, fast part and slow; their constants have the priors of the profile. An aircraft
+answers gusts, which are in e, so a and q are no fair regressors: their parts that the elevator made, its input through
+the aircraft's slow and fast modes, are the instruments (two-stage least squares), and where nobody moves the elevator
+against gusts the estimate is free of bias in any air. e is an autoregressive process, found along. SI, rad.
 
 Sources: Ljung 1999, section 7.6 (instrumental variables); Söderström and Stoica 1983; physics of the upwash as in
 station/simulation, written apart from it.
@@ -43,11 +43,10 @@ MARGIN_S: Final = 3.0
 MODES: Final = (1.0, 2.0, 3.5, 5.5, 9.0)
 """rad/s, of second-order filters with damping 0.7 that the elevator is put through: slow aircraft to fast."""
 ROUNDS: Final = 8
-NAMES: Final = ("delay", "vane_x", "upwash", "wing", "rate", "frequency", "damping", "upwash_slope")
+NAMES: Final = ("delay", "vane_x", "upwash", "wing", "rate", "spread", "frequency", "damping", "upwash_slope")
 """Delay, s; place, m; steady upwash, and its slope, 1/kPa; the others relative to the profile: the wing's share, the
-rate of its memory, frequency
-and damping of the vane."""
-LARGEST_STEP: Final = (0.03, 1.0, 0.1, 0.3, 0.3, 0.1, 0.2, 0.05)
+rate of its memory, by how much its fast part is faster and its slow one slower, frequency and damping of the vane."""
+LARGEST_STEP: Final = (0.03, 1.0, 0.1, 0.3, 0.3, 0.3, 0.1, 0.2, 0.05)
 DELAY_PRIOR_S: Final = 0.3
 UPWASH_PRIOR: Final = 0.5
 SLOPE_PRIOR: Final = 0.2
@@ -143,10 +142,10 @@ class _Fit:
         self.chord = u.reference_chord or aircraft.geometry.chord
         upwash, upwash_sd = steady or (boom.upwash_body + boom.upwash_wing, UPWASH_PRIOR)
         bends, bends_sd = slope or (0.0, SLOPE_PRIOR)
-        self.start = np.array([0.0, boom.vane_x, upwash, 1.0, 1.0, 1.0, 1.0, bends])
+        self.start = np.array([0.0, boom.vane_x, upwash, 1.0, 1.0, 1.0, 1.0, 1.0, bends])
         priors = (
-            DELAY_PRIOR_S, place_sd, upwash_sd, known.upwash_wing, known.upwash_rate, known.vane_frequency,
-            known.vane_damping, bends_sd,
+            DELAY_PRIOR_S, place_sd, upwash_sd, known.upwash_wing, known.upwash_rate, known.upwash_rate,
+            known.vane_frequency, known.vane_damping, bends_sd,
         )  # fmt: skip
         self.precision = np.diag(np.maximum(priors, 1e-4) ** -2.0)
         self.forcing = [self._forced(s) for s in stretches]
@@ -178,28 +177,31 @@ class _Fit:
 
     def predicted(self, s: Stretch, x: Array) -> Array:
         """What the vane shows of a motion, in the band."""
-        delay, place, upwash, share, rate, frequency, damping, slope = x
+        delay, place, upwash, share, rate, spread, frequency, damping, slope = x
         wing = self.boom.upwash_wing * share
         body = 1 + upwash + slope * s.pressure - wing
-        late = self._remembered(s.alpha, float(s.speed.mean()), rate, s.dt)
+        late = self._remembered(s.alpha, float(s.speed.mean()), rate, spread, s.dt)
         flow = body * (s.alpha - place * s.q / s.speed) + wing * late
         seen = shown(flow, self.boom.vane_frequency * frequency, max(self.boom.vane_damping * damping, 0.05), s.dt)
         t = np.arange(len(seen)) * s.dt
         return self._kept(s, CubicSpline(t, seen)(np.clip(t - delay, 0.0, t[-1])))
 
-    def _remembered(self, alpha: Array, speed: float, rate: float, dt: float) -> Array:
+    def _remembered(self, alpha: Array, speed: float, rate: float, spread: float, dt: float) -> Array:
         """The wing's upwash for one of upwash_wing 1."""
         made = alpha.copy()
         if self.memory is None:
             return made
-        for a, b in zip(self.memory.a, self.memory.b, strict=True):
-            fall = math.exp(-max(rate, 0.05) * b * speed / self.chord * dt)
+        b = np.array(self.memory.b)
+        faster = np.sign(b - b.mean()) if len(b) > 1 else np.zeros(1)
+        rates = max(rate, 0.05) * max(spread, 0.05) ** faster * b * speed / self.chord
+        for a, falls in zip(self.memory.a, rates.tolist(), strict=True):
+            fall = math.exp(-falls * dt)
             late = lfilter([0.5 * (1 - fall), 0.5 * (1 - fall)], [1.0, -fall], alpha - alpha[0]) + alpha[0]
             made += a * (late - alpha)
         return made
 
     def _slopes(self, s: Stretch, x: Array) -> Array:
-        steps = np.array([1e-3, 0.01, 0.01, 0.02, 0.02, 0.02, 0.02, 0.01])
+        steps = np.array([1e-3, 0.01, 0.01, 0.02, 0.02, 0.02, 0.02, 0.02, 0.01])
         columns = []
         for i, h in enumerate(steps):
             up, down = x.copy(), x.copy()

@@ -39,6 +39,8 @@ SPEEDS: Final = 8.0
 """m/s between the slowest and the fastest run: below, the airspeed's slope is not told."""
 ANGLES: Final = math.radians(2.0)
 """Of angle of attack between runs: below, the vane's zero is not told from its upwash."""
+LEAST_UPWASH: Final = 1e-3
+"""Standard deviation of the wing's share where the profile has none: no more than a turn shows."""
 UPWASH_TOLD: Final = 0.05
 """Standard deviation of the upwash above which it is not: manoeuvres may tell it at one speed."""
 LEAST_RUNS_S: Final = 120.0
@@ -113,9 +115,10 @@ def calibrate(
     say(f"  reading {len(logs)} recording{'s' if len(logs) > 1 else ''}")
     flown = calibrating(logs, aircraft, read)
     boom, known = aircraft.boom, aircraft.uncertainty
-    place = Place(boom.vane_x, boom.vane_y, boom.vane_z, boom.upwash_body)
+    place = Place(boom.vane_x, boom.vane_y, boom.vane_z, boom.upwash_wing)
     place_sd = known.vane_x * float(np.mean(flown.blocks.columns["airspeed"]))
-    priors = {"theta_zero": known.theta_zero, "ax_zero": known.ax_zero, "az_zero": known.az_zero, "vane_x": place_sd}
+    priors = {"theta_zero": known.theta_zero, "ax_zero": known.ax_zero, "az_zero": known.az_zero, "vane_x": place_sd,
+              "upwash_wing": max(known.upwash_wing * abs(boom.upwash_wing), LEAST_UPWASH)}  # fmt: skip
     say(f"  {len(flown.blocks.time)} blocks of air data and attitude")
     steady = solve(flown.blocks, place, priors)
     motion, why = None, ""
@@ -253,7 +256,7 @@ def _constants(
              **dict.fromkeys(("ax_zero", "ay_zero", "az_zero"), "m/s2")}  # fmt: skip
     reasons = _not_told(flown, steady)
     made = {}
-    for name in steady.names:
+    for name in (n for n in steady.names if n != "upwash_wing"):
         key = keys.get(name, f"instruments.{name.removesuffix('_zero')}.bias")
         made[name] = Constant(
             name, key, units.get(name, "rad"), steady.value(name), steady.sd(name), before[name], reasons.get(name, "")

@@ -159,9 +159,9 @@ def _rows(made: Calibration, kind: str) -> NDArray[np.bool_]:
 
 
 def _vane(made: Calibration) -> str:
-    steady, columns, boom = made.steady, made.flown.blocks.columns, made.aircraft.boom
+    steady, columns = made.steady, made.flown.blocks.columns
     upwash = steady.value("upwash")
-    body = boom.upwash_body if boom else 0.0
+    body = upwash - steady.value("upwash_wing")
     lever = (1 + body) * columns["q"] * steady.value("vane_x") / steady.flow["speed"]
     alpha = np.degrees(steady.flow["alpha"])
     vane = np.degrees(columns["alpha_vane"] + lever)
