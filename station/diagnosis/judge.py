@@ -18,7 +18,7 @@ from station.diagnosis.candidate import Estimate, State
 from station.diagnosis.cross_sensitivity import Crossed, crossed
 from station.diagnosis.diagnosis_result import Gain
 from station.diagnosis.effects import BY_ID
-from station.diagnosis.free_parameters import BEYOND
+from station.diagnosis.free_parameters import BEYOND, moved
 from station.diagnosis.homogeneity import Inhomogeneous, inhomogeneous
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
@@ -194,6 +194,22 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
     )
     half = NORMAL_95 * sd
     return Gain(_size(one), _size(other), reduction, reduction - half, reduction + half, by_record)
+
+
+def within_doubt(problem: Problem, null: Estimate, accepted: Estimate) -> Aircraft | None:
+    """Fitted without effects, but with the free parameters that these relieve at the end of the profile's doubt; None
+    where they relieve none. A vane's lag is such a parameter: taken seven standard deviations far, it shows what is
+    held out as well as the delay does that it stands for."""
+    count = len(problem.frees)
+    far, near = null.state.a[:count], accepted.state.a[:count]
+    relieved = (np.abs(far) > BEYOND) & (np.abs(near) < NORMAL_95)
+    if not relieved.any():
+        return None
+    ends = np.where(relieved, np.copysign(NORMAL_95, far), 0.0)
+    others = [f for f, is_relieved in zip(problem.frees, relieved, strict=True) if not is_relieved]
+    bounded = Problem(problem.manoeuvres, moved(problem.aircraft, problem.frees, ends), others)
+    state = null_fit.null(bounded).state
+    return bounded.aircraft_at(state.values, state.a)
 
 
 def _size(white: Sequence[Complex]) -> float:

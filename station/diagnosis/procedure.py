@@ -223,6 +223,9 @@ def _measured(
         return (), None, True
     fitted = [problem.aircraft_at(e.state.values, e.state.a) for e in (found.null, accepted)]
     gain = _gain((problem.aircraft, fitted[0]), (_with(problem.aircraft, effects), fitted[1]), kept)
+    if gain is not None and gain.low <= 0:
+        bounded = judge.within_doubt(problem, found.null, accepted)
+        gain = gain if bounded is None else judge.gain(bounded, fitted[1], kept)
     return effects, gain, gain is not None and gain.low > 0
 
 
