@@ -197,9 +197,9 @@ def gain(before: Aircraft, after: Aircraft, held_out: Sequence[Manoeuvre]) -> Ga
 
 
 def within_doubt(problem: Problem, null: Estimate, accepted: Estimate) -> Aircraft | None:
-    """Fitted without effects, but with the free parameters that these relieve at the end of the profile's doubt; None
-    where they relieve none. A vane's lag is such a parameter: taken seven standard deviations far, it shows what is
-    held out as well as the delay does that it stands for."""
+    """The aircraft fitted without effects and within the profile's doubt: what is BEYOND it in `null`, and not with the
+    effects (`accepted`), is held at its end. None where there is nothing such. A vane's own lag, seven standard
+    deviations off, matches what is held out as well as the delay that it stands for."""
     count = len(problem.frees)
     far, near = null.state.a[:count], accepted.state.a[:count]
     relieved = (np.abs(far) > BEYOND) & (np.abs(near) < NORMAL_95)

@@ -40,7 +40,7 @@ SPEEDS: Final = 8.0
 ANGLES: Final = math.radians(2.0)
 """Of angle of attack between runs: below, the vane's zero is not told from its upwash."""
 LEAST_UPWASH: Final = 1e-3
-"""Standard deviation of the wing's share where the profile has none: no more than a turn shows."""
+"""Least standard deviation of the wing's share, for a profile that says there is none: less than a turn shows."""
 UPWASH_TOLD: Final = 0.05
 """Standard deviation of the upwash above which it is not: manoeuvres may tell it at one speed."""
 LEAST_RUNS_S: Final = 120.0
@@ -256,7 +256,7 @@ def _constants(
              **dict.fromkeys(("ax_zero", "ay_zero", "az_zero"), "m/s2")}  # fmt: skip
     reasons = _not_told(flown, steady)
     made = {}
-    for name in (n for n in steady.names if n != "upwash_wing"):
+    for name in (n for n in steady.names if n != "upwash_wing"):  # of itself nothing tells it
         key = keys.get(name, f"instruments.{name.removesuffix('_zero')}.bias")
         made[name] = Constant(
             name, key, units.get(name, "rad"), steady.value(name), steady.sd(name), before[name], reasons.get(name, "")

@@ -235,8 +235,8 @@ def told_in_still_air(folder: Path, aircraft: Aircraft) -> Calibration:
 
 
 def test_a_wing_whose_upwash_is_another_one(tmp_path: Path) -> None:
-    """In a turn the upwash of the wing meets no pitch rate, and its memory has two rates of their own. Taken for the
-    profile's, they made the vane's place wrong by nine standard errors, and its zero by fifteen."""
+    """In a turn the upwash of the wing meets no pitch rate, and its memory has two rates of their own. Either
+    taken for the profile's, the vane's zero was six to eight standard errors off here."""
     nominal = load_aircraft("twin_otter")
     assert nominal.boom is not None
     memory = nominal.unsteady.upwash_motion
