@@ -13,7 +13,8 @@ axes, where it has a magnitude and two flow angles. Against these stand what is 
 Attitude has zeros of its own. Over seconds lift balances weight and a pilot holds the airspeed: what the aircraft meets
 stays, and its way through the mean air moves against the gusts. So gusts are errors of the motion's angles and speed,
 not of readings, and readings are the regressors: the vane's row is divided by 1 + k, the airspeed's by 1 + slope; the
-other way round, a vane's scale would be taken down by every slow gust.
+other way round, a vane's scale would be taken down by every slow gust. No pilot holds the airspeed against a gust that
+passes in seconds, and it would take the airspeed's slope up: that goes with the mean reading of the run.
 
 The wind is straight between knots and walks from one to the next. What is left of each row is a gust or noise: white,
 and Gauss-Markov processes of a gust's and of a thermal's length in time, whose variances are the restricted maximum
@@ -89,6 +90,8 @@ class Blocks:
     density: Array
     steady: NDArray[np.bool_]
     """Whether vanes and accelerometers are held against the motion there: no test input is flown."""
+    held: Array
+    """Airspeed (n,) of the run that each block belongs to, as measured: without the gusts in the block's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,13 +252,14 @@ class _Problem:
         q, roll, yaw = c["q"], c["p"], c["r"]
         # Corrected readings less the motion's: what is left is a gust.
         scale = 1 + p["airspeed_slope"]
+        wrong = p["airspeed_error"] + p["airspeed_slope"] * (self.blocks.held - self.speed)
         true = self.speed + (c["airspeed"] - self.speed - p["airspeed_error"]) / scale
         upwash = p["upwash"]
         if "upwash_slope" in p:
             upwash = upwash + p["upwash_slope"] * (0.5 * self.blocks.density * true**2 - self.pressure) / PASCALS
         lever = (q * p["vane_x"] - roll * place.y) / v * (1 - p["upwash_wing"] / (1 + upwash))
         made = {
-            "airspeed": true - v,
+            "airspeed": c["airspeed"] - wrong / scale - v,
             "alpha_vane": (c["alpha_vane"] - p["vane_zero"]) / (1 + upwash) + lever - alpha,
         }
         if "dynamic_pressure" in self.rows:

@@ -150,8 +150,16 @@ def calibrating(logs: Sequence[Path], aircraft: Aircraft, read: Opened = opened)
         {n: x for n, x in columns.items() if n not in ("density", "q_sd", "rolled")},
         columns["density"],
         (columns["q_sd"] < STILL) & (columns["rolled"] < ROLLING),
+        _held(columns["airspeed"], runs),
     )
     return Calibrating(blocks, tuple(runs), tuple(recordings), tuple(remarks))
+
+
+def _held(airspeed: Array, runs: Sequence[Run]) -> Array:
+    held = airspeed.copy()
+    for run in runs:
+        held[run.rows] = airspeed[run.rows].mean()
+    return held
 
 
 def _in_order(logs: Sequence[Path]) -> list[tuple[Path, float | None]]:
