@@ -16,7 +16,7 @@ from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre
 from station.diagnosis.procedure import Diagnosis
 from station.diagnosis.vane_gust import undone
-from station.model.flying_qualities import Condition, Qualities, bend, mixture, qualities
+from station.model.flying_qualities import THRUST_ARM, Condition, Qualities, bend, mixture, qualities
 from station.model.late_lift import constants_of
 from station.numerics.atmosphere import scale_height
 from station.numerics.separation import of_wing, steady
@@ -24,8 +24,8 @@ from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
-THRUST_ARM: Final = "thrust.moment"
-"""The effect that is the thrust's arm, told with its own standard error."""
+APART: Final[Mapping[str, str]] = {"thrust.moment": THRUST_ARM, "aero.speed_terms": "CL_V"}
+"""Effects told with their own standard error, and what of the aircraft they are."""
 _STEP = 0.1
 """Over what share of a standard deviation the derivatives' slopes are taken."""
 _BESIDE = 1e-4
@@ -93,11 +93,8 @@ def _qualities(problem: Problem, e: Estimate, speed: float | None = None) -> Qua
     at = _condition(aircraft, problem.manoeuvres)
     at = replace(at, speed=speed or at.speed)
     covariance, own = posterior(problem, e, aircraft, at.alpha), list(e.state.values)
-    arm_sd = None
-    if THRUST_ARM in own:
-        place = own.index(THRUST_ARM)
-        arm_sd = math.sqrt(e.solved.covariance[place, place])
-    return qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), covariance, arm_sd=arm_sd)
+    apart = {w: math.sqrt(e.solved.covariance[own.index(n), own.index(n)]) for n, w in APART.items() if n in own}
+    return qualities(aircraft, at, shown(aircraft, aircraft, at.alpha), covariance, apart=apart)
 
 
 def _condition(aircraft: Aircraft, flown: Sequence[Manoeuvre]) -> Condition:

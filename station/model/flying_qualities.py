@@ -48,7 +48,7 @@ _CLOSE: Final = 1e-9
 _SETTLED: Final = 1e-4
 """The same from which it counts as settled: no interval is as narrow."""
 _SEED: Final = 8785
-_ARM: Final = "thrust arm beyond"
+THRUST_ARM: Final = "thrust arm beyond"
 """m, beside what is drawn of the derivatives."""
 
 
@@ -236,8 +236,7 @@ def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], dr
         return drawn.get(name, aircraft.value(name))
 
     area, v = aircraft.geometry.wing_area, at.speed
-    pressure = 0.5 * at.density * v * v
-    weight = at.mass * G0 / (pressure * area)
+    weight = at.mass * G0 / (0.5 * at.density * v * v * area)
     per_speed = v / (aircraft.reference_speed or v)
     lean = math.tan(at.alpha + aircraft.thrust_angle)
     in_body = "CZ_alpha" in drawn
@@ -253,7 +252,7 @@ def coefficients(aircraft: Aircraft, at: Condition, drawn: Mapping[str, Any], dr
         cd, along = drag * (of("CD_0") + of("CD_alpha") * at.alpha) + cd_u, 0.0
         cl = weight - cd * lean
     slope = lift["alpha"] - cd if in_body else lift["alpha"]
-    balance = -cd * (aircraft.thrust_pitch_arm + drawn.get(_ARM, 0.0)) / aircraft.geometry.chord
+    balance = -cd * (aircraft.thrust_pitch_arm + drawn.get(THRUST_ARM, 0.0)) / aircraft.geometry.chord
     return Coefficients(
         cl=cl,
         cl_u=of("CL_V") * per_speed,
@@ -302,8 +301,7 @@ scale of the elevator's sensor and control derivatives that are wrong by as much
 @np.errstate(divide="ignore", invalid="ignore")
 def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late: Late | None) -> dict[str, Array]:
     roots = modes(c, at, area, chord, late)
-    omega, zeta = frequency_and_damping(roots[..., 0], roots[..., 1])
-    slow, slow_zeta = frequency_and_damping(roots[..., 2], roots[..., 3])
+    (omega, zeta), (slow, slow_zeta) = (frequency_and_damping(roots[..., k], roots[..., k + 1]) for k in (0, 2))
     pulled = pull_up(c, at, area, chord, late)
     n_alpha = pulled.load / pulled.alpha
     margin = -c.cm_alpha / c.cl_alpha
@@ -329,12 +327,12 @@ def _quantities(c: Coefficients, at: Condition, area: float, chord: float, late:
 
 def qualities(
     aircraft: Aircraft, at: Condition, found: Mapping[str, float], covariance: NDArray[Any], late: bool = True,
-    loading: tuple[float, float] = (0.0, 0.0), arm_sd: float | None = None,
+    loading: tuple[float, float] = (0.0, 0.0), apart: Mapping[str, float] = {},
 ) -> Qualities:  # fmt: skip
     """All quantities of `found` derivatives, CL or CZ and Cm, in whose order `covariance` (n, n) is; `late`: whether
-    they are those of an unsteady aircraft, with the profile's lags apart; `loading`: relative standard errors of mass
-    and inertia, which are not in the covariance; `arm_sd`: standard error of the thrust's arm (m), the profile's if
-    left out. What is missing among the derivatives is not known."""
+    they are those of an unsteady aircraft, with the profile's lags apart. Not in the covariance: `loading`, relative
+    standard errors of mass and inertia, and `apart`, those of THRUST_ARM (m) and CL_V, left out the profile's. What is
+    missing among the derivatives is not known."""
     rng = np.random.default_rng(_SEED)
     names, size = tuple(found), (aircraft.geometry.wing_area, aircraft.geometry.chord)
     own = late_of(aircraft) if late else None
@@ -355,8 +353,9 @@ def qualities(
     made: dict[str, Array] = {}
     if {f"{force}_alpha", "Cm_alpha"} <= found.keys():
         drawn = {n: cloud[:, k] for k, n in enumerate(names)}
-        line = aircraft.uncertainty.thrust_arm * aircraft.geometry.chord if arm_sd is None else arm_sd
-        drawn[_ARM] = line * np.append(0.0, rng.standard_normal(DRAWS))
+        doubt = {THRUST_ARM: aircraft.uncertainty.thrust_arm * size[1], "CL_V": aircraft.uncertainty.CL_V, **apart}
+        for what, middle in ((THRUST_ARM, 0.0), ("CL_V", aircraft.value("CL_V"))):
+            drawn[what] = middle + doubt[what] * np.append(0.0, rng.standard_normal(DRAWS))
         mass, iyy = (np.maximum(drawn.get(n, 1.0), _LIGHTEST) for n in (MASS, IYY))
         there = replace(at, mass=mass * at.mass, iyy=iyy * at.iyy)
         own = own.drawn(drawn) if own is not None else None
@@ -365,8 +364,9 @@ def qualities(
     out, draws = {}, {}
     for name, (unit, needs, rests) in _ASKED.items():
         # CL_q is next to nothing beside 4m/(rho S c): where it is not found, it is the profile's.
-        asked = [f"{c}_{x}" for x in needs for c in (force, "Cm") if (c, x) != (force, "q")]
-        lacking = [n for n in asked if n not in found]
+        lacking = [
+            f"{c}_{x}" for x in needs for c in (force, "Cm") if (c, x) != (force, "q") and f"{c}_{x}" not in found
+        ]
         if lacking:
             out[name] = Derived(name, unit, why=f"{', '.join(lacking)} not estimated")
         elif no_drag and "drag" in rests:

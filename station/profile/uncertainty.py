@@ -102,6 +102,9 @@ class Uncertainty(Frozen):
 
     CL_0: float = Field(default=0.3, ge=0)
     """Of the lift coefficient at no angle of attack, absolute: incidence of the wing, flaps, another reference line."""
+    CL_V: float = Field(default=0.1, ge=0)
+    """Of how lift depends on speed itself, absolute: a tenth of the lift behind a propeller, whose slipstream weakens
+    with the cube of the speed, or at Mach 0.3. The phugoid's frequency is uncertain by it where no effect tells it."""
     Cm_0: float = Field(default=0.1, ge=0)
     """Of the pitching moment's, absolute: trim tab, loading."""
     CD_0: float = Field(default=0.02, ge=0)

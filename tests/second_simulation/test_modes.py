@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -72,13 +72,19 @@ def test_thrust_that_carries_weight_slows_the_phugoid() -> None:
     assert said["phugoid_frequency"].estimate == pytest.approx(true["phugoid_frequency"], rel=1e-3)
 
 
-def test_a_doubtful_thrust_line_widens_the_phugoid_by_what_it_changes() -> None:
+@pytest.mark.parametrize(
+    ("doubt", "size", "hidden"),
+    [("thrust_arm", 0.05, lambda x: Hidden(thrust_arm=x * CHORD)), ("CL_V", 0.1, lambda x: Hidden(speed=x))],
+)
+def test_a_doubtful_thrust_line_or_speed_term_widens_the_phugoid_by_what_it_changes(
+    doubt: str, size: float, hidden: Callable[[float], Hidden]
+) -> None:
     """To the tenth that 1000 draws leave (three of their standard errors): drag and the thrust's law hardly matter."""
     aircraft, body = replace(quasi_steady(), thrust_slope=sum(theory.THRUST_LAWS) / 2), load_aircraft("twin_otter")
-    arm = body.uncertainty.thrust_arm * body.geometry.chord
-    low, high = (free_flight(aircraft, Hidden(thrust_arm=x))["phugoid"][0] for x in (arm, -arm))
-    interval = told(aircraft, body, late=False)["phugoid_frequency"].ci95
-    assert interval[1] - interval[0] == pytest.approx(1.96 * (high - low), rel=0.1)
+    alone = body.uncertainty.model_copy(update={"thrust_arm": 0.0, "CL_V": 0.0, doubt: size})
+    one, other = (free_flight(aircraft, hidden(x))["phugoid"][0] for x in (size, -size))
+    interval = told(aircraft, body.model_copy(update={"uncertainty": alone}), late=False)["phugoid_frequency"].ci95
+    assert interval[1] - interval[0] == pytest.approx(1.96 * abs(one - other), rel=0.1)
 
 
 def test_lags_of_wing_and_downwash_are_part_of_how_it_flies() -> None:
