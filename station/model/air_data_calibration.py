@@ -14,7 +14,7 @@ Attitude has zeros of its own. Over seconds lift balances weight and a pilot hol
 stays, and its way through the mean air moves against the gusts. So gusts are errors of the motion's angles and speed,
 not of readings, and readings are the regressors: the vane's row is divided by 1 + k, the airspeed's by 1 + slope; the
 other way round, a vane's scale would be taken down by every slow gust. No pilot holds the airspeed against a gust that
-passes in seconds, and it would take the airspeed's slope up: that goes with the mean reading of the run.
+passes in seconds, and it would take the airspeed's slope up: of that the run's mean reading is the instrument.
 
 The wind is straight between knots and walks from one to the next. What is left of each row is a gust or noise: white,
 and Gauss-Markov processes of a gust's and of a thermal's length in time, whose variances are the restricted maximum
@@ -252,14 +252,13 @@ class _Problem:
         q, roll, yaw = c["q"], c["p"], c["r"]
         # Corrected readings less the motion's: what is left is a gust.
         scale = 1 + p["airspeed_slope"]
-        wrong = p["airspeed_error"] + p["airspeed_slope"] * (self.blocks.held - self.speed)
         true = self.speed + (c["airspeed"] - self.speed - p["airspeed_error"]) / scale
         upwash = p["upwash"]
         if "upwash_slope" in p:
             upwash = upwash + p["upwash_slope"] * (0.5 * self.blocks.density * true**2 - self.pressure) / PASCALS
         lever = (q * p["vane_x"] - roll * place.y) / v * (1 - p["upwash_wing"] / (1 + upwash))
         made = {
-            "airspeed": c["airspeed"] - wrong / scale - v,
+            "airspeed": true - v,
             "alpha_vane": (c["alpha_vane"] - p["vane_zero"]) / (1 + upwash) + lever - alpha,
         }
         if "dynamic_pressure" in self.rows:
@@ -276,7 +275,8 @@ class _Problem:
         return made
 
     def slopes(self, x: Array, at: Mapping[str, Array]) -> dict[str, Array]:
-        """Of each row's residual by each parameter, (n, parameters)."""
+        """Of each row's residual by each parameter, (n, parameters); of the airspeed by its slope with the run's
+        reading in place of the block's."""
         steps = np.concatenate((1e-3 * np.minimum(self.sd, 1.0), np.full(2 * len(self.knots), 1e-3)))
         made = {r: np.empty((len(self.blocks.time), len(x))) for r in self.rows}
         for i, step in enumerate(steps):
@@ -284,6 +284,9 @@ class _Problem:
             moved[i] += step
             for r, e in self.residuals(moved).items():
                 made[r][:, i] = (e - at[r]) / step
+        p = dict(zip(self.names, x, strict=False))
+        beyond = self.blocks.held - self.speed - p["airspeed_error"]
+        made["airspeed"][:, self.names.index("airspeed_slope")] = -beyond / (1 + p["airspeed_slope"]) ** 2
         return made
 
     def noise_at(self, x: Array, precision: Array, before: Mapping[str, Array]) -> dict[str, Array]:
