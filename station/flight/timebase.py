@@ -295,16 +295,19 @@ class ClockMap:
 
     def _next_bin(self, t_device_ns: int, arrival_ns: int) -> None:
         difference = arrival_ns - t_device_ns
+        if self._bin is not None:
+            self._points.append(self._bin[1:])
+            while self._points and t_device_ns - self._points[0][0] > WINDOW_NS:
+                self._points.popleft()
+            if not self._points:  # silent for longer than the window: no line is left
+                self._reset()
         if self._first_ns is None:
             self._first_ns = arrival_ns
             self._x0_ns = t_device_ns
             self._floor_ns = float(difference)
             self._slope = 0.0
             self.state = "unsynced"
-        if self._bin is not None:
-            self._points.append(self._bin[1:])
-            while self._points and t_device_ns - self._points[0][0] > WINDOW_NS:
-                self._points.popleft()
+        if self._points:
             self._fit(arrival_ns - self._first_ns)
         self._bin = ((arrival_ns + self._phase_ns) // BIN_NS, t_device_ns, difference)
 

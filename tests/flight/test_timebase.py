@@ -81,6 +81,21 @@ def test_one_wrong_stamp_however_far_moves_no_clock_and_is_told(step_s):
     assert sum(before.update(d, a).stepped for d, a in zip(device.tolist(), arrival.tolist(), strict=True)) >= 1
 
 
+@pytest.mark.parametrize("silent_s", [30.0, 41.0, 60.0, 600.0])
+@pytest.mark.parametrize("drift_ppm", [0.0, 80.0, -80.0])
+def test_a_stream_that_comes_back_after_a_silence_is_mapped_as_before(silent_s, drift_ppm):
+    """Longer than the window of 40 s it ended the flight with a division by zero."""
+    true, device, arrival = messages(50, 60.0 + silent_s, 10.0, drift_ppm, UNIFORM, 6)
+    back = 1500 + int(50 * silent_s)
+    clock, errors = ClockMap(20_000_000), []
+    for k in (*range(1500), *range(back, len(true))):
+        errors.append(clock.update(int(device[k]), int(arrival[k])).t_ns - int(true[k]))
+    assert clock.state == "synced"
+    # At once to the link's 5 ms of jitter, and when the floor is found again to the 2 ms of any stream.
+    assert np.abs(errors[1500:]).max() <= 5e6
+    assert np.sqrt(np.mean(np.square(errors[1500 + 500 :]))) <= 2e6
+
+
 def test_late_messages_are_late_not_a_step():
     _, device, arrival = messages(50, 20.0, 10.0, 0.0, UNIFORM, 5)
     arrival[600:700] += 200_000_000
