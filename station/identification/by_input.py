@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import matmul_toeplitz
-from scipy.signal import correlate
+from scipy.signal import butter, correlate, sosfiltfilt
 
 from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
@@ -35,6 +35,11 @@ ROUNDING: Final = 1e-12
 """Share of the largest singular value."""
 ROWS: Final = 4
 """Rows for each of these values, at least."""
+FLOWN_HZ: Final = (0.1, 2.5)
+"""Below, trim and drift rule; above, no rigid aircraft follows its surfaces."""
+MOSTLY: Final = 0.5
+"""Share of a motion that may be the gusts'. Flights with inputs leave 0.01 (calm) to 0.3 (10 ft/s), those left to the
+leveller of their wings 0.5 to 0.8."""
 
 
 class Shown(NamedTuple):
@@ -88,6 +93,28 @@ def input_history(
     # Of inputs in a band the values in between say little that is new: rounding is left out.
     basis, size, _ = np.linalg.svd(history, full_matrices=False)
     return np.asarray(basis[:, size > size[0] * ROUNDING])
+
+
+def is_flown(record: FlightRecord, surfaces: Collection[str], answer: str) -> bool:
+    """Whether what `surfaces` did before explains most of a signal, and more than what they did after it: else the
+    signal answers gusts, and so do the surfaces, by feedback. Of the motion in FLOWN_HZ."""
+    good = record.usable & np.isfinite(record.motion[answer])
+    moved = [name for name in surfaces if record.has(name) and excited(record, (name,))]
+    late = np.arange(0.0, HISTORY_S, max(STEP_S, record.dt))
+    if not moved or good.sum() < ROWS * len(late) * len(moved):
+        return False
+    low, high = FLOWN_HZ
+    band = butter(2, (low, min(high, 0.4 / record.dt)), "bandpass", fs=1 / record.dt, output="sos")
+    times = record.t_s[good]
+
+    def shown(name: str, later_s: float) -> Array:
+        x = np.interp(times - later_s, times, record.motion[name][good])
+        return np.asarray(sosfiltfilt(band, x - x.mean()))
+
+    y = shown(answer, 0.0)
+    before, after = (np.column_stack([shown(n, way * s) for n in moved for s in late]) for way in (1.0, -1.0))
+    left = [float(np.var(y - x @ np.linalg.lstsq(x, y, rcond=ROUNDING)[0]) / np.var(y)) for x in (before, after)]
+    return left[0] < min(MOSTLY, left[1])
 
 
 def instrumented(regressors: Array, measured: Array, history: Array) -> tuple[Array, Array]:

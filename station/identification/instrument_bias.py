@@ -22,11 +22,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord, flow_angles
-from station.estimation.results import Axes, Equation, MethodResult, equations, excited, regress
+from station.estimation.results import LATERAL_SURFACES, Axes, Equation, MethodResult, equations, excited, regress
 from station.identification import surface_scales
-from station.identification.by_input import Shown, by_input, input_history, instrumented
+from station.identification.by_input import Shown, by_input, input_history, instrumented, is_flown
 from station.identification.instrument_table import InstrumentTable
 from station.model.coefficients import coefficients
 from station.model.instrument_lags import FILTERS_S
@@ -46,6 +45,9 @@ INTEGRATED: Final = ("phi", "psi")
 """nor attitude, which the inertial sideslip is made with."""
 SURFACES: Final = {"Cm": ("elevator", "de"), "Cl": ("aileron", "da"), "Cn": ("rudder", "dr")}
 """The coefficient that shows a surface best, and its mark there."""
+ANSWERS: Final = {"elevator": "q", "aileron": "p", "rudder": "r"}
+INPUTS: Final = dict.fromkeys(LATERAL_SURFACES, LATERAL_SURFACES)
+"""A surface that only answers the motion, by feedback, is late by as much as that."""
 LONGEST_S: Final = 0.3
 """Of a surface's lag: slower actuators do not control an aircraft."""
 LIFT: Final = ("CL", "CZ")
@@ -137,7 +139,7 @@ def out_of_time(record: FlightRecord, axes: Axes) -> dict[str, Error]:
         name = f"{equation.name}_{mark}"
         if name not in equation.parameters or not np.isfinite(equation.measured[record.usable]).any():
             continue
-        if not excited(record, (surface,)):
+        if not excited(record, (surface,)) or not is_flown(record, INPUTS.get(surface, (surface,)), ANSWERS[surface]):
             continue
         steps = np.arange(STEP_S, LONGEST_S + STEP_S / 2, STEP_S)
         tried = [Error(), *(Error(late=s) for s in (*steps, *-steps)), *(Error(follows=s) for s in steps)]
@@ -154,10 +156,10 @@ def _timed(record: FlightRecord, equation: Equation, signal: Array, at: int, tri
     if good.sum() < len(equation.parameters) + 2:
         return None
     z = equation.measured[good] - equation.measured[good].mean()
-    # Roll and yaw gusts move the regressors too: what the surfaces' history explains of both sides is free of that.
-    is_lateral = equation.parameters[0] in LATERAL
-    basis = input_history(record, equation, good, LONGEST_S) if is_lateral else None
-    if is_lateral and basis is None:
+    # Gusts move the regressors too, a moment's in its own time: what the surfaces' history explains of both sides is
+    # free of that. Lift follows a gust as it follows the motion.
+    basis = None if equation.name in LIFT else input_history(record, equation, good, LONGEST_S)
+    if basis is None and equation.name not in LIFT:
         return None
 
     def moved(error: Error) -> Array:
