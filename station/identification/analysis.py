@@ -243,15 +243,15 @@ def _invalid(result: MethodResult, why: str) -> MethodResult:
 
 
 def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
-    """As in flight; where that recommends none, the first of PREFERRED that applies."""
+    """As in flight, of a flight that shows lateral derivatives alone by these; where that recommends none, the first of
+    PREFERRED that applies."""
     ok = {name: result for name, result in results.items() if result.status == "ok"}
-    given = {
-        name: sum(p.status is Status.ESTIMATED and p.name not in LATERAL for p in result.parameters)
-        for name, result in ok.items()
-    }
-    sideways = any(p.status is Status.ESTIMATED and p.name in LATERAL for r in ok.values() for p in r.parameters)
-    if sideways:
+    told = {name: [p.name in LATERAL for p in r.parameters if p.status is Status.ESTIMATED] for name, r in ok.items()}
+    given = {name: of.count(False) for name, of in told.items()}
+    sideways = {name: of.count(True) for name, of in told.items()}
+    if any(sideways.values()):
         given = {name: n for name, n in given.items() if n >= SHORT_PERIOD or not METHODS[name].begin}
+        given = given if any(given.values()) else sideways
     others = (name for name in ok if METHODS[name].runner)
     return recommended(given, level) or next((name for name in (*PREFERRED, *others) if name in ok), None)
 

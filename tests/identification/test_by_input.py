@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from station.conventions import LATERAL
 from station.estimation.flight_record import FlightRecord
 from station.estimation.results import MethodResult
+from station.identification.analysis import _recommended
 from station.identification.by_input import by_input, misled
 from station.profile import load_aircraft
 from station.rows import ParamEstimate, Status
@@ -76,3 +78,20 @@ def test_errors_are_no_smaller_than_what_the_input_shows() -> None:
     assert made["II"] == given
     wide = MethodResult("ok", "", (ParamEstimate("Cl_p", least_squares, 5.0, Status.ESTIMATED),))
     assert misled({"I": wide}, shown, record)["I"].parameters[0].sd == 5.0
+
+
+@pytest.mark.parametrize(
+    ("given", "level", "expected"),
+    [((15, 15), "moderate", "split+gust"), ((15, 12), "moderate", "split"), ((15, 15), "calm", "split")],
+)
+def test_a_flight_of_lateral_derivatives_alone_is_told_by_what_the_surfaces_move(
+    given: tuple[int, int], level: str, expected: str
+) -> None:
+    """In gusts, where it gives as many as least squares."""
+    results = {
+        name: MethodResult(
+            "ok", parameters=tuple(ParamEstimate(n, 1.0, 0.1, Status.ESTIMATED) for n in LATERAL[:count])
+        )
+        for name, count in zip(("split", "split+gust"), given, strict=True)
+    }
+    assert _recommended(results, level) == expected
