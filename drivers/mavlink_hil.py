@@ -1,8 +1,8 @@
 """An autopilot in the loop over MAVLink: what it asks of the surfaces, and what it is told of its sensors.
 
 HIL_ACTUATOR_CONTROLS in; HIL_SENSOR, HIL_GPS and HIL_STATE_QUATERNION out (MAVLink's common messages; PX4,
-simulator_mavlink). Pure: bytes and times in, bytes and values out. Nothing is sent to, and nothing flown of, a system
-whose heartbeats do not say that it is in HIL, unless the rig declares the link to be a simulator's.
+simulator_mavlink). Pure: bytes and times in, bytes and values out. `HilGuard` says when anything is sent, and whose
+controls are flown.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from drivers.hil_guard import ARMED, HilGuard, sender_of
 from drivers.mavlink import STATION_COMPONENT, STATION_SYSTEM
-from drivers.mavlink_frame import SILENT_NS, Framer, Packer
+from drivers.mavlink_frame import Framer, Packer
 from station.conventions import G0, SEA_LEVEL_DENSITY
 from station.numerics.angles import quaternion
 from station.profile import LOOP_HZ, MavlinkLoop
@@ -30,8 +31,6 @@ FIELD_GAUSS: Final = (0.19, -0.03, 0.49)
 """Earth's, north, east and down, where simulated flights begin (41.4 N, 81.9 W): inclination 69, declination -8 deg."""
 NOISE: Final = {"accel": 0.02, "gyro": 5e-4, "mag": 5e-4, "abs": 0.02, "diff": 0.02}
 """Standard deviations: m/s2, rad/s, gauss, hPa. An autopilot takes a sensor that never changes for a broken one."""
-_ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
-_IN_HIL: Final = dialect.MAV_MODE_FLAG_HIL_ENABLED
 _ALL_UPDATED: Final = 0x1FFF
 """HIL_SENSOR_UPDATED_FLAGS: accelerometers, gyros, magnetometers, both pressures, their altitude, temperature."""
 _NO_YAW: Final = 0
@@ -46,8 +45,7 @@ class MavlinkHil:
         self._packer = Packer(STATION_SYSTEM, STATION_COMPONENT)
         self._rng = np.random.default_rng([seed, 5])
         self._state_every = LOOP_HZ // STATE_HZ
-        self._heartbeat_ns: int | None = None
-        self._in_hil = self._armed = False
+        self._guard = HilGuard(loop.simulator)
         self._newest_us = 0
         self._answers = self._owed = False
         self._to_acknowledge: list[Any] = []
@@ -56,8 +54,8 @@ class MavlinkHil:
     def begin(self) -> None:
         """The link has been opened, perhaps to another autopilot."""
         self._framer.reset()
-        self._heartbeat_ns = None
-        self._in_hil = self._armed = self._answers = self._owed = False
+        self._guard.begin()
+        self._answers = self._owed = False
         self._newest_us = 0
 
     def feed(self, data: bytes, now_ns: int) -> list[tuple[str, float]]:
@@ -65,45 +63,23 @@ class MavlinkHil:
         asked: list[tuple[str, float]] = []
         for message in self._framer.feed(data):
             match message.get_type():
-                case "HEARTBEAT" if message.type != dialect.MAV_TYPE_GCS:
-                    self._heartbeat(message, now_ns)
+                case "HEARTBEAT":
+                    self._guard.heartbeat(message, now_ns)
                 case "HIL_ACTUATOR_CONTROLS":
                     asked += self._controls(message, now_ns)
-                case "COMMAND_LONG":
+                case "COMMAND_LONG" if self._guard.may_ask(sender_of(message)):
                     self._command(message)
         return asked
 
-    def may_send(self, now_ns: int) -> bool:
-        """Whether whoever is at the other end moves nothing real."""
-        if self._loop.simulator:
-            return True
-        return self._in_hil and self._heartbeat_ns is not None and now_ns - self._heartbeat_ns <= SILENT_NS
-
-    def _heartbeat(self, message: Any, now_ns: int) -> None:
-        is_new = self._heartbeat_ns is None
-        was = (self._in_hil, self._armed)
-        self._heartbeat_ns = now_ns
-        self._in_hil = bool(message.base_mode & _IN_HIL)
-        self._armed = bool(message.base_mode & _ARMED)
-        if self._loop.simulator or (not is_new and was == (self._in_hil, self._armed)):
-            return
-        who = f"system {message.get_srcSystem()}"
-        if self._in_hil:
-            self._told.append((Code.HEARD, f"{who} is in HIL: it is told of the simulated sensors"))
-        elif self._armed:
-            self._told.append((Code.FOREIGN, f"{who} is armed and not in HIL: nothing is sent to it, nor flown of it"))
-        else:
-            self._told.append((Code.FOREIGN, f"{who} is not in HIL: nothing is sent to it"))
-
     def _controls(self, message: Any, now_ns: int) -> list[tuple[str, float]]:
-        if not self.may_send(now_ns):
+        if not self._guard.may_fly(sender_of(message), now_ns):
             return []
         if message.time_usec < self._newest_us:
             back_s = (self._newest_us - message.time_usec) * 1e-6
             self._told.append((Code.CLOCK_STEP, f"the autopilot's time runs back by {back_s:.3f} s: it is flown on"))
         self._newest_us = message.time_usec
         self._answers, self._owed = True, False
-        if not message.mode & _ARMED:  # its outputs stand at 0, which is no trim
+        if not message.mode & ARMED:  # its outputs stand at 0, which is no trim
             return []
         return list(self._loop.moved_by(message.controls).items())
 
@@ -125,7 +101,7 @@ class MavlinkHil:
 
     def outgoing(self, step: int, row: Mapping[str, float], now_ns: int) -> bytes:
         """What the autopilot is to be sent after a step of LOOP_HZ that gave this row of signals."""
-        if not self.may_send(now_ns):
+        if not self._guard.is_open(now_ns):
             return b""
         time_us = FIRST_US + step * 1_000_000 // LOOP_HZ
         out = [self._packer.pack(m) for m in self._to_acknowledge]
@@ -149,7 +125,7 @@ class MavlinkHil:
 
     def told(self) -> list[tuple[Code, str]]:
         """What has happened since this was last asked."""
-        said, self._told = self._told, []
+        said, self._told = self._guard.told() + self._told, []
         return said
 
 
