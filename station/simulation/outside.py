@@ -48,6 +48,10 @@ class Outside:
     _heard: dict[str, _Heard] = field(default_factory=dict)
     _impossible: set[str] = field(default_factory=set)
     """Whose last value was no position, which has been told."""
+    _gone: list[str] = field(default_factory=list)
+    """Silent since this was last told,"""
+    _returned: list[str] = field(default_factory=list)
+    """and heard again."""
     _told: list[tuple[Code, str]] = field(default_factory=list)
 
     def take(self, t_s: float, name: str, value: float) -> None:
@@ -63,7 +67,7 @@ class Outside:
         if abs(value - known.value) > jump and not known.silent and not self._stands(name, known, t_s, value, jump):
             return
         if known.silent:
-            self._told.append((Code.FRESH, f"{name}: heard again"))
+            self._returned.append(name)
         self._heard[name] = _Heard(value, t_s)
 
     def _is_possible(self, name: str, value: float) -> bool:
@@ -94,10 +98,13 @@ class Outside:
             silent_s = t_s - max(known.t_s, known.there_s)
             if silent_s <= self.hold:
                 out[name] = known.value
+                if known.silent:
+                    known.silent = False
+                    self._returned.append(name)
                 continue
             if not known.silent:
                 known.silent = True
-                self._told.append((Code.STALE, f"{name}: nothing from outside for {self.hold:g} s: fading to trim"))
+                self._gone.append(name)
             left = math.exp(-(silent_s - self.hold) / self.fade)
             out[name] = self.rest[name] + left * (known.value - self.rest[name])
         return out
@@ -113,8 +120,20 @@ class Outside:
 
     def told(self) -> list[tuple[Code, str]]:
         """What has happened since this was last asked."""
-        said, self._told[:] = list(self._told), []
+        said = self._told + self._silence()
+        for told in (self._told, self._gone, self._returned):
+            told.clear()
         return said
+
+    def _silence(self) -> list[tuple[Code, str]]:
+        """One alarm for all of them, which is over when none is silent any more."""
+        silent = ", ".join(name for name, known in self._heard.items() if known.silent)
+        returned = ", ".join(dict.fromkeys(self._returned))
+        if silent and self._gone:
+            return [(Code.STALE, f"{silent}: nothing from outside for {self.hold:g} s: fading to trim")]
+        if silent and returned:
+            return [(Code.STALE, f"{silent}: still nothing from outside; {returned} heard again")]
+        return [(Code.FRESH, f"{Code.STALE} over: {returned} heard again")] if returned else []
 
 
 def _degrees(value: float) -> str:

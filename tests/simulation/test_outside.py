@@ -6,7 +6,9 @@ import math
 
 import pytest
 
-from station.rows import Code
+from station.clock import ManualClock
+from station.flight.board import Board
+from station.rows import Code, Event
 from station.simulation.outside import Outside
 
 TRIM = -0.02
@@ -42,6 +44,27 @@ def test_silence_is_held_then_faded_to_trim_and_told_once() -> None:
     o.take(5.0, "elevator", 0.05)
     assert o.at(5.0) == {"elevator": 0.05}
     assert codes(o) == [Code.FRESH]
+
+
+def test_the_alarm_of_silence_is_over_when_nothing_is_silent_any_more() -> None:
+    o, board = Outside(dict.fromkeys(("elevator", "aileron"), 0.0), hold=0.5, fade=2.0), Board(None, ManualClock())
+
+    def alarm(t: float) -> str:
+        o.at(t)
+        board.update(Event(0, "loop", code, 1, words) for code, words in o.told())
+        return "".join(event.detail for event in board.alarms)
+
+    for name in ("elevator", "aileron"):
+        o.take(0.0, name, 0.1)
+    assert alarm(0.0) == ""
+    assert alarm(1.0) == "elevator, aileron: nothing from outside for 0.5 s: fading to trim"
+    o.take(1.1, "elevator", 0.1)
+    assert alarm(1.1) == "aileron: still nothing from outside; elevator heard again"
+    o.take(1.2, "aileron", 0.1)
+    assert alarm(1.2) == ""
+    assert alarm(3.0).startswith("elevator, aileron: nothing")
+    o.still(3.1)  # who tells changes alone is back, and has none to tell
+    assert alarm(3.1) == ""
 
 
 def test_a_pot_that_jumps_is_held_until_it_stays_there() -> None:
