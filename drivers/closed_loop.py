@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import math
 import select
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Final
@@ -23,8 +23,8 @@ from drivers.loop_inputs import LoopInput, input_of
 from drivers.loop_timing import REPORT_EVERY_NS, Overruns, claim_real_time
 from drivers.surface_tap import SurfaceTap
 from station.clock import SystemClock
-from station.profile import LOOP_HZ, JoystickLoop, MeasuredLoop, Order, Profiles
-from station.rows import Code, StationError
+from station.profile import LOOP_HZ, Aircraft, CommandedLoop, JoystickLoop, Loop, MeasuredLoop, Order, Profiles
+from station.rows import Code, DeviceError, StationError
 from station.simulation.outside import Outside
 from station.simulation.sortie import stepped
 
@@ -32,6 +32,9 @@ Floats = NDArray[np.float64]
 Listening = list[tuple[Connection, tuple[str, ...]]]
 
 _STEP_NS: Final = 1_000_000_000 // LOOP_HZ
+_ENDED: Final = "the loop has ended: "
+_RUN_AWAY: Final = 1e9
+"""SI: no signal of a flight comes near it."""
 _EACH: Final = round(LOOP_HZ / TRUTH_HZ)
 """Steps between rows that are handed to the devices."""
 
@@ -51,11 +54,29 @@ def fly_closed(
             loop.fly()
         finally:
             come.close()
-    except StationError as error:
-        with suppress(OSError):
-            control.send(("error", error))
-    except (EOFError, OSError):
+    except EOFError:
         return  # whoever served us is gone
+    except Exception as error:  # in flight nothing raises: it is told, and the station flies on
+        what = error if isinstance(error, StationError) else DeviceError(f"{_ENDED}{type(error).__name__}: {error}")
+        with suppress(OSError):
+            control.send(("error", what))
+
+
+def flyable(row: Floats, airspeed: int) -> Floats:
+    """A row of the flight, whose airspeed stands at that place. Raises DeviceError where its equations have run away: no
+    message carries such numbers. What else is NaN is a signal that the aircraft lacks."""
+    if not math.isfinite(row[airspeed]) or bool((np.abs(row) >= _RUN_AWAY).any()):
+        raise DeviceError(f"{_ENDED}the simulated aircraft's motion has run away, to numbers of no flight")
+    return row
+
+
+def travel_of(aircraft: Aircraft, loop: Loop, moved: Collection[str]) -> dict[str, float]:
+    """How far each of those moved goes at most: surfaces, rad; thrust, N, by the rig's full output and the aircraft."""
+    travel = {n: getattr(aircraft, n).position_limit for n in moved if n != "thrust"}
+    if "thrust" in moved:
+        stated = loop.farthest("thrust") if isinstance(loop, CommandedLoop) else math.inf
+        travel["thrust"] = min(aircraft.most_thrust, stated)
+    return travel
 
 
 class _Newest:
@@ -85,8 +106,9 @@ class ClosedLoop:
         stepped(aircraft, rig, card, come.moved, come.measured)[0].step({})
         self._flight, make = stepped(aircraft, rig, card, come.moved, come.measured)
         self._newest = _Newest(self._flight.columns)
+        self._airspeed = self._flight.columns.index("airspeed")
         self._shown = make(self._newest)
-        travel = {n: getattr(aircraft, n).position_limit for n in come.moved if n != "thrust"}
+        travel = travel_of(aircraft, rig.loop, come.moved)
         rest = {n: self._flight.rest[n] for n in come.moved}
         jump = rig.loop.jump if isinstance(rig.loop, MeasuredLoop) else math.inf
         self._outside = Outside(rest, rig.loop.hold, rig.loop.fade, jump, travel)
@@ -115,7 +137,7 @@ class ClosedLoop:
             self._overruns.began(due_ns, now_ns)
             if self._come.holds:
                 self._outside.still(self._since_start(now_ns))
-            self._newest.row = self._flight.step(self._outside.at(self._since_start(now_ns)))
+            self._newest.row = flyable(self._flight.step(self._outside.at(self._since_start(now_ns))), self._airspeed)
             if k % _EACH == 0:
                 self._hand_out()
             self._come.answer(k, self._newest.signals(), now_ns)

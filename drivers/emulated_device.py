@@ -145,6 +145,9 @@ def serve_device(
         _pace(script, wire, start_ns, control, truth, _Timing(latency, control, start_ns, shows))
     except (EOFError, OSError):
         return  # whoever served us is gone
+    except Exception as error:  # in flight nothing raises: the other devices speak on, and this one's end is told
+        with suppress(OSError):
+            control.send(("error", DeviceError(f"the device has ended: {type(error).__name__}: {error}")))
     finally:
         wire.port.close()
         # The last device out removes the folder, should the serving process have been killed.

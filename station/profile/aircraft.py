@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import SIGNALS
+from station.conventions import G0, SIGNALS
 from station.profile.fin import Fin
 from station.profile.outline import Planform
 from station.profile.propulsion import Engine
@@ -366,6 +366,12 @@ class Aircraft(Frozen):
                     {"name": name, "near": nearest(name, DERIVATIVE_NAMES)},
                 )
         return self
+
+    @property
+    def most_thrust(self) -> float:
+        """N: of the engine's data, or else twice the weight: aerobatic models that hover at half throttle have that."""
+        known = self.engine.most_thrust if self.engine is not None else None
+        return known or 2.0 * self.inertia.mass * G0
 
     @property
     def bends(self) -> bool:

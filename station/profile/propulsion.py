@@ -37,6 +37,11 @@ class Propeller(_Engine):
     static_thrust: Annotated[Newtons, Positive] | None = None
     """Most that the propellers give."""
 
+    @property
+    def most_thrust(self) -> float | None:
+        """N; None where the profile does not say."""
+        return self.static_thrust
+
     @model_validator(mode="after")
     def _sound(self) -> Self:
         if len(self.efficiency) != max(len(self.speeds), 1):
@@ -75,6 +80,11 @@ class ThrustTable(_Engine):
                 {"wanted": f"{len(self.settings)} x {len(self.altitudes)} x {len(self.speeds)}"},
             )
         return self
+
+    @property
+    def most_thrust(self) -> float:
+        """N, of the whole table."""
+        return max(n for plane in self.thrust for row in plane for n in row)
 
 
 Engine = Annotated[Propeller | ThrustTable, Field(discriminator="kind")]

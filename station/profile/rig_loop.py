@@ -141,6 +141,15 @@ class CommandedLoop(_Loop):
         """How many there are."""
         return 16
 
+    @staticmethod
+    def ends() -> tuple[float, float]:
+        """What an output says at its two ends: MAVLink's HIL_ACTUATOR_CONTROLS are -1 to 1."""
+        return -1.0, 1.0
+
+    def farthest(self, name: str) -> float:
+        """What an output asks for at its end, either way, SI."""
+        return max(abs(self.commands[name].to_si(end)) for end in self.ends())
+
     def moved_by(self, outputs: Any) -> dict[str, float]:
         """What these outputs, the first of them at 0, ask for, SI; one that is not there asks for nothing."""
         found = {}
@@ -188,6 +197,11 @@ class JsonLoop(CommandedLoop):
     @staticmethod
     def outputs() -> int:
         return 32
+
+    @staticmethod
+    def ends() -> tuple[float, float]:
+        """Microseconds, a servo's full range."""
+        return 1000.0, 2000.0
 
     @property
     def sent(self) -> str:

@@ -16,7 +16,7 @@ from station.rows import Code
 STANDS_S: Final = 0.1
 """After so long at its new place a value that has jumped is believed: a loose wire chatters, a moved stop does not."""
 FARTHEST: Final = 1.2
-"""Of a surface's travel: what is beyond is no position of it."""
+"""Of a surface's travel, or the most thrust: what is beyond is no position of it."""
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class Outside:
     jump: float = math.inf
     """Farthest that a surface moves from one value to the next, rad."""
     travel: Mapping[str, float] = field(default_factory=dict)
-    """How far each surface moves from 0 at most, rad."""
+    """How far each surface moves from 0 at most, rad; the most thrust, N."""
     _heard: dict[str, _Heard] = field(default_factory=dict)
     _impossible: set[str] = field(default_factory=set)
     """Whose last value was no position, which has been told."""
@@ -76,8 +76,10 @@ class Outside:
             return True
         if name not in self._impossible:
             self._impossible.add(name)
-            limit = f", and the surface moves {_degrees(self.travel[name])}" if name in self.travel else ""
-            self._told.append((Code.RANGE, f"{name}: {_degrees(value)} from outside{limit}: not flown"))
+            words = _newtons if name == "thrust" else _degrees
+            most = "the engines give" if name == "thrust" else "the surface moves"
+            limit = f", and {most} {words(self.travel[name])}" if name in self.travel else ""
+            self._told.append((Code.RANGE, f"{name}: {words(value)} from outside{limit}: not flown"))
         return False
 
     def _stands(self, name: str, known: _Heard, t_s: float, value: float, jump: float) -> bool:
@@ -134,6 +136,10 @@ class Outside:
         if silent and returned:
             return [(Code.STALE, f"{silent}: still nothing from outside; {returned} heard again")]
         return [(Code.FRESH, f"{Code.STALE} over: {returned} heard again")] if returned else []
+
+
+def _newtons(value: float) -> str:
+    return f"{value:.6g} N" if math.isfinite(value) else "no number"
 
 
 def _degrees(value: float) -> str:

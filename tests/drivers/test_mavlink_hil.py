@@ -213,9 +213,10 @@ def test_lock_step_waits_for_an_answer_and_gives_up() -> None:
 class Calling(threading.Thread):
     """The autopilot's process: connects, answers, hangs up when told."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, autopilot: Px4Like | None = None) -> None:
         super().__init__(daemon=True)
-        self.autopilot, self._port, self._over = Px4Like(pitch=math.radians(5.0)), port, threading.Event()
+        self.autopilot, self._port = autopilot or Px4Like(pitch=math.radians(5.0)), port
+        self._over = threading.Event()
         self.start()
 
     def run(self) -> None:
