@@ -32,7 +32,7 @@ class ArdupilotJson:
     def __init__(self, loop: JsonLoop) -> None:
         self._loop = loop
         self._newest: int | None = None
-        self._due = self._answers = False
+        self._due = self._answers = self._lacks_told = False
         self._told: list[tuple[Code, str]] = []
         self._last_foreign_ns: int | None = None
         self._origin: tuple[float, float] | None = None
@@ -40,13 +40,14 @@ class ArdupilotJson:
     def begin(self) -> None:
         """Another autopilot has the link."""
         self._newest = None
-        self._due = self._answers = False
+        self._due = self._answers = self._lacks_told = False
 
     def feed(self, datagram: bytes, now_ns: int) -> list[tuple[str, float]]:
         """What a datagram asks for: surfaces, rad, and thrust, N; nothing if it is no servo packet."""
         if not self.is_servo_packet(datagram, now_ns):
             return []
         _, _, count = _HEAD.unpack_from(datagram)
+        self._tell_of_lacking((len(datagram) - _HEAD.size) // 2)
         pwm = struct.unpack_from(f"<{(len(datagram) - _HEAD.size) // 2}H", datagram, _HEAD.size)
         repeated = count == self._newest
         if self._newest is not None and count < self._newest:
@@ -63,6 +64,15 @@ class ArdupilotJson:
         believed = [v if _LEAST_PWM <= v <= _MOST_PWM else math.nan for v in pwm]
         return [(n, v) for n, v in self._loop.moved_by(believed).items() if not math.isnan(v)]
 
+    def _tell_of_lacking(self, outputs: int) -> None:
+        """What packets of so few outputs cannot move, once for each autopilot."""
+        wanted = {n: int(c.field.removeprefix(self._loop.output_prefix())) for n, c in self._loop.commands.items()}
+        lacking = [f"{n} (servo{at})" for n, at in wanted.items() if at > outputs]
+        if lacking and not self._lacks_told:
+            self._lacks_told = True
+            words = f"{', '.join(lacking)}: the autopilot sends {outputs} outputs: not flown; 32 with SERVO_32_ENABLE 1"
+            self._told.append((Code.RANGE, words))
+
     def is_servo_packet(self, datagram: bytes, now_ns: int) -> bool:
         """Whether it is one; what else comes is told once a minute."""
         magic = int.from_bytes(datagram[:2], "little")
@@ -71,10 +81,11 @@ class ArdupilotJson:
             return True
         if self._last_foreign_ns is None or now_ns - self._last_foreign_ns >= _FOREIGN_EVERY_NS:
             self._last_foreign_ns = now_ns
-            known = " or ".join(str(m) for m in OUTPUTS)
-            self._told.append(
-                (Code.FOREIGN, f"passed over: {len(datagram)} bytes of magic {magic}: no servo packet ({known})")
-            )
+            if outputs is None:
+                why = f"no servo packet ({' or '.join(str(m) for m in OUTPUTS)})"
+            else:
+                why = f"a servo packet of that has {outputs} outputs, {_HEAD.size + 2 * outputs} bytes"
+            self._told.append((Code.FOREIGN, f"passed over: {len(datagram)} bytes of magic {magic}: {why}"))
         return False
 
     @property

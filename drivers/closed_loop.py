@@ -63,8 +63,8 @@ def fly_closed(
 
 
 def flyable(row: Floats, airspeed: int) -> Floats:
-    """A row of the flight, whose airspeed stands at that place. Raises DeviceError where its equations have run away: no
-    message carries such numbers. What else is NaN is a signal that the aircraft lacks."""
+    """A row of the flight, whose airspeed stands at that place. Raises DeviceError where its equations have run away:
+    no message carries such numbers. What else is NaN is a signal that the aircraft lacks."""
     if not math.isfinite(row[airspeed]) or bool((np.abs(row) >= _RUN_AWAY).any()):
         raise DeviceError(f"{_ENDED}the simulated aircraft's motion has run away, to numbers of no flight")
     return row

@@ -167,6 +167,7 @@ class JsonInput:
         self._socket = listening_socket(loop.address)
         self._peer: tuple[str, int] | None = None
         self._heard_ns = 0
+        self._is_other_told = False
         self._told: list[tuple[Code, str]] = []
 
     def descriptors(self) -> list[int]:
@@ -187,10 +188,15 @@ class JsonInput:
         if not self._session.is_servo_packet(data, now_ns):
             return False
         if self._peer is not None and now_ns - self._heard_ns <= SILENT_NS:
+            if not self._is_other_told:
+                self._is_other_told = True
+                (host, port), (other, its) = sender, self._peer
+                words = f"{host}:{port} sends servo packets too: not flown while {other}:{its} is in the loop"
+                self._told.append((Code.FOREIGN, words))
             return False
         if self._peer is not None:
             self._session.begin()
-        self._peer = sender
+        self._peer, self._is_other_told = sender, False
         self._told.append((Code.CONNECT, f"{sender[0]}:{sender[1]}"))
         return True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import select
 import socket
 import struct
 import threading
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.ardupilot_json import ArdupilotJson, state
+from drivers.loop_inputs import JsonInput
 from drivers.loop_links import listening_socket
 from station.profile import LOOP_HZ, JsonLoop, load_card
 from station.rows import Code, DeviceError
@@ -156,7 +158,49 @@ def test_what_is_no_servo_packet_is_passed_over_and_told_once_a_minute(data: byt
         assert session.outgoing(0, ROW) == b""
     told = session.told()
     assert [code for code, _ in told] == [Code.FOREIGN] * 2
-    assert "18458 or 29569" in told[0][1]
+    assert told[0][1].startswith(f"passed over: {len(data)} bytes of magic ")
+
+
+def test_what_is_wrong_with_a_packet_is_said() -> None:
+    session = ArdupilotJson(loop())
+    session.feed(packet(0, {}, magic=12345), 0)
+    session.feed(packet(0, {})[:-5], 60 * S)
+    session.feed(packet(0, {}, outputs=32)[:-2], 120 * S)
+    assert [words for _, words in session.told()] == [
+        "passed over: 40 bytes of magic 12345: no servo packet (18458 or 29569)",
+        "passed over: 35 bytes of magic 18458: a servo packet of that has 16 outputs, 40 bytes",
+        "passed over: 70 bytes of magic 29569: a servo packet of that has 32 outputs, 72 bytes",
+    ]
+
+
+def test_an_output_that_the_packets_lack_is_told_once() -> None:
+    channel = loop().commands["elevator"].model_copy(update={"field": "servo20"})
+    session = ArdupilotJson(loop(commands={"elevator": channel}))
+    for count in range(3):
+        assert session.feed(packet(count, {}), 0) == []
+    ((code, words),) = session.told()
+    assert code is Code.RANGE
+    assert words.startswith("elevator (servo20): the autopilot sends 16 outputs: not flown")
+    assert len(session.feed(packet(3, {}, outputs=32), 0)) == 1
+    assert session.told() == []
+
+
+def test_a_second_autopilot_is_told_once_and_not_flown() -> None:
+    port = free_port()
+    come, taken = JsonInput(loop(address=f"127.0.0.1:{port}")), list[tuple[str, float]]()
+    first, second = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    with first, second:
+        for count, sender in enumerate([first, second, second, second]):
+            sender.sendto(packet(count, {}), ("127.0.0.1", port))
+            assert select.select(come.descriptors(), [], [], 5)[0]
+            come.receive(0, count, lambda _, name, value: taken.append((name, value)))
+        own, other = first.getsockname()[1], second.getsockname()[1]
+    come.close()
+    assert len(taken) == 4  # of the first alone
+    assert [(code, words) for _, code, words in come.told()] == [
+        (Code.CONNECT, f"127.0.0.1:{own}"),
+        (Code.FOREIGN, f"127.0.0.1:{other} sends servo packets too: not flown while 127.0.0.1:{own} is in the loop"),
+    ]
 
 
 def test_frames_lost_repeated_and_run_back() -> None:
