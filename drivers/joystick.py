@@ -1,7 +1,6 @@
 """A joystick in the loop of the simulated aircraft: Linux's input events, of a device or through a pipe.
 
-Events have the kernel's form on a 64-bit machine (struct input_event, linux/input.h). Devices are found, and the ends
-of their axes asked for, by the package evdev; a pipe needs none.
+Devices are found, and the ends of their axes asked for, by the package evdev; a pipe needs none.
 """
 
 from __future__ import annotations
@@ -10,21 +9,19 @@ import errno
 import importlib
 import os
 import stat
-import struct
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from drivers.input_events import ABS, EVENT, SYN, Event, InputEvents
 from station.clock import Clock
 from station.profile import AXES, JoystickLoop
 from station.rows import Code, DeviceError
 
-_EVENT: Final = struct.Struct("<qqHHi")
-"""Seconds, microseconds, type, code, value."""
-_SYN, _ABS, _DROPPED = 0, 3, 3
-"""Types of events, and the code of the one that says that others were lost."""
+_DROPPED: Final = 3
+"""The code of the synchronisation that says that events were lost."""
 _AGAIN_NS: Final = 1_000_000_000
 _FOLDER: Final = "/dev/input/"
-_READ: Final = 64 * _EVENT.size
+_READ: Final = 64 * EVENT.size
 
 Take = Callable[[int, str, float], None]
 Axis = tuple[int, int, int, int]
@@ -74,8 +71,8 @@ class JoystickInput:
         self._loop, self._clock = loop, clock
         self._told: list[tuple[Code, str]] = []
         self._asked: dict[int, int] = {}
-        self._rest = b""
-        self._skips = False
+        self._events = InputEvents()
+        self._skips = self._is_strange_told = self._has_come = False
         self._next_ns = 0
         self._stick: _Stick | None = None
         self._is_heard = False
@@ -83,7 +80,8 @@ class JoystickInput:
 
     def _begin(self, stick: _Stick) -> None:
         self._stick = stick
-        self._rest, self._skips, self._is_heard = b"", False, not stick.is_pipe
+        self._events, self._is_heard = InputEvents(), not stick.is_pipe
+        self._skips = self._is_strange_told = self._has_come = False
         self._asked = stick.standing()
         if not stick.is_pipe:
             self._told.append((Code.CONNECT, stick.path))
@@ -115,13 +113,20 @@ class JoystickInput:
             self._gone(error.strerror or "it is gone")
             return
         if not data:
-            if self._is_heard:
+            if self._has_come:
                 self._gone("who wrote into the pipe has gone")
+            return
+        self._has_come = True
+        events = self._events.feed(data)
+        if self._events.passed_over and not self._is_strange_told:
+            self._is_strange_told = True
+            self._told.append((Code.FOREIGN, self._events.passed_over))
+        if not events:
             return
         if not self._is_heard:
             self._is_heard = True
             self._told.append((Code.CONNECT, self._stick.path))
-        for code, value in {**self._asked, **self._newest(data)}.items():
+        for code, value in {**self._asked, **self._newest(events)}.items():
             self._move(code, value, now_ns, take)
         self._asked = {}
 
@@ -132,20 +137,17 @@ class JoystickInput:
         self._next_ns = self._clock.now_ns() + _AGAIN_NS
         self._told.append((Code.DISCONNECT, f"joystick: {why}"))
 
-    def _newest(self, data: bytes) -> dict[int, int]:
+    def _newest(self, events: list[Event]) -> dict[int, int]:
         """By axis, what it says last. After events were lost, all are asked for and what comes until the next
         synchronisation is passed over, as the kernel's documentation has it (input/event-codes.rst)."""
         assert self._stick is not None
-        data = self._rest + data
-        whole = len(data) - len(data) % _EVENT.size
-        self._rest = data[whole:]
         newest: dict[int, int] = {}
-        for _, _, kind, code, value in _EVENT.iter_unpack(data[:whole]):
-            if kind == _SYN:
+        for kind, code, value in events:
+            if kind == SYN:
                 if self._skips:
                     newest.update(self._stick.standing())
                 self._skips = code == _DROPPED
-            elif kind == _ABS and code in self._stick.axes and not self._skips:
+            elif kind == ABS and code in self._stick.axes and not self._skips:
                 newest[code] = value
         return newest
 
@@ -200,7 +202,7 @@ def _open_device(name: str, wanted: set[int]) -> _Stick:
         paths = [name] if name.startswith(_FOLDER) else sorted(evdev.list_devices())
         for path in paths:
             device = evdev.InputDevice(path)
-            axes = {code: (i.value, i.min, i.max, i.flat) for code, i in device.capabilities().get(_ABS, [])}
+            axes = {code: (i.value, i.min, i.max, i.flat) for code, i in device.capabilities().get(ABS, [])}
             is_named = name in (path, "any") or name.lower() in device.name.lower()
             if is_named and wanted <= set(axes):
                 os.set_blocking(device.fd, False)
