@@ -80,8 +80,9 @@ class JoystickInput:
 
     def _begin(self, stick: _Stick) -> None:
         self._stick = stick
-        self._events, self._is_heard = InputEvents(), not stick.is_pipe
-        self._skips = self._is_strange_told = self._has_come = False
+        self._events = InputEvents()
+        self._is_heard = self._has_come = not stick.is_pipe
+        self._skips = self._is_strange_told = False
         self._asked = stick.standing()
         if not stick.is_pipe:
             self._told.append((Code.CONNECT, stick.path))
