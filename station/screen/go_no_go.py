@@ -67,6 +67,9 @@ def print_check(
             Text(outside or ("ok" if s.alive else "-")),
             verdict,
         )
+    for source in _absent(board):
+        all_go = False
+        grid.add_row(source, "no", "-", "-", "-", "[red]NO-GO[/]")
     console.print(grid)
     if is_busy:
         below.append(
@@ -147,6 +150,12 @@ def print_steps(profiles: Profiles, signals: Collection[str]) -> bool:
     console = console if console.is_terminal else Console(width=100)
     console.print(grid)
     return all_go
+
+
+def _absent(board: Board) -> list[str]:
+    """Who is not there and has no stream: who is in a loop, a process of the emulator."""
+    seen = {name for s in (board.health.streams if board.health is not None else ()) for name in (s.stream, s.device)}
+    return [source for source, code in board.conditions if code is Code.DISCONNECT and source not in seen]
 
 
 def _remarks(board: Board, streams: Sequence[Stream], told: Sequence[Event]) -> list[str]:

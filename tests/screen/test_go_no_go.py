@@ -81,6 +81,16 @@ def test_verdict_and_words(capsys, events, gyro, verdict, row, below):
     assert remarks.partition("\n")[2].strip() == below
 
 
+def test_who_is_in_the_loop_and_is_not_there_is_no_go(capsys):
+    board, told = heard(Event(0, "autopilot in the loop", Code.DISCONNECT, 1, "/dev/ttyACM9: no such port"))
+    assert not checklist.print_check("mine", board, STREAMS, told, {}, RATES, 5.0)
+    shown = capsys.readouterr().out
+    assert row_of(shown, "autopilot in the loop") == "autopilot in the loop no - - - NO-GO"
+    assert row_of(shown, "can.gyro").endswith(" GO")
+    board.update([Event(1, "autopilot in the loop", Code.CONNECT, 1, "/dev/ttyACM9")])
+    assert checklist.print_check("mine", board, STREAMS, told, {}, RATES, 5.0)
+
+
 def test_nothing_heard_is_no_go(capsys):
     assert not checklist.print_check("mine", Board(None, ManualClock(0)), STREAMS, [], {"can": "nothing"}, {}, 5.0)
     assert capsys.readouterr().out.endswith("sent to can: nothing\n")
