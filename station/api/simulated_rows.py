@@ -48,6 +48,8 @@ def write_simulated(
         raise LogError(f"{out}: exists already, and a recording is never overwritten")
     card, steps_s = planned(profiles.card)
     remarks = []
+    if profiles.rig.loop is not None:
+        remarks.append(f"the rig's loop ({profiles.rig.loop.kind}) is left out: nothing from outside moves a surface")
     # A second more, for the last point to end in.
     seconds = max(USUAL_S, math.ceil(steps_s) + 1.0) if duration is None else duration
     if card.steps and seconds < steps_s:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+import math
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -151,6 +152,10 @@ class TestPoint(Frozen):
         return self
 
 
+PILOT_HZ: Final = 200
+"""Steps a second of the simulation, of which a pilot's delay is a whole number."""
+
+
 class Pilot(Frozen):
     """Feedback from what is measured to the surfaces, all the flight long: gusts are answered too. Without a gain,
     hands off. Its sensors have the noise of a good installation."""
@@ -212,6 +217,28 @@ class Pilot(Frozen):
         named = ", ".join(words for gain, words in gains if gain)
         human = "a human's " if self.neuromuscular or self.remnant else ""
         return f"{human}{named}, {1000 * self.delay:g} ms late" if named else "hands off"
+
+    @model_validator(mode="after")
+    def _whole_steps(self) -> Self:
+        steps = self.delay * PILOT_HZ
+        if not math.isclose(steps, round(steps), abs_tol=1e-6):
+            raise PydanticCustomError(
+                "pilot",
+                "delay: {ms} ms is no multiple of 5 ms, the simulation's step; write {near} ms",
+                {"ms": f"{1e3 * self.delay:g}", "near": f"{round(steps) * 1000 // PILOT_HZ}"},
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _human_who_moves(self) -> Self:
+        of_a_human = [name for name in ("neuromuscular", "remnant") if getattr(self, name)]
+        if of_a_human and not self.flies:
+            raise PydanticCustomError(
+                "pilot",
+                "{names}: of a pilot who moves no surface; write a gain beside it, for example attitude = 0.5",
+                {"names": ", ".join(of_a_human)},
+            )
+        return self
 
     @model_validator(mode="after")
     def _bank_for_heading(self) -> Self:

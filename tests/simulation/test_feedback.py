@@ -120,3 +120,10 @@ def test_a_card_flies_by_its_pilot() -> None:
 def test_a_pilot_that_cannot_be_is_refused(settings: dict[str, object], said: str) -> None:
     with pytest.raises(ProfileError, match=said):
         load_card("feedback", overrides=settings)
+
+
+def test_a_simulated_flight_says_that_the_rig_s_loop_is_left_out(station, tmp_path) -> None:
+    code, _, said = station("simulate", "by_hand", "-o", tmp_path / "log.mcap", "--duration", 5)
+    assert code == 0
+    assert "the rig's loop (measured) is left out: nothing from outside moves a surface" in said
+    assert "left out" not in station("simulate", "bench", "-o", tmp_path / "bench.mcap", "--duration", 5)[2]

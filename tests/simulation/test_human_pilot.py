@@ -68,3 +68,18 @@ def test_the_card_s_human_comes_back_to_the_heading_and_stays_there() -> None:
     last = np.degrees(flown["psi"][-20 * RATE_HZ :])
     assert abs(last.mean()) < 1.0
     assert 0.05 < last.std() < 2.0
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"attitude": 0.5, "delay": "3 ms"}, "3 ms is no multiple of 5 ms, the simulation's step; write 5 ms"),
+        ({"remnant": "0.3 deg"}, "remnant: of a pilot who moves no surface; write a gain beside it"),
+        ({"neuromuscular": "0.1 s", "heading": 0.0}, "neuromuscular: of a pilot who moves no surface"),
+    ],
+)
+def test_what_no_pilot_can_do_is_refused(keys: dict[str, object], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        Pilot.model_validate(keys)
+    for ms in range(0, 305, 5):
+        assert Pilot.model_validate({"attitude": 0.5, "delay": f"{ms} ms"}).delay == pytest.approx(ms / 1000)
