@@ -101,7 +101,7 @@ class ClosedLoop:
 
     def __init__(self, profiles: Profiles, control: Connection, come: LoopInput, listening: Listening) -> None:
         """Compiles what it needs, then flies from trim. Raises ProfileError for what cannot be flown so."""
-        rig, card, aircraft = profiles.rig, profiles.card, profiles.aircraft
+        rig, card, aircraft = profiles.rig, profiles.card, profiles.flown
         assert rig.loop is not None
         stepped(aircraft, rig, card, come.moved, come.measured)[0].step({})
         self._flight, make = stepped(aircraft, rig, card, come.moved, come.measured)

@@ -145,7 +145,7 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
     def simulation() -> Source:
         from station.simulation.sortie import installed
 
-        made = installed(profiles.aircraft, profiles.rig, profiles.card)
+        made = installed(profiles.flown, profiles.rig, profiles.card)
         return _Begun(made, made.advance(CHUNK))
 
     if profiles.card.flight.source != "simulation":
@@ -155,7 +155,7 @@ def _source(profiles: Profiles, recording: Recording | None) -> Source:
     from station.simulation.level_flight import LevelFlight
 
     flight = profiles.card.flight
-    begins = AlteredAircraft(profiles.aircraft, flight.truth).at(0.0)
+    begins = AlteredAircraft(profiles.flown, flight.truth).at(0.0)
     constants(begins, flight.speed, flight.altitude)  # raises for an aircraft that cannot be flown,
     if flight.is_plane:
         from station.simulation.sortie import check_air

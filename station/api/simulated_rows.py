@@ -54,7 +54,7 @@ def write_simulated(
     seconds = max(USUAL_S, math.ceil(steps_s) + 1.0) if duration is None else duration
     if card.steps and seconds < steps_s:
         remarks.append(f"the card's steps take {steps_s:.0f} s: not all are flown")
-    shown, truth = fly(profiles.aircraft, profiles.rig, card, seconds, seed)
+    shown, truth = fly(profiles.flown, profiles.rig, card, seconds, seed)
     declared = tuple(s.name for s in profiles.rig.further.measured)
     groups = (*STREAMS.values(), *([Stream("declared", declared, 50.0, 0.2)] if declared else []))
     streams = tuple(_present(groups, shown))

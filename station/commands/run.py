@@ -74,7 +74,10 @@ def run(
     if forgetting is not None:  # in the recorded card too: a replay forgets alike
         own = profiles.card.model_copy(update={"forgetting": forgetting})
         profiles = profiles.model_copy(update={"card": own})
-    say(f"card {profiles.card.name}: {profiles.aircraft.name} on rig {profiles.rig.name}{profiles.card.flown}")
+    emulated = profiles.emulated_words if profiles.card.emulate else ""
+    say(
+        f"card {profiles.card.name}: {profiles.aircraft.name}{emulated} on rig {profiles.rig.name}{profiles.card.flown}"
+    )
     # Unlike collecting it, freezing what the imports leave costs nothing; and a collection would stop the loop.
     gc.disable()
     with ExitStack() as stack:

@@ -27,7 +27,7 @@ def simulate(
 ) -> int:
     """Fly the simulation with the rig's sensors, faster than real time; the truth is recorded beside."""
     made = write_simulated(scenario, out, dict(_setting(s) for s in settings or ()), seed, duration)
-    flown = f"{made.profiles.aircraft.name}{made.profiles.card.flown}"
+    flown = f"{made.profiles.aircraft.name}{made.profiles.emulated_words}{made.profiles.card.flown}"
     say(f"{out}: {made.rows} rows, {made.duration_s:g} s of {flown}")
     for remark in made.remarks:
         say(f"station: {remark}")

@@ -78,6 +78,18 @@ class Profiles(Frozen):
     card: Card
     rig_file: Path = Path()
     """Where the rig was read from; of a recording, nowhere."""
+    emulated: Aircraft | None = None
+    """What the emulated aircraft is, where `aircraft` is not."""
+
+    @property
+    def flown(self) -> Aircraft:
+        """The emulated aircraft."""
+        return self.emulated or self.aircraft
+
+    @property
+    def emulated_words(self) -> str:
+        """What is emulated, to be added to a sentence; nothing where it is what the station takes it for."""
+        return "" if self.flown.name == self.aircraft.name else f", emulated as {self.flown.name}"
 
     @property
     def rig_dir(self) -> Path:
@@ -93,8 +105,11 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
     path = find("cards", name)
     card = read_profile(Card, path, overrides)
     aircraft = load_aircraft(card.aircraft, path)
+    if card.pilot.refused:
+        raise ProfileError(f"{path}: pilot.{card.pilot.refused}")
+    emulated = load_aircraft(card.emulated_aircraft, path) if card.emulated_aircraft is not None else None
     try:
-        AlteredAircraft(aircraft, card.flight.truth)
+        AlteredAircraft(emulated or aircraft, card.flight.truth)
     except ProfileError as error:
         raise ProfileError(f"{path}: {error}") from None
     rig_path = find("rigs", card.rig, path)
@@ -121,7 +136,7 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
             raise ProfileError(f"{path}: faults[{i}].signal: {fault.device} does not give {fault.signal} there{near}")
         if fault.kind == "wrong" and fault.signal is None:
             raise ProfileError(f"{path}: faults[{i}].signal: missing: which signal is to be wrong?")
-    return Profiles(aircraft=aircraft, rig=rig, card=card, rig_file=rig_path)
+    return Profiles(aircraft=aircraft, rig=rig, card=card, rig_file=rig_path, emulated=emulated)
 
 
 def read_profile(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None) -> T:

@@ -7,12 +7,16 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 
 from station.__main__ import app
+from station.api.simulated_rows import write_simulated
 from station.flight.verdict import obstacles
+from station.log import metadata, table
 from station.profile import load_aircraft, load_card, profiles_dir
+from station.profile.profile_text import write_profile
 
 PAGE = (profiles_dir() / "programme.md").read_text()
 CARDS = tuple(dict.fromkeys(re.findall(r"uv run station run (\w+)", PAGE)))
@@ -46,6 +50,21 @@ def test_all_of_them_fly_the_same_aircraft() -> None:
     for truth in truths[1:]:
         assert {k: truth[k] for k in truths[0]} == truths[0]
     assert [truth.keys() - truths[0].keys() for truth in truths] == [set(), set(), set(), {"icing"}]
+
+
+def test_what_is_measured_of_the_aircraft_does_not_change_what_is_emulated(tmp_path: Path) -> None:
+    """A lighter aircraft with more drag, as a profile may have it: the thrust that level flight takes is the same."""
+    known, body = tmp_path / "measured.toml", load_aircraft("twin_otter")
+    light = body.inertia.model_copy(update={"mass": 0.8 * body.inertia.mass})
+    write_profile(body.model_copy(update={"name": "measured", "inertia": light}), known, "another")
+    thrust = {}
+    for name in ("twin_otter", str(known)):
+        log = tmp_path / f"{len(thrust)}.mcap"
+        made = write_simulated("crew_turbulence", log, {"aircraft": name}, None, 5.0)
+        assert metadata(log).about.aircraft.name == made.profiles.aircraft.name == load_aircraft(name).name
+        thrust[name] = table(log).columns["thrust"]
+    assert made.profiles.emulated_words == ", emulated as twin_otter"
+    assert np.array_equal(*thrust.values(), equal_nan=True)
 
 
 @pytest.mark.slow
