@@ -1,13 +1,13 @@
 """Notices in flight that the aircraft is no longer the one that `station baseline` measured: ice, above all.
 
 Two watches, each with a false alarm once in FALSE_ALARM_H of flight as it is set:
-drag    CD_0 by the power that the flight shows, means of 10 s, in a cumulative sum (Page 1954) set for a rise by
-        DRAG_TOLD, its limit by Siegmund's approximation of the time between false alarms. Only with recorded thrust.
+drag    CD_0 by the power that the flight shows, where thrust is recorded or told by the profile's engine (drag_watch).
 slopes  the derivatives of `physical`, which forgets, each, and all of a pattern together, against the baseline over
         their joint error: without what both share, mass, inertia and the choice of the model. Of an aircraft that
         changes, the past that is not yet forgotten and the present agree with no model, and the distance to the next
         best one would hide the change.
 What has changed is named by its pattern (change_patterns), with what it is not told from and what would confirm it.
+What is not watched is said too: all of it without an angle of attack, drag alone where a mean of it cannot be made.
 
 step never raises; the same rows give the same events.
 """
@@ -18,34 +18,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence, Set
 from typing import Final, NamedTuple
 
-import numpy as np
-from scipy.optimize import brentq
 from scipy.stats import norm
 
-from station.conventions import G0, LONGITUDINAL, SIGNAL_INDEX, TICK_HZ
+from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_HZ
+from station.estimation.drag_watch import FALSE_ALARM_H, DragWatch
 from station.model.airframe_error import relative_errors
 from station.model.change_patterns import in_words, matches, patterns
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, ParamEstimate, Status
 
 SOURCE: Final = "aircraft"
-FALSE_ALARM_H: Final = 20.0
-"""Hours between false alarms of either watch: together one in ten."""
-BLOCK_S: Final = 10.0
-"""Over which drag is a mean."""
-DRAG_TOLD: Final = 0.2
-"""Rise of CD_0, of itself, that the sum is set for: two fifths of the reference icing condition's."""
-KNOWN_WITHIN: Final = 2.0
-"""Standard deviations that the baseline's CD_0 is allowed to be off before a rise counts."""
-LEAST_SIGMA: Final = 0.25
-"""Of DRAG_TOLD, that a mean is taken to scatter at least: a single mean that is off is no alarm."""
-FIRST_SIGMA: Final = 0.5
-FIRST_BLOCKS: Final = 6
-"""The scatter that is taken before it is seen, of DRAG_TOLD, and how many means it counts for."""
-SEEN_BLOCKS: Final = 30
-"""Over which the scatter is seen."""
-RECENT_BLOCKS: Final = 3
-"""Whose mean is what drag is now."""
+DRAG: Final = "drag"
+"""Source of what is said of the watch of drag alone."""
 _CONTINUOUS: Final = 4.0
 """Looks that continuous watching counts for in each time constant of what is forgotten."""
 HELD_TICKS: Final = 5 * TICK_HZ
@@ -54,111 +38,11 @@ BLIND_TICKS: Final = 10 * TICK_HZ
 """Without angle of attack after which it is said that nothing is noticed: a mean of drag."""
 AGAIN_NS: Final = 60_000_000_000
 """At the least between two events on a change that goes on."""
-_V, _QBAR, _AX, _AZ, _THRUST, _MASS = (
-    SIGNAL_INDEX[n] for n in ("airspeed", "dynamic_pressure", "ax", "az", "thrust", "mass")
-)
+_THRUST, _MASS = SIGNAL_INDEX["thrust"], SIGNAL_INDEX["mass"]
 
 
 Errors = Callable[[], Mapping[str, float]]
-
-
-def limit_of_sum(shift: float, blocks: float) -> float:
-    """Of a cumulative sum of values of variance 1 less `shift`, reached by chance once in so many of them on average
-    (Siegmund 1985: (exp(2 d b) - 2 d b - 1)/(2 d^2), b = h + 1.166)."""
-
-    def excess(b: float) -> float:
-        return math.expm1(2 * shift * b) - 2 * shift * b - 2 * shift**2 * blocks
-
-    return max(float(brentq(excess, 1e-6, 40.0 / max(2 * shift, 1e-3))) - 1.166, 0.1)
-
-
-class DragWatch:
-    """CD_0 against the baseline's."""
-
-    def __init__(self, aircraft: Aircraft) -> None:
-        measured = aircraft.measured
-        self._base = measured.CD_0 if measured else None
-        self._allowed = KNOWN_WITHIN * measured.CD_0_sd if measured else 0.0
-        self._area, self._mass = aircraft.geometry.wing_area, aircraft.inertia.mass
-        self._cos, self._sin = math.cos(aircraft.thrust_angle), math.sin(aircraft.thrust_angle)
-        self._induced = aircraft.drag.induced if aircraft.drag else 0.0
-        self._doubt = aircraft.uncertainty.induced_drag * self._induced
-        speeds = (measured.lowest_speed, measured.highest_speed) if measured else (1.0, 1.0)
-        self._speeds = (min(speeds), max(speeds))
-        self._sum = self._sum_of_squares = 0.0
-        self._count = self._ticks = 0
-        self._lift = self._pressure = 0.0
-        self._last = math.nan
-        step = (self._base or 0.0) * DRAG_TOLD
-        self._step = step
-        self._variance = (FIRST_SIGMA * step) ** 2
-        self._blocks = FIRST_BLOCKS
-        self.cumulated = 0.0
-        self.limit = math.inf
-        self._recent: list[float] = []
-        self._by_lift = 0.0
-
-    @property
-    def is_on(self) -> bool:
-        return self._base is not None and self._base > 0
-
-    @property
-    def told(self) -> bool:
-        return self.cumulated > self.limit
-
-    @property
-    def change(self) -> tuple[float, float] | None:
-        """Relative, with its standard error, told or not: that drag has not risen tells one change from another too."""
-        if not self._recent or not self._base:
-            return None
-        error = math.sqrt(self._variance / len(self._recent)) + 0.5 * self._allowed + abs(self._by_lift)
-        return float(np.mean(self._recent)) / self._base - 1.0, error / self._base
-
-    def step(self, frame: Frame, alpha: AlphaEstimate) -> None:
-        """One tick."""
-        self._ticks += 1
-        v = frame.values
-        if alpha.valid and all(math.isfinite(v[i]) for i in (_QBAR, _AX, _AZ, _THRUST)) and v[_QBAR] > 0:
-            mass = v[_MASS] if v[_MASS] > 0 else self._mass
-            force = v[_QBAR] * self._area
-            cx = (mass * v[_AX] - v[_THRUST] * self._cos) / force
-            cz = (mass * v[_AZ] + v[_THRUST] * self._sin) / force
-            sin, cos = math.sin(alpha.alpha), math.cos(alpha.alpha)
-            lift = cx * sin - cz * cos
-            self._sum += -cx * cos - cz * sin - self._induced * lift * lift
-            self._lift += lift
-            self._pressure += v[_QBAR] / max(v[_V], 1.0) ** 2 if math.isfinite(v[_V]) else math.nan
-            self._count += 1
-        if self._ticks >= BLOCK_S * TICK_HZ:
-            if self._count > 0.5 * self._ticks:
-                self._block(self._sum / self._count, self._lift / self._count, 2 * self._pressure / self._count)
-            self._sum = self._lift = self._pressure = 0.0
-            self._count = self._ticks = 0
-
-    def _block(self, drag: float, lift: float, density: float) -> None:
-        """A mean of BLOCK_S: CD_0, CL, and the air's density."""
-        assert self._base is not None
-        if math.isfinite(self._last):
-            seen = 0.5 * (drag - self._last) ** 2
-            weight = 1.0 / min(self._blocks, SEEN_BLOCKS)
-            self._variance += weight * (seen - self._variance)
-            self._blocks += 1
-        self._last = drag
-        sigma = max(math.sqrt(self._variance), LEAST_SIGMA * self._step)
-        shift = 0.5 * self._step / sigma
-        self.limit = limit_of_sum(shift, FALSE_ALARM_H * 3600 / BLOCK_S)
-        self._by_lift = self._of_lift(lift, density)
-        excess = (drag - self._base - self._allowed - self._by_lift) / sigma
-        self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
-        self._recent = [*self._recent[1 - RECENT_BLOCKS :], drag]
-
-    def _of_lift(self, lift: float, density: float) -> float:
-        """What the doubt of the induced drag makes of a lift coefficient that the baseline did not have."""
-        if not math.isfinite(density) or density <= 0:
-            return 0.0
-        slow, fast = (self._mass * G0 / (0.5 * density * v * v * self._area) for v in self._speeds)
-        beyond = max(lift - slow, fast - lift, 0.0)
-        return self._doubt * beyond * (lift + slow)
+Thrust = Callable[[], tuple[float, str]]
 
 
 class SlopeWatch:
@@ -179,6 +63,10 @@ class SlopeWatch:
         self._patterns = patterns(aircraft)
         self._seen: tuple[object, ...] = ()
         self._is_off = False
+
+    @property
+    def is_on(self) -> bool:
+        return any(b is not None for b in self._base)
 
     @property
     def told(self) -> bool:
@@ -211,6 +99,10 @@ class SlopeWatch:
         return is_off or any(m.amount > limit * m.error for m in matches(self.changes, self._patterns))
 
 
+def _recorded(frame: Frame) -> tuple[float, str]:
+    return frame.values[_THRUST], "thrust is not recorded"
+
+
 class _Said(NamedTuple):
     """What the last event was about."""
 
@@ -231,24 +123,30 @@ class ChangeMonitor:
     """Both watches, and what is said of them: one event when a change is noticed or looks otherwise, one when it is
     over."""
 
-    def __init__(self, aircraft: Aircraft, forgetting_s: float, errors: Errors = dict) -> None:
+    def __init__(
+        self, aircraft: Aircraft, forgetting_s: float, errors: Errors = dict, thrust: Thrust | None = None
+    ) -> None:
         """Of an aircraft with `measured`; `forgetting_s`: of the estimator's `physical`; `errors`: its standard errors
-        as of the last tick, by derivative, without what baseline and flight share; by its rows where it gives none."""
+        as of the last tick, by derivative, without what baseline and flight share; by its rows where it gives none.
+        `thrust`: the estimator's as of the last tick, N, NaN where nothing tells it, and why; else the frame's."""
         self.drag = DragWatch(aircraft)
         self.slopes = SlopeWatch(aircraft, forgetting_s, errors)
+        self._thrust = thrust
         self._patterns = patterns(aircraft)
         self._said: _Said | None = None
         self._ticks = 0
+        self._without_drag = False
+        """Whether it is said that drag is not watched."""
         self._blind: int | None = None
         """Ticks since the angle of attack was lost; None before there was one."""
 
     def step(self, frame: Frame, alpha: AlphaEstimate, methods: Sequence[MethodEstimate]) -> tuple[Event, ...]:
         """A tick's rows; at most one event on the aircraft each second, and one where it can be watched no more."""
-        if self.drag.is_on:
-            self.drag.step(frame, alpha)
+        if self.drag.is_on and (alpha.valid or self._blind is not None):
+            self.drag.step(frame, alpha, *(self._thrust() if self._thrust else _recorded(frame)))
         self.slopes.step(frame, methods)
         self._ticks += 1
-        if (lost := self._sight(frame, alpha)) is not None:
+        if (lost := self._sight(frame, alpha) or self._sight_of_drag(frame)) is not None:
             return (lost,)
         if self._ticks % TICK_HZ:
             return ()
@@ -272,8 +170,12 @@ class ChangeMonitor:
         """That nothing can be noticed any more, or again."""
         if alpha.valid:
             blind, self._blind = self._blind or 0, 0
+            if blind < BLIND_TICKS:
+                return None
+            # Of the mean that went by without it has been said.
+            self.drag.begin()
             words = "the angle of attack is back: watched against the baseline again"
-            return Event(frame.t_ns, SOURCE, Code.WATCHED, 0, words) if blind >= BLIND_TICKS else None
+            return Event(frame.t_ns, SOURCE, Code.WATCHED, 0, words)
         if self._blind is None:
             return None
         self._blind += 1
@@ -282,6 +184,21 @@ class ChangeMonitor:
             f"{'watch power and airspeed' if self._said is None else 'what was told before stands'}"
         )
         return Event(frame.t_ns, SOURCE, Code.UNWATCHED, 1, words) if self._blind == BLIND_TICKS else None
+
+    def _sight_of_drag(self, frame: Frame) -> Event | None:
+        """That drag alone is watched no more, or again."""
+        why = self.drag.lacking
+        if self._without_drag and not why:
+            self._without_drag = False
+            return Event(frame.t_ns, DRAG, Code.WATCHED, 0, "drag is watched against the baseline again")
+        # Without an angle of attack it has been said of all there is.
+        if self._without_drag or not why or (self._blind or 0) >= BLIND_TICKS:
+            return None
+        self._without_drag = True
+        left = "derivatives still are, while inputs are flown" if self.slopes.is_on else "nor is anything else"
+        told = "; the rise of drag told before stands" if self.drag.told else ""
+        words = f"{why}: drag is NOT watched, ice without an input would NOT be noticed; {left}{told}"
+        return Event(frame.t_ns, DRAG, Code.UNWATCHED, 1, words)
 
     def _words(self, changes: dict[str, tuple[float, float]], by_drag: bool, like: str) -> str:
         beyond = self.slopes.limit

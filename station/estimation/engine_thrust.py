@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from station.conventions import MAX_AGE_S, SIGNAL_INDEX, SIGNALS
 from station.model.thrust import setting_of, thrust_by_engine
-from station.profile import Aircraft
+from station.profile import Aircraft, ThrustTable
 from station.rows import Frame, Quality
+
+Array = NDArray[np.float64]
 
 NEEDED: Final = ("airspeed", "static_pressure", "altitude")
 
@@ -22,13 +26,28 @@ class EngineThrust:
         assert aircraft.engine is not None
         self._aircraft = aircraft
         self._names = (setting_of(aircraft.engine), *NEEDED)
+        self._needs_altitude = isinstance(aircraft.engine, ThrustTable) and len(aircraft.engine.altitudes) > 1
+        self.why = ""
+        """Why it gave none at the last frame."""
 
     def step(self, frame: Frame) -> float:
         motion = {name: np.array([_believed(frame, name)]) for name in self._names}
-        if not math.isfinite(motion[self._names[0]][0] + motion["airspeed"][0]):
+        lost = next((n for n in (self._names[0], "airspeed") if not math.isfinite(motion[n][0])), "")
+        if lost:
+            self.why = f"no {lost}, by which the engine's thrust is known"
+            return math.nan
+        if self._needs_altitude and not any(math.isfinite(motion[n][0]) for n in NEEDED[1:]):
+            self.why = "no altitude, by which the engine's thrust is known"
             return math.nan
         made = thrust_by_engine(self._aircraft, motion)
-        return math.nan if made is None else float(made[0])
+        thrust = math.nan if made is None else float(made[0])
+        self.why = "" if math.isfinite(thrust) else f"the engine's table is exceeded ({self._where(motion)})"
+        return thrust
+
+    def _where(self, motion: Mapping[str, Array]) -> str:
+        """The point at which it is asked, in the units of the table's keys."""
+        setting, speed = motion[self._names[0]][0], motion["airspeed"][0]
+        return f"{self._names[0]} {setting:.3g}, {speed:.1f} m/s"
 
 
 def _believed(frame: Frame, name: str) -> float:

@@ -48,6 +48,7 @@ LEAST_S: Final = 2.0
 """its length,"""
 LEAST_SHARE: Final = 0.5
 """and the share of its rows that must have a gust."""
+BEYOND_TABLE: Final = "the engine's table says nothing of"
 LEAST_ROWS: Final = 10
 
 
@@ -67,8 +68,8 @@ class FlightRecord:
     aircraft: Aircraft
     noise: Mapping[str, float]
     remarks: tuple[str, ...] = field(default=())
-    thrust_known: bool = True
-    """Recorded, or told by the profile's engine; else it is what the drag polar leaves over."""
+    why_no_thrust: str = ""
+    """Why it is what the drag polar leaves over; "" where it is recorded or told by the profile's engine."""
 
     @classmethod
     def of(
@@ -106,12 +107,12 @@ class FlightRecord:
         usable &= np.isfinite(motion["ax"]) & np.isfinite(motion["az"])
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
         alpha, beta = flow_angles(motion, aircraft)
-        known = True
+        lacking = ""
         if "thrust" not in motion and (push := _by_engine(aircraft, motion, remarks)) is not None:
             motion["thrust"] = push
         if "thrust" not in motion:
             motion["thrust"] = _thrust(motion, airframe, aircraft, alpha, usable, remarks)
-            known = False
+            lacking = _beyond_table(remarks) or "thrust is not recorded"
         return cls(
             t_s=grid,
             dt=dt,
@@ -124,8 +125,13 @@ class FlightRecord:
             aircraft=aircraft,
             noise={**DEFAULT_NOISE, **{k: v for k, v in (noise or {}).items() if v > 0}},
             remarks=tuple(remarks),
-            thrust_known=known,
+            why_no_thrust=lacking,
         )
+
+    @property
+    def thrust_known(self) -> bool:
+        """Whether it is recorded, or told by the profile's engine."""
+        return not self.why_no_thrust
 
     def has(self, *names: str) -> bool:
         """Whether the record has all these signals."""
@@ -274,7 +280,7 @@ def _by_engine(aircraft: Aircraft, motion: Mapping[str, Array], remarks: list[st
         return None
     good = np.isfinite(push)
     if good.mean() < LEAST_SHARE:
-        remarks.append(f"the engine's table says nothing of {1 - good.mean():.0%} of the record: it is not used")
+        remarks.append(f"{BEYOND_TABLE} {1 - good.mean():.0%} of the record: it is not used")
         return None
     if not good.all():
         remarks.append(f"the engine's table is exceeded in {1 - good.mean():.0%} of the record: thrust held there")
@@ -282,6 +288,11 @@ def _by_engine(aircraft: Aircraft, motion: Mapping[str, Array], remarks: list[st
     share = 100 * aircraft.engine.uncertainty
     remarks.append(f"thrust by the profile's engine: {np.mean(push):.0f} N on average, known to {share:.2g} %")
     return push
+
+
+def _beyond_table(remarks: list[str]) -> str:
+    """What `_by_engine` says of a table that it does not use."""
+    return next((words for words in remarks if words.startswith(BEYOND_TABLE)), "")
 
 
 def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array] | None, same_grid: bool) -> Airframe:

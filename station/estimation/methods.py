@@ -190,6 +190,13 @@ class Estimator:
         errors = self._physical.within_model().tolist() if self._physical else []
         return dict(zip(self._names, errors, strict=False))
 
+    def thrust(self) -> tuple[float, str]:
+        """As of the last tick, N: recorded, else by the profile's engine; NaN where nothing tells it, and why."""
+        known = float(self._conditioner.u[cond.THRUST])
+        if math.isfinite(known):
+            return known, ""
+        return known, self._engine.why if self._engine is not None else "thrust is not recorded"
+
     def quasi_steady(self) -> dict[str, tuple[ParamEstimate, ...]]:
         """Quasi-steady derivatives as of the last tick, of the methods whose own are not."""
         return {"physical": self._physical.quasi_steady()} if self._physical else {}

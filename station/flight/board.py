@@ -95,8 +95,10 @@ class Board:
         self.title = f"{profiles.card.name}: {profiles.aircraft.name} on {profiles.rig.name}" if profiles else "station"
         self.accuracy = profiles.card.accuracy if profiles else 0.0
         """2 sd below this share of a derivative's value is enough; 0 where no card says so."""
-        self.has_baseline = profiles is not None and profiles.aircraft.measured is not None
+        measured = profiles.aircraft.measured if profiles is not None else None
+        self.has_baseline = measured is not None
         """Whether the flight is held against a measured baseline."""
+        self.has_baseline_of_drag = measured is not None and measured.CD_0 is not None
         self.derivatives: tuple[str, ...] = LONGITUDINAL
         self.lateral: tuple[str, ...] = ()
         """Lateral derivatives, where a method gives any."""

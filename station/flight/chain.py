@@ -30,7 +30,9 @@ def chain(aircraft: Aircraft, card: Card, rig: Rig) -> Chain:
     forgetting = forgetting_s(aircraft, card)
     estimator = Estimator(aircraft, card, place, noise, forgetting_s=forgetting)
     estimator.warm_up()
-    monitor = ChangeMonitor(aircraft, forgetting, estimator.within_model) if aircraft.measured else None
+    monitor = None
+    if aircraft.measured:
+        monitor = ChangeMonitor(aircraft, forgetting, estimator.within_model, estimator.thrust)
     watch = Disagreement(aircraft, place, noise, estimator.sideslip)
     watch.warm_up()
     vanes = second_vanes(elsewhere(rig.signals, "alpha_vane"), rig.further.index, aircraft)

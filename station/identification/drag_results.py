@@ -13,9 +13,8 @@ from station.model.energy_drag import FEWEST, WINDOW_S, EnergyDrag, drag_by_ener
 
 SIGNIFICANT: Final = 2.0
 """Standard errors that a change must exceed to be told."""
-UNKNOWN: Final = (
-    "the thrust is neither recorded nor told by the profile's [engine]: drag is not known, nor a change of it"
-)
+NOTHING_OF_DRAG: Final = "drag is not known, nor a change of it"
+UNKNOWN: Final = f"the thrust is neither recorded nor told by the profile's [engine]: {NOTHING_OF_DRAG}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +42,7 @@ class DragResult:
 def drag_of(record: FlightRecord) -> DragResult | str:
     """Of all of a record, or why there is none."""
     if not record.thrust_known:
-        return UNKNOWN
+        return UNKNOWN if record.aircraft.engine is None else f"{record.why_no_thrust}: {NOTHING_OF_DRAG}"
     engine = record.aircraft.engine
     by_engine = any(words.startswith("thrust by the profile's engine") for words in record.remarks)
     motion = {n: np.where(record.usable, x, math.nan) for n, x in record.motion.items()}

@@ -152,7 +152,7 @@ def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
     if point.found is not None and point.found.record.thrust_known and point.drag is None:
         return _unknown(f"fewer than {FEWEST} stretches of {WINDOW_S:g} s have all that drag is told by")
     if point.drag is None or point.found is None:
-        return _unknown("thrust is not recorded" if point.found else point.why or "not estimated")
+        return _unknown(point.found.record.why_no_thrust if point.found else point.why or "not estimated")
     if baseline.drag is None:
         return _unknown("the baseline does not have it")
     value, error = point.drag

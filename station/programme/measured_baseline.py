@@ -13,6 +13,7 @@ import numpy as np
 
 from station.conventions import LONGITUDINAL
 from station.log import Point
+from station.model.energy_drag import FEWEST, WINDOW_S
 from station.numerics.random_effects import NORMAL_95, Pooled
 from station.profile import Aircraft, Derivative, Measured
 from station.profile.quantity import SI_NUMBERS
@@ -96,7 +97,11 @@ def _remarks(used: Sequence[FlownPoint], values: dict[str, Pooled], drag: Pooled
     if lacking:
         made.append(f"not estimated at any point, left as the profile has them: {', '.join(lacking)}")
     if drag is None:
-        made.append("thrust is not recorded: nothing is measured of drag, and nothing will be told of its change")
+        known = [p.found.record.why_no_thrust for p in used if p.found is not None]
+        why = next(
+            (words for words in known if words), f"no point has {FEWEST} stretches of {WINDOW_S:g} s that tell drag"
+        )
+        made.append(f"{why}: nothing is measured of drag, and nothing will be told of its change")
     conditions = {p.condition for p in used}
     if len(conditions) > 1:
         made.append(f"pooled of different conditions: {'; '.join(sorted(c or 'none stated' for c in conditions))}")

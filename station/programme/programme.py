@@ -101,6 +101,7 @@ def programme(
     remarks = [f"recorded with the profile {name}, identified with {aircraft.name}" for name in sorted(others)]
     remarks += [f"{f.path.name}: no test point is marked: all of it is one" for f in flights if not f.are_marked]
     remarks += list(_other_configurations(made, baseline, aircraft))
+    remarks += list(_without_drag(made, baseline))
     changes = {i: {m: changes_of(p, m, baseline) for m in p.methods or {}} for i, p in enumerate(made)}
     return Programme(aircraft, flights, tuple(made), baseline, (*remarks, *scatter_of(baseline)), changes)
 
@@ -114,6 +115,14 @@ def _other_configurations(points: Sequence[FlownPoint], baseline: Baseline, airc
         found = dict.fromkeys(pair for condition in theirs for pair in otherwise(p.condition, condition))
         for own, other in found:
             yield f"{p.name}: {own}, the baseline {other}: what that alone changes is told as changed"
+
+
+def _without_drag(points: Sequence[FlownPoint], baseline: Baseline) -> Iterable[str]:
+    """Points of which no change of drag can be told though the baseline knows its own, and why."""
+    for p in points if baseline.drag is not None else ():
+        change = drag_change(p, baseline)
+        if p.found is not None and not change.is_known:
+            yield f"{p.name}: nothing is known of its drag: {change.why}"
 
 
 def likeness(changes: Mapping[str, Change], aircraft: Aircraft) -> str:

@@ -13,6 +13,7 @@ from typing import Final, Literal
 import msgspec
 
 from station.conventions import LATERAL, TICK_HZ, from_si
+from station.estimation.change_monitor import DRAG
 from station.flight.board import Board
 from station.flight.guide import Guide, Phase
 from station.rows import LEVELS, MISSED_SHARE, AlphaEstimate, Code, Level, ParamEstimate, Status, StreamHealth
@@ -121,7 +122,8 @@ def phase_words(guide: Guide) -> str:
 
 def wrong_answer(board: Board, now_ns: int) -> Answer:
     """What is wrong: the worst first, and how much more there is."""
-    alarms, checks = board.alarms, board.disagreements
+    # What is not watched is no finding: it stands with the other conditions that hold.
+    alarms, checks = board.alarms, [e for e in board.disagreements if e.code is not Code.UNWATCHED]
     if alarms:
         newest = alarms[-1]
         words = "ALARM" if len(alarms) == 1 else f"{len(alarms)} ALARMS"
@@ -149,13 +151,21 @@ def wrong_answer(board: Board, now_ns: int) -> Answer:
 
 
 def baseline_answer(board: Board) -> Answer | None:
-    """Is the aircraft as its baseline? None where it has none, or is not held against it yet."""
+    """Is the aircraft as its baseline, and how much of it is watched? None where it has none, or is not held against it
+    yet."""
     if not board.has_baseline or board.alpha is None:
         return None
-    codes = {e.code for e in board.disagreements}
-    if Code.CHANGED in codes:
+    found = board.disagreements
+    if Code.CHANGED in {e.code for e in found}:
         return Answer("doubt", "CHANGED")
-    return Answer("none", "not watched") if Code.UNWATCHED in codes else Answer("good", "unchanged")
+    unwatched = {e.source for e in found if e.code is Code.UNWATCHED}
+    sees_drag = board.has_baseline_of_drag and DRAG not in unwatched
+    physical = board.methods.get("physical")
+    known = physical.parameters if physical is not None and physical.applicable else ()
+    sees_derivatives = any(p.status is Status.ESTIMATED for p in known)
+    if unwatched - {DRAG} or not (sees_drag or sees_derivatives):
+        return Answer("none", "not watched")
+    return Answer("good", "unchanged") if sees_drag else Answer("none", "derivatives unchanged, drag not watched")
 
 
 def losses_words(board: Board) -> str:

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from station.clock import ManualClock
-from station.conventions import G0, SIGNALS, TICK_NS
-from station.estimation.change_monitor import ChangeMonitor, SlopeWatch, limit_of_sum
+from station.conventions import G0, SIGNAL_INDEX, SIGNALS, TICK_NS
+from station.estimation.change_monitor import ChangeMonitor, SlopeWatch
+from station.estimation.drag_watch import limit_of_sum
+from station.estimation.methods import Estimator
 from station.flight.board import Board
 from station.flight.chain import FORGETTING_S, forgetting_s
-from station.profile import Aircraft, Card, Measured, load_aircraft
+from station.profile import Aircraft, Card, Measured, ThrustTable, load_aircraft
 from station.profile.quantity import SI_NUMBERS
 from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, ParamEstimate, Quality, Status
 
@@ -45,6 +47,14 @@ def flight(drags: list[float], thrust: float = 4000.0) -> Iterator[tuple[Frame, 
         frame = Frame(k * TICK_NS, k, row, (0.0,) * len(row), (int(Quality.FRESH),) * len(row))
         nan = math.nan
         yield frame, AlphaEstimate(k * TICK_NS, ALPHA, 0.001, *(nan,) * 10, "calm", nan, nan, nan, True, "")
+
+
+def shows(frame: Frame, **signals: float) -> Frame:
+    """The frame with these signals as given."""
+    values = list(frame.values)
+    for name, value in signals.items():
+        values[SIGNAL_INDEX[name]] = value
+    return msgspec.structs.replace(frame, values=tuple(values))
 
 
 def told(monitor: ChangeMonitor, drags: list[float]) -> list[Event]:
@@ -83,12 +93,62 @@ def test_drag_that_rises_is_told_and_what_it_may_be() -> None:
     assert [e.code for e in over if e.code is Code.UNCHANGED] == [Code.UNCHANGED]
 
 
-def test_without_thrust_nothing_is_said_of_drag() -> None:
-    monitor = ChangeMonitor(aircraft(), 120.0)
-    for frame, alpha in flight([0.04, 0.08, 0.08], thrust=math.nan):
-        assert monitor.step(frame, alpha, ()) == ()
-    assert monitor.drag.change is None
+def test_without_thrust_it_says_that_drag_is_not_watched() -> None:
+    """Ice without an input comes while thrust is lost for 50 s: no change is told; that it would not be is, once, with
+    why and what is still watched, and its end."""
+    known = iter([True] * 1500 + [False] * 2500 + [True] * 1000)
+    monitor = ChangeMonitor(
+        aircraft(), 120.0, thrust=lambda: (4000.0, "") if next(known) else (math.nan, "no engine_speed")
+    )
+    said = told(monitor, [0.04] * 3 + [0.04] + [0.08] * 3 + [0.04] * 3)
+    assert [(e.source, e.code, round(e.t_ns * 1e-9)) for e in said] == [
+        ("drag", Code.UNWATCHED, 40),
+        ("drag", Code.WATCHED, 90),
+    ]
+    assert said[0].detail.startswith("no engine_speed: drag is NOT watched")
+    assert "derivatives still are" in said[0].detail
+    without = ChangeMonitor(aircraft(), 120.0)
+    never = [e for f, a in flight([0.04] * 3) for e in without.step(shows(f, thrust=math.nan), a, ())]
+    assert [(e.code, e.detail.partition(":")[0]) for e in never] == [(Code.UNWATCHED, "thrust is not recorded")]
+    assert without.drag.change is None
     assert not ChangeMonitor(aircraft(CD_0=None), 120.0).drag.is_on
+
+
+def test_thrust_that_comes_less_than_half_the_time_leaves_drag_unwatched() -> None:
+    """4 s of each 10, of which no mean is made."""
+    thrusts = ((4000.0, "") if k % 500 < 200 else (math.nan, "no thrust") for k in range(2000))
+    monitor = ChangeMonitor(aircraft(), 120.0, thrust=lambda: next(thrusts))
+    assert [e.code for e in told(monitor, [0.08] * 4)] == [Code.UNWATCHED]
+
+
+def test_drag_before_the_thrust_was_lost_says_nothing_of_what_comes_after() -> None:
+    """An unchanged drag tells ice from a lost elevator, but not one of a minute ago."""
+    known = iter([True] * 1500 + [False] * 1500)
+    monitor = ChangeMonitor(aircraft(), 120.0, thrust=lambda: (4000.0 if next(known) else math.nan, "no thrust"))
+    list(told(monitor, [0.04] * 3))
+    assert monitor.drag.change is not None
+    list(told(monitor, [0.04] * 3))
+    assert monitor.drag.change is None
+
+
+def test_the_engine_s_thrust_tells_drag_and_its_table_s_end_is_told() -> None:
+    """Through the estimator, whose thrust it is: an engine of 4000 N at its setting, then beyond its table."""
+    engine = ThrustTable.model_validate(
+        {"kind": "table", "signal": "engine_speed", "settings": [0.2, 1.0], "speeds": [40.0, 80.0],
+         "altitudes": [0.0], "thrust": [[[2000.0, 2000.0]], [[6000.0, 6000.0]]]}, context=SI_NUMBERS
+    )  # fmt: skip
+    own = aircraft().model_copy(update={"engine": engine})
+    estimator = Estimator(own, Card(name="t", aircraft="", rig=""), methods=("II",))
+    monitor, said = ChangeMonitor(own, 120.0, thrust=estimator.thrust), []
+    for frame, alpha in flight([0.04] * 2 + [0.06] * 3 + [0.04] * 2):
+        shown = shows(frame, thrust=math.nan, engine_speed=0.6 if frame.t_ns < 50e9 else 1.1)
+        estimator.step(shown)
+        said += monitor.step(shown, alpha, ())
+    assert [e.code for e in said] == [Code.CHANGED, Code.UNWATCHED]
+    assert said[0].detail.startswith("drag +")
+    assert said[0].t_ns <= 50e9
+    assert said[1].detail.startswith("the engine's table is exceeded (engine_speed 1.1, 56.6 m/s)")
+    assert "told before stands" in said[1].detail
 
 
 def test_without_angle_of_attack_it_says_that_it_sees_nothing() -> None:

@@ -146,6 +146,7 @@ def test_a_table_that_is_exceeded_is_told() -> None:
     record = flown(aircraft, aircraft.model_copy(update={"engine": slow}), without=("thrust",))
     assert any("says nothing of 100% of the record" in words for words in record.remarks)
     assert not record.thrust_known
+    assert drag_json(drag_of(record))["why"].startswith("the engine's table says nothing of 100% of the record")
 
 
 def test_in_flight_the_engine_takes_the_place_of_the_recorded_thrust() -> None:

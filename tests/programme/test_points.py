@@ -159,6 +159,12 @@ def test_why_a_point_s_drag_is_not_told(made: Programme) -> None:
     """Of a flight whose thrust is recorded."""
     assert drag_change(made.points[3], made.baseline).why == "3.0 s long: 6 s are the least"
     assert drag_change(made.points[2], made.baseline).is_known
+    found = made.points[2].found
+    assert found is not None
+    beyond = "the engine's table says nothing of 80% of the record: it is not used"
+    record = replace(found.record, why_no_thrust=beyond)
+    exceeded = replace(made.points[2], drag=None, found=replace(found, record=record))
+    assert drag_change(exceeded, made.baseline).why == beyond
     brief = replace(made.points[2], drag=None)
     assert "fewer than 3 stretches of 5 s" in drag_change(brief, made.baseline).why
     assert drag_change(made.points[2], replace(made.baseline, drag=None)).why == "the baseline does not have it"

@@ -16,6 +16,7 @@ from station.rows import (
     Status,
 )
 from station.screen import terminal as panel
+from station.screen.answers import wrong_answer
 from tests.screen.a_board import ALPHA, LINK, START_NS, board_with, estimate, line_with, screen, seconds
 
 
@@ -213,6 +214,8 @@ def test_a_changed_aircraft_is_said_in_words_and_by_the_bell_until_it_is_over() 
     board = board_with(ALPHA)
     assert "baseline" not in "\n".join(screen(board)), "no flight is held against one that it has not"
     board.has_baseline = True
+    assert "baseline not watched" in line_with(screen(board, width=80, height=24), " log "), "no derivative is known"
+    board.has_baseline_of_drag = True
     assert "baseline unchanged" in line_with(screen(board, width=80, height=24), " log ")
     assert panel.heard(board) == 0
     board.update([Event(seconds(5), "aircraft", Code.CHANGED, 1, ICE)])
@@ -226,3 +229,20 @@ def test_a_changed_aircraft_is_said_in_words_and_by_the_bell_until_it_is_over() 
     board.update([Event(seconds(7), "aircraft", Code.UNCHANGED, 1, "as the baseline again")])
     assert "baseline not watched" in line_with(screen(board, width=80, height=24), " log ")
     assert panel.heard(board) == 0
+
+
+def test_what_is_not_watched_does_not_look_unchanged() -> None:
+    """Drag whose thrust is lost: only what derivatives tell is left, and nothing before an input was flown."""
+    board = board_with(ALPHA, Health(START_NS, (LINK,), overruns=0, dropped=0))
+    board.has_baseline = board.has_baseline_of_drag = True
+    lost = Event(seconds(5), "drag", Code.UNWATCHED, 1, "no thrust: drag is NOT watched")
+    board.update([lost])
+    assert "baseline not watched" in line_with(screen(board, width=80, height=24), " log ")
+    assert wrong_answer(board, seconds(12)).words == "WARNING"
+    board.update([estimate("physical")])
+    assert "baseline derivatives unchanged, drag not watched" in line_with(screen(board, width=80, height=24), " log ")
+    assert any("CHECK" in line and "drag is NOT watched" in line for line in screen(board, width=80, height=24))
+    board.update([Event(seconds(6), "aircraft", Code.UNWATCHED, 1, "no angle of attack")])
+    assert "baseline not watched" in line_with(screen(board, width=80, height=24), " log ")
+    board.update([Event(seconds(7), source, Code.WATCHED, 0, "again") for source in ("aircraft", "drag")])
+    assert "baseline unchanged" in line_with(screen(board, width=80, height=24), " log ")

@@ -1,0 +1,157 @@
+"""CD_0 in flight against the baseline's, by the power that the flight shows, where thrust is known.
+
+Means of 10 s, in a cumulative sum (Page 1954) set for a rise by DRAG_TOLD, its limit by Siegmund's approximation of the
+time between false alarms. A mean that cannot be made leaves drag unwatched, and `lacking` says why.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from scipy.optimize import brentq
+
+from station.conventions import G0, SIGNAL_INDEX, TICK_HZ
+from station.profile import Aircraft
+from station.rows import AlphaEstimate, Frame
+
+FALSE_ALARM_H: Final = 20.0
+"""Hours between false alarms of either watch: together one in ten."""
+BLOCK_S: Final = 10.0
+"""Over which drag is a mean."""
+DRAG_TOLD: Final = 0.2
+"""Rise of CD_0, of itself, that the sum is set for: two fifths of the reference icing condition's."""
+KNOWN_WITHIN: Final = 2.0
+"""Standard deviations that the baseline's CD_0 is allowed to be off before a rise counts."""
+LEAST_SIGMA: Final = 0.25
+"""Of DRAG_TOLD, that a mean is taken to scatter at least: a single mean that is off is no alarm."""
+FIRST_SIGMA: Final = 0.5
+FIRST_BLOCKS: Final = 6
+"""The scatter that is taken before it is seen, of DRAG_TOLD, and how many means it counts for."""
+SEEN_BLOCKS: Final = 30
+"""Over which the scatter is seen."""
+RECENT_BLOCKS: Final = 3
+"""Whose mean is what drag is now."""
+_V, _QBAR, _AX, _AZ, _MASS = (SIGNAL_INDEX[n] for n in ("airspeed", "dynamic_pressure", "ax", "az", "mass"))
+_NEEDED: Final = {"dynamic pressure": _QBAR, "ax": _AX, "az": _AZ}
+
+
+def limit_of_sum(shift: float, blocks: float) -> float:
+    """Of a cumulative sum of values of variance 1 less `shift`, reached by chance once in so many of them on average
+    (Siegmund 1985: (exp(2 d b) - 2 d b - 1)/(2 d^2), b = h + 1.166)."""
+
+    def excess(b: float) -> float:
+        return math.expm1(2 * shift * b) - 2 * shift * b - 2 * shift**2 * blocks
+
+    return max(float(brentq(excess, 1e-6, 40.0 / max(2 * shift, 1e-3))) - 1.166, 0.1)
+
+
+class DragWatch:
+    """CD_0 against the baseline's."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        measured = aircraft.measured
+        self._base = measured.CD_0 if measured else None
+        self._allowed = KNOWN_WITHIN * measured.CD_0_sd if measured else 0.0
+        self._area, self._mass = aircraft.geometry.wing_area, aircraft.inertia.mass
+        self._cos, self._sin = math.cos(aircraft.thrust_angle), math.sin(aircraft.thrust_angle)
+        self._induced = aircraft.drag.induced if aircraft.drag else 0.0
+        self._doubt = aircraft.uncertainty.induced_drag * self._induced
+        speeds = (measured.lowest_speed, measured.highest_speed) if measured else (1.0, 1.0)
+        self._speeds = (min(speeds), max(speeds))
+        self._sum = self._sum_of_squares = 0.0
+        self._count = self._ticks = 0
+        self._lift = self._pressure = 0.0
+        self._last = math.nan
+        step = (self._base or 0.0) * DRAG_TOLD
+        self._step = step
+        self._variance = (FIRST_SIGMA * step) ** 2
+        self._blocks = FIRST_BLOCKS
+        self.cumulated = 0.0
+        self.limit = math.inf
+        self._recent: list[float] = []
+        self._by_lift = 0.0
+        self._without = ""
+        self.lacking = ""
+        """Why the last mean could not be made; "" where it could, or the first one is under way."""
+
+    @property
+    def is_on(self) -> bool:
+        return self._base is not None and self._base > 0
+
+    @property
+    def told(self) -> bool:
+        return self.cumulated > self.limit
+
+    @property
+    def change(self) -> tuple[float, float] | None:
+        """Relative, with its standard error, told or not: that drag has not risen tells one change from another too."""
+        if not self._recent or not self._base:
+            return None
+        error = math.sqrt(self._variance / len(self._recent)) + 0.5 * self._allowed + abs(self._by_lift)
+        return float(np.mean(self._recent)) / self._base - 1.0, error / self._base
+
+    def step(self, frame: Frame, alpha: AlphaEstimate, thrust: float, why_no_thrust: str) -> None:
+        """One tick; `thrust` along the thrust line, N, NaN where nothing tells it, and why."""
+        self._ticks += 1
+        v = frame.values
+        without = "" if alpha.valid else "no angle of attack"
+        without = without or next((f"no {name}" for name, i in _NEEDED.items() if not math.isfinite(v[i])), "")
+        without = without or ("" if math.isfinite(thrust) else why_no_thrust)
+        if without:
+            self._without = without
+        elif v[_QBAR] > 0:
+            mass = v[_MASS] if v[_MASS] > 0 else self._mass
+            force = v[_QBAR] * self._area
+            cx = (mass * v[_AX] - thrust * self._cos) / force
+            cz = (mass * v[_AZ] + thrust * self._sin) / force
+            sin, cos = math.sin(alpha.alpha), math.cos(alpha.alpha)
+            lift = cx * sin - cz * cos
+            self._sum += -cx * cos - cz * sin - self._induced * lift * lift
+            self._lift += lift
+            self._pressure += v[_QBAR] / max(v[_V], 1.0) ** 2 if math.isfinite(v[_V]) else math.nan
+            self._count += 1
+        if self._ticks >= BLOCK_S * TICK_HZ:
+            if self._count > 0.5 * self._ticks:
+                self.lacking = ""
+                self._block(self._sum / self._count, self._lift / self._count, 2 * self._pressure / self._count)
+            else:
+                self.lacking = self._without or "no dynamic pressure"
+                # What drag was tells nothing of a change that comes while it is not seen.
+                self._recent = self._recent if self.told else []
+            self._clear()
+
+    def begin(self) -> None:
+        """A new mean, of which nothing is lacking yet."""
+        self.lacking = self._without = ""
+        self._clear()
+
+    def _clear(self) -> None:
+        self._sum = self._lift = self._pressure = 0.0
+        self._count = self._ticks = 0
+
+    def _block(self, drag: float, lift: float, density: float) -> None:
+        """A mean of BLOCK_S: CD_0, CL, and the air's density."""
+        assert self._base is not None
+        if math.isfinite(self._last):
+            seen = 0.5 * (drag - self._last) ** 2
+            weight = 1.0 / min(self._blocks, SEEN_BLOCKS)
+            self._variance += weight * (seen - self._variance)
+            self._blocks += 1
+        self._last = drag
+        sigma = max(math.sqrt(self._variance), LEAST_SIGMA * self._step)
+        shift = 0.5 * self._step / sigma
+        self.limit = limit_of_sum(shift, FALSE_ALARM_H * 3600 / BLOCK_S)
+        self._by_lift = self._of_lift(lift, density)
+        excess = (drag - self._base - self._allowed - self._by_lift) / sigma
+        self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
+        self._recent = [*self._recent[1 - RECENT_BLOCKS :], drag]
+
+    def _of_lift(self, lift: float, density: float) -> float:
+        """What the doubt of the induced drag makes of a lift coefficient that the baseline did not have."""
+        if not math.isfinite(density) or density <= 0:
+            return 0.0
+        slow, fast = (self._mass * G0 / (0.5 * density * v * v * self._area) for v in self._speeds)
+        beyond = max(lift - slow, fast - lift, 0.0)
+        return self._doubt * beyond * (lift + slow)
