@@ -38,6 +38,7 @@ def write_simulated(
 ) -> Simulated:
     """Fly a card, `settings` replacing its values and `seed` its flight's, for `duration` s: 120, or what its steps
     take. Raises ProfileError, UsageError and LogError."""
+    from station.flight.reach import travel_remarks
     from station.flight.step_plan import planned
     from station.simulation.sortie import fly
 
@@ -47,7 +48,7 @@ def write_simulated(
     if out.exists():
         raise LogError(f"{out}: exists already, and a recording is never overwritten")
     card, steps_s = planned(profiles.card)
-    remarks = []
+    remarks = list(travel_remarks(profiles.card, profiles.flown))
     if profiles.rig.loop is not None:
         remarks.append(f"the rig's loop ({profiles.rig.loop.kind}) is left out: nothing from outside moves a surface")
     # A second more, for the last point to end in.

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from station.conventions import LATERAL
+from station.flight.reach import beyond_flight, beyond_travel, unmoved
 from station.model.airframe_error import relative_errors
-from station.profile import Aircraft, Step, otherwise
-from station.rows import ParamEstimate, Status
+from station.profile import Aircraft, Card, Step, otherwise
+from station.rows import ParamEstimate, ProfileError, Status
 
 WORTH: Final = 0.8
 """Share of the error of the step's own input, to which another one must bring it to be worth the change."""
@@ -66,13 +67,21 @@ NEEDED: Final = {
 """Signals without which no method gives derivatives of an axis."""
 
 
-def obstacles(step: Step, aircraft: Aircraft, signals: Collection[str]) -> list[str]:
-    """Before the flight: what keeps the step's criteria from being reached, however well it is flown."""
+def obstacles(step: Step, aircraft: Aircraft, signals: Collection[str], card: Card | None = None) -> list[str]:
+    """Before the flight: what keeps the step's criteria from being reached, however well it is flown. With the card,
+    also what keeps it from being flown within the card's limits."""
     said = []
     axes = {"lateral" if n in LATERAL else "longitudinal" for n in step.accept}
     lacking = sorted({s for axis in axes for s in NEEDED[axis]} - set(signals))
     if lacking:
         said.append(f"no {', '.join(lacking)}")
+    said += unmoved(step)
+    try:
+        said += beyond_travel(step.inputs, aircraft)
+    except ProfileError as error:
+        said.append(str(error))
+    if card is not None:
+        said += beyond_flight(step, aircraft, card)
     shares = relative_errors(aircraft, tuple(step.accept))[int("mass" in signals)] if step.accept else ()
     for (name, wanted), share in zip(step.accept.items(), shares, strict=True):
         if 2 * float(share) >= wanted:

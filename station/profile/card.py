@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
 from station.profile.altered import Change, flattened
 from station.profile.quantity import (
+    SI_NUMBERS,
     Bytes,
     Frozen,
     Hertz,
@@ -339,4 +340,19 @@ class Card(Frozen):
             raise PydanticCustomError("pilot", "a recording is flown as it is: no [pilot] moves its elevator")
         if self.pilot.moved - {"elevator"} and self.flight.source == "jsbsim":
             raise PydanticCustomError("pilot", "JSBSim's aircraft has a pilot of its own for wings and heading")
+        return self
+
+    @model_validator(mode="after")
+    def _steps_sound(self, info: ValidationInfo) -> Self:
+        if info.context == SI_NUMBERS:  # as a recording was flown, it is read
+            return self
+        names = [s.name for s in self.steps]
+        twice = next((n for i, n in enumerate(names) if n in names[:i]), None)
+        if twice is not None:
+            raise PydanticCustomError("steps", "steps: two are named {name}: call one otherwise", {"name": repr(twice)})
+        for step in self.steps:
+            beyond = step.beyond(self.limits)
+            if beyond:
+                words = {"name": repr(step.name), "beyond": beyond}
+                raise PydanticCustomError("steps", "step {name}: {beyond}: change one of the two", words)
         return self

@@ -211,7 +211,7 @@ def explain(path: Path, kind: type[BaseModel], error: ValidationError) -> str:
         message += f": write {{ value = {given} }}" if is_derivative else ""
     else:
         message = first["msg"][:1].lower() + first["msg"][1:]
-        if first["type"] not in ("quantity", "derivative", "signal", "unit", "claimed", "probe"):
+        if first["type"] not in ("quantity", "derivative", "signal", "unit", "claimed", "probe", "limits", "steps"):
             message += f" (it is {first['input']!r:.60})"
     more = f"\nand {len(problems) - 1} more" if len(problems) > 1 else ""
     return f"{path}: {key or kind.__name__}: {message}{more}"

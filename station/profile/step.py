@@ -5,11 +5,20 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.conventions import LATERAL, LONGITUDINAL
-from station.profile.quantity import Frozen, Metres, MetresPerSecond, Positive, Radians, Seconds, nearest
+from station.conventions import LATERAL, LONGITUDINAL, from_si
+from station.profile.quantity import (
+    SI_NUMBERS,
+    Frozen,
+    Metres,
+    MetresPerSecond,
+    Positive,
+    Radians,
+    Seconds,
+    nearest,
+)
 from station.profile.shapes import Leg, Manoeuvre
 
 AIR = ("calm", "light", "moderate", "severe")
@@ -54,6 +63,22 @@ class Limits(Frozen):
     """Highest true airspeed."""
     least_speed: Annotated[MetresPerSecond, Positive] | None = None
     """Lowest true airspeed."""
+
+    @model_validator(mode="after")
+    def _leave_a_range(self, info: ValidationInfo) -> Self:
+        if info.context == SI_NUMBERS:  # as a recording was flown, it is read
+            return self
+        if self.speed is not None and self.least_speed is not None and self.speed <= self.least_speed:
+            given = {"speed": shown(self.speed, "kt"), "least": shown(self.least_speed, "kt")}
+            raise PydanticCustomError(
+                "limits", "speed: {speed} is not above least_speed, {least}: no speed is left to fly at", given
+            )
+        return self
+
+
+def shown(value: float, unit: str) -> str:
+    """As a card would have it."""
+    return f"{from_si(value, unit):.4g} {unit}".removesuffix(" 1")
 
 
 class Condition(Frozen):
@@ -105,6 +130,23 @@ class Step(Frozen):
         if c.speed is None and c.heading is None and not c.bank:
             return None
         return Leg.model_construct(start=start, speed=c.speed, heading=c.heading, bank=c.bank or None)
+
+    def beyond(self, limits: Limits) -> str:
+        """Where its condition lies at or beyond a limit, which an alarm would then accompany; "" where nowhere."""
+        c, at = self.condition, limits
+        load = 1 / math.cos(c.bank)
+        for key, value, name, limit, sign, unit in (
+            ("speed", c.speed, "speed", at.speed, 1, "kt"),
+            ("speed", c.speed, "least_speed", at.least_speed, -1, "kt"),
+            ("bank", abs(c.bank), "bank", at.bank, 1, "deg"),
+            ("bank", load, "load_factor", at.load_factor, 1, "1"),
+        ):
+            if value is not None and limit is not None and sign * (value - limit) >= 0:
+                is_load = name == "load_factor"
+                wanted = f"{shown(c.bank, 'deg')} takes a load factor of {load:.3g}" if is_load else shown(value, unit)
+                side = "below" if sign > 0 else "above"
+                return f"condition.{key} of {wanted}, not {side} limits.{name}, {shown(limit, unit)}"
+        return ""
 
     @model_validator(mode="before")
     @classmethod

@@ -141,7 +141,7 @@ def print_steps(profiles: Profiles, signals: Collection[str]) -> bool:
         grid.add_column(name, no_wrap=name == "verdict")
     all_go = True
     for step in profiles.card.steps:
-        told = obstacles(step, profiles.aircraft, signals)
+        told = obstacles(step, profiles.aircraft, signals, profiles.card)
         all_go &= not told
         wanted = ", ".join(f"{name} to {100 * share:g} %" for name, share in step.accept.items())
         why = Text("; ".join(told) or wanted or "the record")

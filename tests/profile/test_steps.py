@@ -2,7 +2,7 @@
 
 import pytest
 
-from station.profile import Card, load_card, profiles_dir
+from station.profile import Card, from_json, load_card, profiles_dir, to_json
 from station.rows import ProfileError
 
 GUIDED = (profiles_dir() / "cards" / "guided.toml").read_text()
@@ -32,6 +32,11 @@ def test_shares_are_percent_or_numbers_and_lateral_inputs_ask_for_lateral_deriva
         ('start = "0 s"', 'start = "0 s"\nrepeat = "9 s"', "a step has repeats"),
         ("load_factor = 2.0", "load_factor = 0.5", "greater than 1"),
         ("[limits]", "[limits]\nbanking = 3", "unknown key"),
+        ('least_speed = "80 kt"', 'least_speed = "150 kt"', "speed: 150 kt is not above least_speed, 150 kt"),
+        ('speed = "150 kt"', 'speed = "110 kt"', "condition.speed of 110 kt, not below limits.speed, 110 kt: change"),
+        ('least_speed = "80 kt"', 'least_speed = "120 kt"', "condition.speed of 110 kt, not above limits.least_speed"),
+        ("[steps.condition]", '[steps.condition]\nbank = "-50 deg"', "condition.bank of 50 deg, not below limits.bank"),
+        ('name = "Roll and yaw, 110 kt"', 'name = "Short period, 110 kt"', "two are named 'Short period, 110 kt'"),
     ],
 )
 def test_a_mistake_names_its_key(tmp_path, old: str, new: str, words: str) -> None:
@@ -48,3 +53,26 @@ def test_a_step_without_an_input_is_none(tmp_path) -> None:
     path.write_text(GUIDED.partition("[[steps.inputs]]")[0])
     with pytest.raises(ProfileError, match="what is to be flown"):
         load_card(str(path))
+
+
+def test_a_turn_takes_its_load_factor() -> None:
+    """1/cos 62 deg = 2.13, above 2; 1/cos 58 deg = 1.89, below."""
+    doublet = {"kind": "doublet", "start": "0 s", "amplitude": "2 deg", "width": "1 s"}
+
+    def made(bank: str) -> Card:
+        steps = [{"name": "a", "inputs": [doublet], "condition": {"bank": bank}}]
+        limits = {"load_factor": 2.0, "bank": "80 deg"}
+        return Card.model_validate({"name": "x", "aircraft": "", "rig": "", "steps": steps, "limits": limits})
+
+    made("58 deg")
+    with pytest.raises(ValueError, match=r"62 deg takes a load factor of 2\.13, not below limits\.load_factor, 2:"):
+        made("62 deg")
+
+
+def test_a_card_that_was_flown_is_read_as_it_was() -> None:
+    """Recordings of before keep cards that would be refused now."""
+    old = to_json(load_card("guided").card).replace("Roll and yaw, 110 kt", "Short period, 110 kt")
+    old = old.replace('"least_speed":41.15', '"least_speed":99.15')
+    card = from_json(Card, old)
+    assert len({s.name for s in card.steps}) < len(card.steps)
+    assert card.limits.least_speed > card.limits.speed

@@ -1,0 +1,79 @@
+"""What a step's own inputs, the travel of the surfaces and the card's limits leave within reach, before it is flown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from station.conventions import LATERAL, TICK_HZ
+from station.profile import Aircraft, Card, Manoeuvre, Step
+from station.rows import ProfileError
+from station.simulation.input_table import input_table
+
+OF_SURFACE: Final = {"de": ("elevator",), "da": ("aileron",), "dr": ("rudder",)}
+"""What has to move for a surface's own derivative; for the others any surface of their axis."""
+
+
+def unmoved(step: Step) -> list[str]:
+    """Derivatives wanted of a step, none of whose inputs shows them."""
+    moved = {m.surface for m in step.inputs}
+    without: dict[tuple[str, ...], list[str]] = {}
+    for name in step.accept:
+        axis = ("aileron", "rudder") if name in LATERAL else ("elevator",)
+        surfaces = OF_SURFACE.get(name.partition("_")[2], axis)
+        if not moved.intersection(surfaces):
+            without.setdefault(surfaces, []).append(name)
+    return [
+        f"{', '.join(names)}: no input moves the {' or the '.join(surfaces)}: add one to the step, "
+        "or take them out of accept"
+        for surfaces, names in without.items()
+    ]
+
+
+def beyond_travel(inputs: Sequence[Manoeuvre], aircraft: Aircraft) -> list[str]:
+    """Surfaces that are asked for more than they move. Raises ProfileError for an input that cannot be made."""
+    if not inputs:
+        return []
+    said = []
+    for name, about_trim in input_table(inputs, TICK_HZ).surfaces.items():
+        peak, travel = float(np.abs(about_trim).max()), getattr(aircraft, name).position_limit
+        if peak > travel:
+            said.append(
+                f"an input of {math.degrees(peak):.3g} deg, the {name} moves {math.degrees(travel):.3g} deg: "
+                f"less amplitude, or the profile's {name}.position_limit is wrong"
+            )
+    return said
+
+
+def travel_remarks(card: Card, aircraft: Aircraft) -> Iterator[str]:
+    """The same of all that a card flies, each with its name. Raises ProfileError as `beyond_travel` does."""
+    for name, inputs in (("manoeuvres", card.manoeuvres), *((s.name, s.inputs) for s in card.steps)):
+        yield from (f"{name}: {words}" for words in beyond_travel(inputs, aircraft))
+
+
+def beyond_flight(step: Step, aircraft: Aircraft, card: Card) -> list[str]:
+    """Where level flight, or the turn, in a step's condition needs more angle of attack than the card's limit, or is
+    none at all by the profile. It is asked of an emulated aircraft, which flies by the profile, and of a card that has
+    that limit; of others the profile may know too little."""
+    from station.simulation.airframe import find_trim  # and with it the simulation
+
+    limit, wanted = card.limits.angle_of_attack, step.condition
+    speed = wanted.speed if wanted.speed is not None else card.flight.speed if card.emulate else None
+    simulated = card.emulate and card.flight.source == "simulation"
+    knows = aircraft.value("CL_alpha") and aircraft.value("Cm_de") and not aircraft.kinematics_only
+    if speed is None or not knows or not (simulated or limit is not None):
+        return []
+    altitude = card.flight.altitude if wanted.altitude is None else wanted.altitude
+    try:
+        alpha = find_trim(aircraft, speed, altitude, wanted.bank).alpha
+    except ProfileError as error:
+        return [f"cannot be flown in its condition: {error}: another speed or bank"]
+    if limit is None or alpha < limit:
+        return []
+    return [
+        f"its condition takes {math.degrees(alpha):.1f} deg of angle of attack, limits.angle_of_attack is "
+        f"{math.degrees(limit):.3g} deg: more speed, less bank, or another limit"
+    ]
