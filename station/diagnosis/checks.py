@@ -24,7 +24,7 @@ from station.identification.preparation import corrected
 from station.identification.remarks import about_columns
 from station.identification.signs_and_units import Mistake, mistakes
 from station.log import Table
-from station.profile import Aircraft
+from station.profile import Aircraft, unlike_recorded
 
 Array = NDArray[np.float64]
 Place = tuple[float, float, float]
@@ -67,7 +67,9 @@ def checked(
     imu_position: Place = (0.0, 0.0, 0.0),
 ) -> Checked:
     """A recording's table made ready. `noise` (SI) and `imu_position` (m, body) are the rig's."""
+    unlike = unlike_recorded(aircraft, table.aircraft, mass_recorded="mass" in table.columns)
     table, remarks = cleaned(table)
+    remarks = [*unlike, *remarks]
     seen: list[Effect] = []
     for _ in range(MOST_MISTAKES):
         # What the profile says of its instruments is no mistake.

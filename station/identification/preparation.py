@@ -18,7 +18,7 @@ from station.identification.signs_and_units import mistakes
 from station.identification.vanes_compared import in_reserve
 from station.log import Table
 from station.numerics.regression import NotIdentifiable
-from station.profile import Aircraft
+from station.profile import Aircraft, unlike_recorded
 from station.rows import Quality, UsageError
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def prepare(table: Table, aircraft: Aircraft, request: Request) -> Prepared:
     """Clean, correct and cut `table`. Raises UsageError for an empty interval, or a record that no method can use."""
     whole, remarks = cleaned(table)
     whole, said = in_reserve(whole, request.vanes, aircraft)
-    remarks = [*remarks, *said]
+    remarks = [*unlike_recorded(aircraft, table.aircraft, mass_recorded="mass" in table.columns), *remarks, *said]
     whole, aircraft = less_fuel(whole, aircraft)
     recorded = whole
     whole = corrected(whole, aircraft, request.noise, request.imu_position)

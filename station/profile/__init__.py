@@ -23,6 +23,7 @@ from station.profile.aircraft import (
     Unsteady,
 )
 from station.profile.altered import AlteredAircraft, Change
+from station.profile.another_aircraft import other_sizes, unlike_recorded
 from station.profile.card import Card, Fault, Flight, Pilot, TestPoint
 from station.profile.channel import Channel
 from station.profile.declared import NOTHING, DeclaredSignal, Derived, DerivedSignal, Further, elsewhere
@@ -181,11 +182,13 @@ __all__ = [
     "load_rig",
     "nearest",
     "nearest_or_all",
+    "other_sizes",
     "otherwise",
     "own_ratio",
     "profiles_dir",
     "quantity",
     "read_profile",
     "to_json",
+    "unlike_recorded",
     "why_none",
 ]

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from station.log import Point, Table, metadata, points, table
 from station.model.change_patterns import NAMES, in_words, matches, patterns
 from station.numerics.random_effects import NORMAL_95
-from station.profile import Aircraft, otherwise
+from station.profile import Aircraft, other_sizes, otherwise, unlike_recorded
 from station.programme.changes import Baseline, Change, baseline_of, changes_of, drag_change, recommended, scatter_of
 from station.programme.flown_points import FlownPoint, flown_point, marked
 from station.rows import UsageError
@@ -69,6 +69,22 @@ def _of_one_aircraft(flights: Sequence[Flight]) -> None:
         raise UsageError(f"recordings of several aircraft: {named}\nhold each against a baseline of its own")
 
 
+def _of_the_profile_s(flights: Sequence[Flight], aircraft: Aircraft) -> None:
+    """Raises UsageError where a recording is not of the aircraft whose instruments or derivatives this profile has from
+    flights: they say nothing of another's."""
+    if aircraft.measured is None and aircraft.calibrated is None:
+        return
+    how = "calibrated" if aircraft.measured is None else "measured"
+    for flight in flights:
+        found = other_sizes(aircraft, flight.table.aircraft)
+        if found:
+            raise UsageError(
+                f"recordings of several aircraft: {flight.table.aircraft.name} in {flight.path.name}, while "
+                f"{aircraft.name} was {how} with another: {'; '.join(found)}\n"
+                "hold each against a baseline of its own"
+            )
+
+
 def programme(
     logs: Sequence[Path],
     baseline_logs: Sequence[Path],
@@ -85,6 +101,7 @@ def programme(
     """
     flights = flights_of(tuple(dict.fromkeys((*baseline_logs, *logs))))
     _of_one_aircraft(flights)
+    _of_the_profile_s(flights, aircraft)
     made = []
     for flight in flights:
         about = metadata(flight.path).about
@@ -99,6 +116,9 @@ def programme(
     baseline = baseline_of(of_baseline, aircraft)
     others = {f.table.aircraft.name for f in flights} - {aircraft.name}
     remarks = [f"recorded with the profile {name}, identified with {aircraft.name}" for name in sorted(others)]
+    for f in flights:
+        said = unlike_recorded(aircraft, f.table.aircraft, mass_recorded="mass" in f.table.columns)
+        remarks += [f"{f.path.name}: {words}" for words in said]
     remarks += [f"{f.path.name}: no test point is marked: all of it is one" for f in flights if not f.are_marked]
     remarks += list(_other_configurations(made, baseline, aircraft))
     remarks += list(_without_drag(made, baseline))

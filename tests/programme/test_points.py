@@ -16,7 +16,7 @@ from station.commands.simulate import simulate
 from station.identification.flown_inputs import inputs_of
 from station.log import table
 from station.model.change_patterns import NAMES
-from station.profile import load_aircraft, otherwise
+from station.profile import Calibrated, Measured, load_aircraft, otherwise
 from station.programme.changes import Change, drag_change
 from station.programme.drag import DragOfPoint
 from station.programme.histories_overlaid import history, pairs
@@ -126,6 +126,31 @@ def test_recordings_of_several_aircraft_are_refused_before_anything_is_made_of_t
     with pytest.raises(UsageError, match=r"several aircraft: attas in other.mcap, twin_otter in flight.mcap"):
         programme([log], [other], load_aircraft("twin_otter"), METHODS, told.append)
     assert told == []
+
+
+def test_a_profile_measured_or_calibrated_with_another_aircraft_is_refused(log: Path, tmp_path: Path) -> None:
+    """By --aircraft, as by --baseline: its derivatives and its vane were computed with the other's wing. A calibrated
+    profile of the same aircraft is another name, and no more."""
+    card, other, told = tmp_path / "card.toml", tmp_path / "other.mcap", []
+    text = 'name = "x"\naircraft = "attas"\nrig = "boom_thrust"\n[flight]\nspeed = "230 kt"\naltitude = "15000 ft"\n'
+    card.write_text(text)
+    simulate(str(card), other, None, 1, 8.0)
+    plain = load_aircraft("twin_otter")
+    held = {"points": 3, "condition": "", "lowest_speed": "50 m/s", "highest_speed": "60 m/s"}
+    flown = {"date": "", "recordings": ["a"], "lowest_speed": "50 m/s", "highest_speed": "60 m/s"}
+    for how in ({"measured": Measured.model_validate(held)}, {"calibrated": Calibrated.model_validate(flown)}):
+        known = plain.model_copy(update={**how, "name": f"mine_{next(iter(how))}"})
+        with pytest.raises(
+            UsageError, match=r"several aircraft: attas in other\.mcap, while mine_\w+ was \w+ with"
+        ) as no:
+            programme([other], [], known, ("II",), told.append)
+        assert "wing area 39.02 m2, not 64" in str(no.value)
+        assert told == []
+    made = programme([log], [], known, ("II",), told.append)
+    assert f"recorded with the profile twin_otter, identified with {known.name}" in made.remarks
+    assert not any("is not the recorded" in words for words in made.remarks)
+    remarks = programme([other], [], plain, ("II",), told.append).remarks
+    assert any("twin_otter is not the recorded attas: wing area 39.02 m2, not 64" in words for words in remarks)
 
 
 def test_another_configuration_than_the_baseline_s_is_said() -> None:
