@@ -72,6 +72,8 @@ class DragWatch:
         self.limit = math.inf
         self._recent: list[float] = []
         self._by_lift = 0.0
+        self.means = 0
+        """Of drag, so far."""
         self._without = ""
         self.lacking = ""
         """Why the last mean could not be made; "" where it could, or the first one is under way."""
@@ -91,6 +93,14 @@ class DragWatch:
             return None
         error = math.sqrt(self._variance / len(self._recent)) + 0.5 * self._allowed + abs(self._by_lift)
         return float(np.mean(self._recent)) / self._base - 1.0, error / self._base
+
+    @property
+    def now(self) -> tuple[float, float] | None:
+        """CD_0 of the last means and its standard error, without the baseline's; None before there is one."""
+        if not self._recent:
+            return None
+        random = math.sqrt(self._variance / len(self._recent))
+        return float(np.mean(self._recent)), math.hypot(random, self._by_lift)
 
     def step(self, frame: Frame, alpha: AlphaEstimate, thrust: float, why_no_thrust: str) -> None:
         """One tick; `thrust` along the thrust line, N, NaN where nothing tells it, and why."""
@@ -147,6 +157,7 @@ class DragWatch:
         excess = (drag - self._base - self._allowed - self._by_lift) / sigma
         self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
         self._recent = [*self._recent[1 - RECENT_BLOCKS :], drag]
+        self.means += 1
 
     def _of_lift(self, lift: float, density: float) -> float:
         """What the doubt of the induced drag makes of a lift coefficient that the baseline did not have."""

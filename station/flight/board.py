@@ -17,6 +17,7 @@ import msgspec
 from station.clock import Clock
 from station.conventions import LATERAL, LONGITUDINAL
 from station.estimation.method_table import recommended
+from station.flight.against_baseline import AgainstBaseline
 from station.flight.finished_points import FinishedPoint, FinishedPoints
 from station.flight.limits import limited_signals, shown_signals
 from station.flight.loop import ESTIMATORS
@@ -99,6 +100,8 @@ class Board:
         self.has_baseline = measured is not None
         """Whether the flight is held against a measured baseline."""
         self.has_baseline_of_drag = measured is not None and measured.CD_0 is not None
+        self.against = AgainstBaseline(profiles.aircraft) if profiles and self.has_baseline else None
+        """What of it has changed, in numbers."""
         self.derivatives: tuple[str, ...] = LONGITUDINAL
         self.lateral: tuple[str, ...] = ()
         """Lateral derivatives, where a method gives any."""
@@ -181,6 +184,8 @@ class Board:
 
     def _take_frame(self, row: Frame) -> None:
         self.frame = row
+        if self.against is not None:
+            self.against.take_frame(row)
 
     @property
     def recommended(self) -> str:
@@ -189,6 +194,8 @@ class Board:
 
     def _take_alpha(self, row: AlphaEstimate) -> None:
         self.alpha = row
+        if self.against is not None:
+            self.against.take_alpha(row)
         if self.point is not None:
             self.points.take(row)
         self._recommendation.update(row)
@@ -318,6 +325,7 @@ class Board:
             "estimators": self.estimators,
             "recommended": self.recommended,
             "derivatives": {m: self._method(row) for m, row in list(self.methods.items())},
+            "baseline": None if self.against is None else self.against.snapshot(dict(self.methods)),
             "signals": self._signals(),
             "links": {} if health is None else {s.stream: _link(s) for s in health.streams},
             "overruns": 0 if health is None else health.overruns,

@@ -53,6 +53,8 @@ class Derivative(msgspec.Struct, frozen=True):
     wanted: float
     """0 where nothing says how well."""
     why: str = ""
+    change: str = ""
+    """Against a measured baseline, with 2 sd; empty where that is not known."""
 
 
 def alpha_answer(board: Board) -> Answer:
@@ -184,19 +186,44 @@ def is_alive(board: Board, s: StreamHealth, now_ns: int) -> bool:
 def derivatives(board: Board, names: Sequence[str] | None = None) -> list[Derivative]:
     """By the method to believe first for each: the longitudinal ones, unless others are asked for."""
     made = []
+    changes = board.against.changes(board.methods) if board.against is not None else {}
     for name in board.derivatives if names is None else names:
+        change = change_text(*changes[name]) if name in changes else ""
         p = board.parameter(board.lateral_method if name in LATERAL else board.recommended, name)
         wanted = board.target(name)
         if p is None or p.status is Status.UNESTIMATED:
-            made.append(Derivative(name, "–", "", "unestimated", None, wanted, p.why if p is not None else ""))
+            made.append(Derivative(name, "–", "", "unestimated", None, wanted, p.why if p is not None else "", change))
         elif p.status is Status.INVALID:
-            made.append(Derivative(name, value_text(p), "", "INVALID", None, wanted, p.why))
+            made.append(Derivative(name, value_text(p), "", "INVALID", None, wanted, p.why, change))
         else:
             have = 2 * p.sd / abs(p.value) if p.value else None
             bound = f"± {significant(2 * p.sd, p.value)}"
             state: Literal["enough", "estimated"] = "enough" if board.is_enough(p) else "estimated"
-            made.append(Derivative(name, value_text(p), bound, state, have, wanted))
+            made.append(Derivative(name, value_text(p), bound, state, have, wanted, "", change))
     return made
+
+
+def change_text(change: float, sd: float) -> str:
+    """In per cent, with 2 sd."""
+    return f"{100 * change:+.0f}±{200 * sd:.0f} %"
+
+
+def drag_answer(board: Board) -> Derivative | None:
+    """CD_0 by the power that the flight shows, as the derivatives are written; None without a baseline of it."""
+    if board.against is None or board.against.CD_0 is None:
+        return None
+    drag = board.against.drag
+    if drag is None:
+        return Derivative("CD_0", "–", "", "unestimated", None, 0.0, "means of 10 s with thrust and angle of attack")
+    have = 2 * drag.sd / abs(drag.value) if drag.value else None
+    change = change_text(drag.change, drag.change_sd)
+    return Derivative("CD_0", f"{drag.value:.4f}", f"± {2 * drag.sd:.4f}", "estimated", have, 0.0, "", change)
+
+
+def every_derivative(board: Board, names: Sequence[str]) -> list[Derivative]:
+    """Those of these names, and drag beside them where it is held against a baseline."""
+    drag = drag_answer(board)
+    return [*derivatives(board, names), *([drag] if drag is not None else [])]
 
 
 def value_text(p: ParamEstimate | None, scale: float = math.nan) -> str:

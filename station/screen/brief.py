@@ -13,7 +13,7 @@ from station.screen.answers import (
     Derivative,
     alpha_answer,
     alpha_text,
-    derivatives,
+    every_derivative,
     phase_words,
     point_answer,
     wrong_answer,
@@ -89,7 +89,9 @@ def brief(board: Board, now_ns: int) -> Brief:
         point=point_answer(board),
         wrong=wrong_answer(board, now_ns),
         method=board.recommended,
-        derivatives=tuple(derivatives(board, [*board.derivatives, *(n for n in asked if n not in board.derivatives)])),
+        derivatives=tuple(
+            every_derivative(board, [*board.derivatives, *(n for n in asked if n not in board.derivatives)])
+        ),
         step=None if board.guide is None else _step(board.guide),
     )
 

@@ -14,13 +14,14 @@ from rich.text import Text
 
 from station.flight.board import Board
 from station.rows import ParamEstimate, Status
-from station.screen.answers import Derivative, derivatives, significant, value_text
+from station.screen.answers import Derivative, derivatives, drag_answer, significant, value_text
 
 TITLE: Final = "bold cyan"
 _NAME: Final = 12
 _VALUE: Final = 8
 _BOUND: Final = 10
 _STATUS: Final = 11
+_CHANGE: Final = 12
 _CELL: Final = 15
 _FIRST_TO_GO: Final = ("V", "III")
 """Of the columns, where the terminal is narrow."""
@@ -36,18 +37,21 @@ def derivative_lines(board: Board, width: int) -> Iterator[Text]:
     """One line a longitudinal derivative: the recommended method's estimate, the other methods' beside as far as they
     fit whole into `width`, and why not."""
     others = [m for m in list(board.methods) if m != board.recommended]
+    changed = _CHANGE if board.against is not None else 0
     for m in (*_FIRST_TO_GO, *reversed(list(board.methods))):
-        if _NAME + _VALUE + _BOUND + _STATUS + sum(map(_column, others)) > width and m in others:
+        if _NAME + _VALUE + _BOUND + _STATUS + changed + sum(map(_column, others)) > width and m in others:
             others.remove(m)
     title = styled(f"{' DERIVATIVES':<{_NAME}}", TITLE)
     title.append(f" {board.recommended + ' ± 2σ':<{_VALUE + _BOUND - 1}}", "bold").append(
         f"{'[1/rad]':<{_STATUS}}", "dim"
     )
+    title.append(f"{'vs baseline':>{changed}}" if changed else "", "bold dim")
     yield title.append("".join(f"{m:>{_column(m)}}" for m in others), "bold dim")
     whys: dict[str, list[str]] = {}
     for d in derivatives(board):
         p = board.parameter(board.recommended, d.name)
         line = Text(f"{'   ' + d.name:<{_NAME}}").append_text(_estimate(d))
+        line.append(f"{d.change or '–':>{changed}}" if changed else "", "" if d.change else "dim")
         for m in others:
             q = board.parameter(m, d.name)
             text = value_text(q, p.value if p is not None else math.nan)
@@ -57,6 +61,19 @@ def derivative_lines(board: Board, width: int) -> Iterator[Text]:
         yield line
     for why, names in whys.items():
         yield styled(f"   {'all' if len(names) == len(board.derivatives) else ', '.join(names)}: {why}", "yellow")
+
+
+def drag_lines(board: Board) -> Iterator[Text]:
+    """CD_0 in the columns of the derivatives, and the baseline's; nothing without a baseline of it."""
+    d = drag_answer(board)
+    if d is None or board.against is None:
+        return
+    line = Text(f"{'   ' + d.name:<{_NAME}}")
+    if not d.bound:
+        yield line.append(f"{d.value:>{_VALUE}}  {d.why}", "dim")
+        return
+    line.append(f"{d.value:>{_VALUE}}", "bold green").append(f"{' ' + d.bound:<{_BOUND + _STATUS}}")
+    yield line.append(f"{d.change:>{_CHANGE}}").append(f"  baseline {board.against.CD_0:.4f}", "dim")
 
 
 def _column(method: str) -> int:

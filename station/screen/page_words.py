@@ -33,16 +33,20 @@ def _of_step(step: StepBrief) -> Iterator[str]:
 
 
 def _derivatives(method: str, known: Sequence[Derivative], references: Mapping[str, float]) -> Iterator[str]:
-    yield f"| **{method}** [1/rad] | value ± 2 sd | ± | wanted | | profile |"
-    yield "| --- | --- | --- | --- | --- | --- |"
+    has_baseline = any(d.change or d.name == "CD_0" for d in known)
+    changed = " changed, ± 2 sd |" if has_baseline else ""
+    yield f"| **{method}** [1/rad] | value ± 2 sd | ± | wanted | | profile |{changed}"
+    yield "| --- | --- | --- | --- | --- | --- |" + (" --- |" if has_baseline else "")
     whys: dict[str, list[str]] = {}
     for d in known:
         have = f"{100 * d.have:.2g} %" if d.have is not None else "–"
         asked = f"{100 * d.wanted:g} %" if d.wanted else "–"
         reference = references.get(d.name, math.nan)
+        shown = f"{reference:.4f}" if d.name == "CD_0" else significant(reference, reference)
         value = f"**{d.value}** {d.bound}" if d.bound else d.value
         state = "✔ enough" if d.state == "enough" else d.state
-        yield f"| {d.name} | {value} | {have} | {asked} | {state} | {significant(reference, reference)} |"
+        change = f" {d.change} |" if has_baseline else ""
+        yield f"| {d.name} | {value} | {have} | {asked} | {state} | {shown} |{change}"
         if not d.bound:
             whys.setdefault(d.why or d.state, []).append(d.name)
     yield ""

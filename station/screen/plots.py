@@ -189,6 +189,8 @@ class Setup(msgspec.Struct, frozen=True):
     """What the rig declares or derives: name, column in a frame, unit to show."""
     simulated: bytes = b""
     """What the page simulates beside the flight (simulation_beside.given); empty where no profile is known."""
+    measured: str = ""
+    """The aircraft as JSON, where it has a measured baseline that the flight is held against."""
 
 
 class Batch(msgspec.Struct, frozen=True):

@@ -318,17 +318,20 @@ def setup_for(
 ) -> Setup:
     """What the page shows beside the rows, from the flight's profiles; a replay of a guided flight has no guide."""
     from station.numerics.turbulence import NOMINAL_SPEED, Thresholds  # brings numba: not for the child
+    from station.profile import to_json
 
     speed = profiles.card.flight.speed if profiles else NOMINAL_SPEED
     noise = profiles.rig.frame_noise_si().get("alpha_vane", 0.0) if profiles else 0.0
     aircraft = profiles.aircraft.derivatives if profiles else {}
+    known = profiles.aircraft.measured if profiles else None
+    measured = {"CD_0": known.CD_0} if known is not None and known.CD_0 is not None else {}
     return Setup(
         title,
         mode,
         port,
         web_port,
         lateral_methods=LIVE_LATERAL if profiles and profiles.card.asks_lateral else (),
-        references={name: d.value for name, d in aircraft.items()},
+        references={name: d.value for name, d in aircraft.items()} | measured,
         nominal_hz={s.name: s.rate_hz for s in profiles.rig.streams()} if profiles else {},
         accuracy=profiles.card.accuracy if profiles else 0.0,
         has_steps=bool(is_guided and profiles and profiles.card.steps),
@@ -336,4 +339,5 @@ def setup_for(
         open_page=open_page,
         signals=signals_of(profiles.rig) if profiles else (),
         simulated=given(profiles) if profiles else b"",
+        measured=to_json(profiles.aircraft) if profiles and profiles.aircraft.measured else "",
     )

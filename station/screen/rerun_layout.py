@@ -47,6 +47,8 @@ class Shown:
     setup: Setup
     derivatives: tuple[Plot, ...]
     links: tuple[Plot, ...]
+    drag: tuple[Plot, ...] = ()
+    """Where the flight is held against a baseline that has it."""
 
 
 def entity(parts: plots.Path) -> str:
@@ -122,7 +124,7 @@ def _derivatives(shown: Shown) -> rrb.Vertical:
     import rerun.blueprint as rrb
 
     return rrb.Vertical(
-        rrb.Grid(*(_view(plot) for plot in shown.derivatives), grid_columns=3),
+        rrb.Grid(*(_view(plot) for plot in (*shown.derivatives, *shown.drag)), grid_columns=3),
         _drawing(KEY, "Lines", (0, WIDE), (-15, 40), titlebar=False),
         row_shares=[9, 1],
         name="Derivatives",

@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 import webbrowser
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
 
@@ -22,7 +23,7 @@ import numpy as np
 from station.clock import Clock, SystemClock, utc_now_ns, utc_time
 from station.flight.board import Board
 from station.rows import Event, Level
-from station.screen import plots, signal_plots
+from station.screen import drag_plot, plots, signal_plots
 from station.screen import rerun_layout as layout
 from station.screen.answer_tiles import PALETTE, tiles
 from station.screen.answers import hms
@@ -68,6 +69,8 @@ class Page:
         self._states: dict[str, str] = {}
         self._board = Board(None, SystemClock())
         self._board.accuracy, self._board.derivatives = setup.accuracy, setup.derivatives
+        self._board.against = drag_plot.against(setup)
+        self._drag, self._drag_sent = drag_plot.drawn(self._board.against), 0
         self._bold = self._board.recommended
         self._gate, self._track, self._spectra = EventGate(), GroundTrack(), LiveSpectra()
         self._simulation = SimulationBeside(setup.simulated, waits=not is_live)
@@ -76,7 +79,7 @@ class Page:
         self._held: dict[plots.Path, list[Points]] = {}
         self._told: dict[str, object] = {}
         self._seconds = 0.0
-        drawn = (*plots.FIXED, *self._derivatives, *self._links, *signal_plots.further(setup))
+        drawn = (*plots.FIXED, *self._derivatives, *self._drag, *self._links, *signal_plots.further(setup))
         self._hold_ns = {plot.path: SHORT_HOLD_NS if plot.window_s is not None else LONG_HOLD_NS for plot in drawn}
         self._hold_ns[plots.ALPHA.path] = 0
         if not setup.has_steps:
@@ -88,7 +91,7 @@ class Page:
     @property
     def shown(self) -> Shown:
         """What its layout is made of."""
-        return Shown(self._setup, self._derivatives, self._links)
+        return Shown(self._setup, self._derivatives, self._links, self._drag)
 
     def _begin(self) -> None:
         """What does not change."""
@@ -147,7 +150,7 @@ class Page:
         board = self._board
         board.start_ns = rows.start_ns
         board.view_behind_s = rows.behind_s
-        board.update(sorted((*rows.alphas, *rows.methods, *rows.healths, *rows.events), key=_t_ns))
+        board.update(sorted((*rows.frames, *rows.alphas, *rows.methods, *rows.healths, *rows.events), key=_t_ns))
         if board.recommended != self._bold:
             self._bold = board.recommended
             self._derivatives = self._of_derivatives()
@@ -159,7 +162,7 @@ class Page:
         """Send the new points of every line, the answers, the events and the changes of state."""
         self._digest(rows)
         self._last = rows
-        for points in signal_plots.every_point(rows, self._setup):
+        for points in (*signal_plots.every_point(rows, self._setup), *self._drag_points(rows.start_ns)):
             held = self._held.setdefault(points.path, [])
             held.append(points)
             if points.t_ns[-1] - held[0].t_ns[0] >= self._hold_ns[points.path]:
@@ -175,6 +178,13 @@ class Page:
                 self._states[what] = state
                 self._at(t_ns)
                 self._log_state(what, state)
+
+    def _drag_points(self, start_ns: int) -> Iterator[Points]:
+        """Means of drag that have not been drawn."""
+        known = self._board.against
+        if known is not None and known.CD_0 is not None:
+            new, self._drag_sent = known.history[self._drag_sent :], len(known.history)
+            yield from drag_plot.points(known.CD_0, new, start_ns)
 
     def _answer(self, rows: Batch, said: Brief) -> None:
         """The first screen: answers, words, the step's input; each only where it has changed."""

@@ -39,7 +39,7 @@ from station.screen.answers import (
     hms,
     losses_words,
 )
-from station.screen.derivative_tables import TITLE, derivative_lines, lateral_lines, lateral_summary, styled
+from station.screen.derivative_tables import TITLE, derivative_lines, drag_lines, lateral_lines, lateral_summary, styled
 from station.screen.event_groups import EventGate, grouped
 from station.screen.guide_lines import guide_keys, guide_lines
 from station.screen.link_lines import link_lines
@@ -185,13 +185,14 @@ def lines(board: Board, now_ns: int, width: int, height: int, note: str | None) 
     """The screen's lines, no more than `height` of them and none wider than `width`."""
     top = [*_header(board, now_ns), *_banner(board, width)]
     wide = LEFT if width >= TWO_COLUMNS else width
-    numbers = [*alpha_lines(board), Text(), *derivative_lines(board, wide), *lateral_lines(board)]
+    numbers = [*alpha_lines(board), Text(), *derivative_lines(board, wide), *drag_lines(board), *lateral_lines(board)]
     if board.guide is not None:
         kept = list(alpha_lines(board)) if width >= TWO_COLUMNS else list(alpha_lines(board))[:2]
         numbers = [*guide_lines(board.guide, wide), *kept]
         moved = board.guide.table.surfaces if board.guide.steps else {}
         # Of a step that leaves the elevator alone, and has little room, only the lateral ones.
         numbers += derivative_lines(board, wide) if "elevator" in moved or width >= TWO_COLUMNS else ()
+        numbers += drag_lines(board)
         numbers += lateral_lines(board)
     numbers += signal_lines(board, wide)
     links = list(link_lines(board, now_ns))

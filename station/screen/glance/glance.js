@@ -194,6 +194,7 @@ function derivative(d) {
     second.append(bar);
   }
   second.append(made("span", "state", d.state === "enough" ? `enough: ${known}` : known));
+  if (d.change) second.append(made("span", "change", `${d.change} of the baseline`));
   line.append(second);
   if (d.why && d.state !== "unestimated") line.append(made("span", "why", d.why));
   return line;
