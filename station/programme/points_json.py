@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from station.conventions import LONGITUDINAL
 from station.identification.identification_json import as_json as identification_json
-from station.numerics.random_effects import Pooled
+from station.numerics.random_effects import NORMAL_95, Pooled
 from station.programme.changes import CALM, OWN, Baseline, Change, recommended
 from station.programme.flown_points import FlownPoint
 from station.programme.programme import Programme, likeness
@@ -44,7 +44,7 @@ def _baseline(baseline: Baseline) -> Json:
     if own and calm:
         for name, entry in made.items():
             entry[CALM] = _pooled(calm.get(name)) | {"definition": CALM}
-    return made
+    return made | {"CD_0": _pooled(baseline.drag) | {"definition": "energy"}}
 
 
 def _pooled(p: Pooled | None) -> Json:
@@ -89,10 +89,19 @@ def _point(made: Programme, place: int, point: FlownPoint) -> Json:
             "judged": "during the inputs",
         },
         "recommended": best,
+        "CD_0": _drag(point, made.change(place)["CD_0"].why),
         "methods": methods,
         "change_percent": _changes(made.change(place)),
         "like": likeness(made.change(place), made.aircraft) if point.title not in made.baseline.points else "",
     }
+
+
+def _drag(point: FlownPoint, why: str) -> Json:
+    if point.drag is None:
+        return {"estimate": None, "std_error": None, "ci95": None, "status": "unestimated", "why": why}
+    value, error = point.drag
+    ends = [value - NORMAL_95 * error, value + NORMAL_95 * error]
+    return {"estimate": value, "std_error": error, "ci95": ends, "status": "estimated", "why": ""}
 
 
 def _changes(changes: Any) -> Json:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 from rich import box
 from rich.console import Console
@@ -16,6 +17,12 @@ from station.programme.changes import CALM, MEASURED, OWN, Baseline, Change, com
 from station.programme.flown_points import FlownPoint
 from station.programme.programme import Programme, likeness, significant
 from station.rows import ParamEstimate, Status
+
+W_BAND: Final = (
+    "standard deviation of the vertical gust in 2 to 7 Hz, m/s, during the inputs; gusts of all lengths are several "
+    "times that"
+)
+"""What a programme shows of the air: it is what the classes of turbulence are told by."""
 
 
 def print_programme(made: Programme) -> None:
@@ -49,14 +56,23 @@ def print_programme(made: Programme) -> None:
 
 def _points(made: Programme) -> Grid:
     grid = Grid(
-        "", "point", "condition", "from", "to s", "inputs", "air", "gust m/s", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        "", "point", "condition", "from", "to s", "inputs", "air", "w 2-7 Hz", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
+    has_drag = any(p.drag is not None for p in made.points)
+    if has_drag:
+        grid.add_column("CD_0")
     for p in made.points:
         gust = f"{p.gust_sd:.3f}" if math.isfinite(p.gust_sd) else "-"
         is_one = "b" if p.title in made.baseline.points else ""
         cells = (f"{p.start_s:.0f}", f"{p.end_s:.0f}", str(len(p.inputs)), p.turbulence, gust)
-        grid.add_row(is_one, p.name, p.condition, *cells)
+        grid.add_row(is_one, p.name, p.condition, *cells, *([drag_words(p)] if has_drag else []))
+    grid.caption, grid.caption_justify = f"w 2-7 Hz: {W_BAND}", "left"
     return grid
+
+
+def drag_words(p: FlownPoint) -> str:
+    """CD_0 of a point with 2 standard errors."""
+    return "-" if p.drag is None else rounded(p.drag.value, 2 * p.drag.error)
 
 
 def _print_baseline(baseline: Baseline, console: Console) -> None:
@@ -68,13 +84,15 @@ def _print_baseline(baseline: Baseline, console: Console) -> None:
         else "the profile"
     )
     console.print(f"baseline: {of}", highlight=False, markup=False, style="bold")
-    grid = Grid("", *LONGITUDINAL, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    drag = [] if baseline.drag is None else [baseline.drag]
+    grid = Grid("", *LONGITUDINAL, *("CD_0" for _ in drag), box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for definition, called in ((OWN, "own"), (CALM, "q.s.")):
         values = baseline.values.get(definition, {})
         if values:
-            grid.add_row(called, *(_pooled(values.get(n)) for n in LONGITUDINAL))
+            shown = [*(values.get(n) for n in LONGITUDINAL), *drag]
+            grid.add_row(called, *map(_pooled, shown))
             if len(baseline.points) > 1:
-                grid.add_row("  scatter", *(_scatter(values.get(n)) for n in LONGITUDINAL), style="dim")
+                grid.add_row("  scatter", *map(_scatter, shown), style="dim")
     console.print(grid)
 
 

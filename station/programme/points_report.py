@@ -25,7 +25,7 @@ from station.programme.air_of_flight import air_of
 from station.programme.changes import CALM, OWN, Change, compared, estimates, recommended
 from station.programme.flown_points import FlownPoint
 from station.programme.histories_overlaid import histories_overlaid
-from station.programme.points_listing import rounded
+from station.programme.points_listing import W_BAND, drag_words, rounded
 from station.programme.programme import Flight, Programme, likeness, significant
 from station.rows import ParamEstimate, Status
 
@@ -92,14 +92,25 @@ def _points(made: Programme) -> str:
         words = "; ".join(significant(made.change(place))) or p.why or "nothing significant"
         like = "" if of else likeness(made.change(place), made.aircraft)
         words += f": {like}" if like else ""
-        cells = (p.name, p.condition, f"{p.start_s:.0f}–{p.end_s:.0f}", len(p.inputs), p.turbulence, gust)
+        drag = drag_words(p) if p.drag is not None else "–"
+        cells = (p.name, p.condition, f"{p.start_s:.0f}–{p.end_s:.0f}", len(p.inputs), p.turbulence, gust, drag)
         left = "".join(f"<td>{text(c)}</td>" for c in cells)
         rows.append(f"<tr>{left}<td>{text(recommended(p) or '–')}</td><td class='words'>{text(of or words)}</td></tr>")
     head = "".join(
         f"<th>{h}</th>"
-        for h in ("point", "condition", "s", "inputs", "air during the input", "gust, m/s", "method", "changed")
+        for h in (
+            "point",
+            "condition",
+            "s",
+            "inputs",
+            "air during the input",
+            "w 2–7 Hz, m/s",
+            "CD_0",
+            "method",
+            "changed",
+        )
     )
-    return f"<table><tr>{head}</tr>{''.join(rows)}</table>"
+    return f"<table><tr>{head}</tr>{''.join(rows)}</table><p class='note'>w 2–7 Hz: {W_BAND}.</p>"
 
 
 def _air(made: Programme, flight: Flight) -> Iterator[str]:
@@ -141,7 +152,8 @@ def _baseline(made: Programme) -> Iterator[str]:
     """Table 7."""
     baseline = made.baseline
     yield "<h2>Baseline</h2>"
-    head = "".join(f"<th>{n}</th>" for n in LONGITUDINAL)
+    drag = [] if baseline.drag is None else [baseline.drag]
+    head = "".join(f"<th>{n}</th>" for n in (*LONGITUDINAL, *("CD_0" for _ in drag)))
     rows = []
     for definition, called in ((OWN, "own"), (CALM, "quasi-steady")):
         values = baseline.values.get(definition, {})
@@ -150,10 +162,12 @@ def _baseline(made: Programme) -> Iterator[str]:
         for p in (p for p in made.points if p.title in baseline.points):
             found = estimates(p, recommended(p) or "").get(definition, {})
             cells = "".join(f"<td>{_estimate(found, n)}</td>" for n in LONGITUDINAL)
+            cells += "".join(f"<td>{drag_words(p)}</td>" for _ in drag)
             rows.append(f"<tr><td class='words'>{text(p.title)}, {called}</td>{cells}</tr>")
-        cells = "".join(f"<td>{_pooled(values.get(n))}</td>" for n in LONGITUDINAL)
+        shown = [*(values.get(n) for n in LONGITUDINAL), *drag]
+        cells = "".join(f"<td>{_pooled(p)}</td>" for p in shown)
         rows.append(f"<tr class='chosen'><td>pooled, {called}</td>{cells}</tr>")
-        cells = "".join(f"<td>{_scatter(values.get(n))}</td>" for n in LONGITUDINAL)
+        cells = "".join(f"<td>{_scatter(p)}</td>" for p in shown)
         rows.append(f"<tr class='faint'><td>scatter between points</td>{cells}</tr>")
     yield f'<div class="wide"><table><tr><th></th>{head}</tr>{"".join(rows)}</table></div>'
     if baseline.points:

@@ -20,7 +20,9 @@ from station.profile import Calibrated, Measured, load_aircraft, otherwise
 from station.programme.changes import Change, drag_change
 from station.programme.drag import DragOfPoint
 from station.programme.histories_overlaid import history, pairs
-from station.programme.points_report import answer
+from station.programme.points_json import as_json
+from station.programme.points_listing import print_programme
+from station.programme.points_report import answer, write_report
 from station.programme.programme import Programme, changed, likeness, programme
 from station.rows import UsageError
 
@@ -278,3 +280,25 @@ def test_a_recording_without_points_is_one(station, log: Path, tmp_path: Path) -
     assert [p.name for p in made.points][-1] == "flight"
     assert any("no test point is marked" in r for r in made.remarks)
     assert len(made.baseline.points) == 3  # all that can be used of the baseline's recording
+
+
+def test_drag_is_told_of_each_point_and_of_the_baseline(made: Programme, tmp_path: Path, capsys) -> None:
+    """CD_0 of the aircraft is 0.04, by its profile; where nothing is known of it, why."""
+    page = as_json(made)
+    for point in page["points"][:2]:
+        assert point["CD_0"]["estimate"] == pytest.approx(0.04, rel=0.004)
+        assert point["CD_0"]["ci95"][0] < point["CD_0"]["estimate"] < point["CD_0"]["ci95"][1]
+    assert page["points"][3]["CD_0"]["status"] == "unestimated"
+    assert page["points"][3]["CD_0"]["why"] == "3.0 s long: 6 s are the least"
+    assert page["baseline"]["CD_0"]["estimate"] == pytest.approx(0.04, rel=0.004)
+    print_programme(made)
+    shown = capsys.readouterr().out.splitlines()
+    (head,) = [x for x in shown if "condition" in x]
+    assert head.split()[-1] == "CD_0"
+    assert next(x for x in shown if " one " in x).split()[-1].startswith(("0.040", "0.0399"))
+    assert sum("Cm_de" in x and "CD_0" in x for x in shown) == 1
+    assert any("standard deviation of the vertical gust in 2 to 7 Hz" in x for x in shown)
+    report = write_report(made, tmp_path).read_text()
+    assert report.count("<th>CD_0</th>") == 2
+    assert "w 2–7 Hz: standard deviation of the vertical gust in 2 to 7 Hz" in report
+    assert "gust, m/s</th>" not in report
