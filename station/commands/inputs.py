@@ -11,7 +11,7 @@ import typer
 
 from station.commands.common import CardName, finite
 from station.console import DONE, check_json, say, write_json
-from station.profile import Manoeuvre, load_card
+from station.profile import Card, Manoeuvre, load_card
 from station.rows import LogError, UsageError
 
 HIGH_PEAK_FACTOR = 1.15
@@ -27,26 +27,46 @@ def inputs(
     ] = None,
     rate: Annotated[float, typer.Option(help="rows a second of the CSV", min=1.0, max=1000.0, callback=finite)] = 50.0,
     as_json: Annotated[str | None, typer.Option("--json", metavar="PATH|-", help="harmonics with phases")] = None,
+    step: Annotated[int | None, typer.Option(metavar="N", help="of the card's steps, from 1", min=1)] = None,
 ) -> int:
-    """Show what a card asks to be flown, and write it for an autopilot."""
+    """Show what a card, or a step of it, asks to be flown, and write it for an autopilot."""
     from station.simulation.input_table import input_table
 
     check_json(as_json)
     profile = load_card(card).card
-    manoeuvres = profile.manoeuvres
-    if not manoeuvres:
-        raise UsageError(
-            f"card {profile.name}: it has no manoeuvres\nadd [[manoeuvres]], as in profiles/cards/bench.toml"
-        )
+    manoeuvres, name = _asked(profile, step)
     made = input_table(manoeuvres, rate)
     if out is not None:
-        say(f"{out}: {_write(out, made, profile.name)} rows, {rate:g} a second")
+        say(f"{out}: {_write(out, made, name)} rows, {rate:g} a second")
     if as_json is not None:
-        write_json(_json(profile.name, manoeuvres, made), as_json)
+        of = {} if step is None else {"step": step, "name": profile.steps[step - 1].name}
+        write_json(_json(profile.name, manoeuvres, made) | of, as_json)
     if as_json != "-":
         for line in _listing(manoeuvres, made):
             print(line)
     return DONE
+
+
+def _asked(card: Card, number: int | None) -> tuple[tuple[Manoeuvre, ...], str]:
+    """What the card flies unasked, or its step of that number; and of what it is. Raises UsageError."""
+    steps = card.steps
+    if number is None and card.manoeuvres:
+        return card.manoeuvres, f"card {card.name}"
+    moving = "; ".join(f"{k} {s.name}" for k, s in enumerate(steps, 1) if s.inputs)
+    listed = f"\n--step N, of {moving}" if moving else ""
+    if number is None and listed:
+        raise UsageError(f"card {card.name}: its inputs are those of its steps: say of which{listed}")
+    if number is None:
+        raise UsageError(
+            f"card {card.name}: it has no manoeuvres, nor a step with inputs\n"
+            "add [[manoeuvres]], as in profiles/cards/bench.toml, or [[steps]], as in guided.toml"
+        )
+    if number > len(steps):
+        raise UsageError(f"card {card.name}: no step {number}: it has {len(steps)}{listed}")
+    found = steps[number - 1]
+    if not found.inputs:
+        raise UsageError(f"card {card.name}: step {number}, {found.name}, is steady: nothing moves in it{listed}")
+    return found.inputs, f"card {card.name}, step {number}: {found.name}"
 
 
 def _words(m: Manoeuvre) -> str:
@@ -83,10 +103,10 @@ def _listing(manoeuvres: Sequence[Manoeuvre], made: Any) -> Iterator[str]:
             yield f"{names[j]} with {one}: correlation {found:.1e}{more}"
 
 
-def _write(out: Path, made: Any, card: str) -> int:
+def _write(out: Path, made: Any, of: str) -> int:
     """The CSV, as `station import` would read it; the number of rows. Raises LogError."""
     names = list(made.surfaces)
-    lines = [",".join(["time [s]", *(f"{n} [rad]" for n in names)]), f"# card {card}: added to each surface's trim"]
+    lines = [",".join(["time [s]", *(f"{n} [rad]" for n in names)]), f"# {of}: added to each surface's trim"]
     for t, *row in zip(made.t_s.tolist(), *(x.tolist() for x in made.surfaces.values()), strict=True):
         lines.append(",".join([f"{t:.10g}", *(f"{x:.12g}" for x in row)]))
     try:

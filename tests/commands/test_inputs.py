@@ -50,3 +50,33 @@ def test_what_cannot_be_designed_is_said(station, tmp_path):
     code, _, told = station("inputs", none)
     assert code == 2
     assert "it has no manoeuvres" in told
+
+
+def test_a_step_s_inputs_are_a_table_of_their_own(station, tmp_path):
+    """Of the card guided: the first step is a 3-2-1-1 of -2.5 deg, 0.5 s units; the second moves rudder and aileron."""
+    code, _, told = station("inputs", "guided")
+    assert code == 2
+    assert "say of which" in told
+    assert "--step N, of 1 Short period, 110 kt; 2 " in told
+    assert len(told.splitlines()) <= 3
+    out = tmp_path / "one.csv"
+    code, said, _ = station("inputs", "guided", "--step", "1", "-o", out, "--json", tmp_path / "one.json")
+    assert code == 0
+    assert "3-2-1-1, 0.5 s units" in said
+    lines = out.read_text().splitlines()
+    assert lines[0] == "time [s],elevator [rad]"
+    assert lines[1] == "# card guided, step 1: Short period, 110 kt: added to each surface's trim"
+    t, x = np.loadtxt(out, delimiter=",", skiprows=2).T
+    drawn = [(0.7, -2.5), (2.0, 2.5), (2.7, -2.5), (3.2, 2.5)]
+    assert [round(math.degrees(np.interp(at, t, x)), 6) for at, _ in drawn] == [deg for _, deg in drawn]
+    design = json.loads((tmp_path / "one.json").read_text())
+    assert (design["card"], design["step"], design["name"]) == ("guided", 1, "Short period, 110 kt")
+    code, _, _ = station("inputs", "guided", "--step", "2", "-o", tmp_path / "two.csv")
+    assert code == 0
+    assert "rudder [rad]" in (tmp_path / "two.csv").read_text().splitlines()[0]
+    code, _, told = station("inputs", "guided", "--step", "9")
+    assert code == 2
+    assert "no step 9" in told
+    code, _, told = station("inputs", "crew_ice", "--step", "1")
+    assert code == 2
+    assert "is steady: nothing moves in it" in told
