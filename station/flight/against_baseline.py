@@ -13,7 +13,8 @@ from station.profile import Aircraft
 from station.rows import AlphaEstimate, Frame, MethodEstimate, ParamEstimate, Status
 
 if TYPE_CHECKING:
-    from station.estimation.change_monitor import DragWatch
+    from station.estimation.drag_watch import DragWatch
+    from station.estimation.engine_thrust import EngineThrust
 
 METHOD: Final = "physical"
 """Whose derivatives are held against the baseline, in flight as by the change monitor."""
@@ -42,6 +43,7 @@ class AgainstBaseline:
         """A mean each, of the whole flight: one in ten seconds."""
         self._aircraft = aircraft
         self._watch: DragWatch | None = None
+        self._engine: EngineThrust | None = None
         self._frame: Frame | None = None
         self._now_ns = 0
         self._base = {n: d for n in LONGITUDINAL if (d := aircraft.derivatives.get(n)) is not None and d.sd is not None}
@@ -56,12 +58,17 @@ class AgainstBaseline:
         if self._frame is None or self.CD_0 is None:
             return
         if self._watch is None:  # with the first estimate: before the first bytes are recorded scipy takes too long
-            from station.estimation.change_monitor import DragWatch
+            from station.estimation.drag_watch import DragWatch
+            from station.estimation.engine_thrust import EngineThrust
 
             self._watch = DragWatch(self._aircraft)
+            self._engine = EngineThrust(self._aircraft) if self._aircraft.engine is not None else None
         if not self._watch.is_on:
             return
-        self._watch.step(self._frame, alpha)
+        thrust = self._frame.values[SIGNAL_INDEX["thrust"]]
+        if self._engine is not None and not math.isfinite(thrust):
+            thrust = self._engine.step(self._frame)
+        self._watch.step(self._frame, alpha, thrust, "no thrust")
         now, change = self._watch.now, self._watch.change
         if now is not None and change is not None and len(self.history) < self._watch.means:
             self.history.append(DragNow(alpha.t_ns, *now, *change))
