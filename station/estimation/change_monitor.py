@@ -1,7 +1,8 @@
 """Notices in flight that the aircraft is no longer the one that `station baseline` measured: ice, above all.
 
 Two watches, each with a false alarm once in FALSE_ALARM_H of flight as it is set:
-drag    CD_0 by the power that the flight shows, where thrust is recorded or told by the profile's engine (drag_watch).
+drag    CD_0 by the power that the flight shows, and CL_0, where thrust is recorded or told by the profile's engine
+        (drag_watch).
 slopes  the derivatives of `physical`, which forgets, each, and all of a pattern together, against the baseline over
         their joint error: without what both share, mass, inertia and the choice of the model. Of an aircraft that
         changes, the past that is not yet forgotten and the present agree with no model, and the distance to the next
@@ -52,7 +53,8 @@ class SlopeWatch:
         known = [aircraft.derivatives.get(n) for n in LONGITUDINAL]
         self._base = [(d.value, d.sd or 0.0) if d is not None and d.sd is not None else None for d in known]
         self._shares = relative_errors(aircraft, LONGITUDINAL)
-        tests = sum(b is not None for b in self._base) + len(patterns(aircraft))
+        self._patterns = tuple(p for p in patterns(aircraft) if p.shares[: len(LONGITUDINAL)].any())
+        tests = sum(b is not None for b in self._base) + len(self._patterns)
         looks = FALSE_ALARM_H * 3600 / min(forgetting_s, 3600.0) * _CONTINUOUS * tests
         self.limit = float(norm.isf(0.5 / max(looks, 1.0)))
         """Standard errors from which a derivative has changed."""
@@ -60,7 +62,6 @@ class SlopeWatch:
         """Relative, with their standard errors."""
         self._since = 0
         self._errors = errors
-        self._patterns = patterns(aircraft)
         self._seen: tuple[object, ...] = ()
         self._is_off = False
 
@@ -107,16 +108,15 @@ class _Said(NamedTuple):
     """What the last event was about."""
 
     t_ns: int
-    by_drag: bool
-    by_slopes: bool
+    by: frozenset[str]
+    """Which watches: drag, lift, slopes."""
     names: tuple[str, ...]
     """Of what it looks like, the likeliest first."""
 
-    def news(self, by_drag: bool, by_slopes: bool, names: Set[str]) -> bool:
+    def news(self, by: Set[str], names: Set[str]) -> bool:
         """Whether more stands off, what was said first is out of the question, or one is left of several."""
-        more = (by_drag and not self.by_drag) or (by_slopes and not self.by_slopes)
         is_other = bool(self.names or names) and not set(self.names[:1]) & names
-        return more or is_other or len(names) == 1 < len(self.names)
+        return bool(by - self.by) or is_other or len(names) == 1 < len(self.names)
 
 
 class ChangeMonitor:
@@ -132,7 +132,7 @@ class ChangeMonitor:
         self.drag = DragWatch(aircraft)
         self.slopes = SlopeWatch(aircraft, forgetting_s, errors)
         self._thrust = thrust
-        self._patterns = patterns(aircraft)
+        self._aircraft = aircraft
         self._said: _Said | None = None
         self._ticks = 0
         self._without_drag = False
@@ -150,21 +150,24 @@ class ChangeMonitor:
             return (lost,)
         if self._ticks % TICK_HZ:
             return ()
-        by_drag, by_slopes = self.drag.is_on and self.drag.told, self.slopes.told
-        if not (by_drag or by_slopes):
+        watches = {"drag": self.drag.told, "lift": self.drag.lift_told, "slopes": self.slopes.told}
+        by = frozenset(name for name, told in watches.items() if told)
+        if not by:
             over, self._said = self._said is not None, None
             words = "as the baseline again, within its error"
             return (Event(frame.t_ns, SOURCE, Code.UNCHANGED, 1, words),) if over else ()
         changes = dict(self.slopes.changes)
         if self.drag.is_on and self.drag.change is not None:
             changes["CD_0"] = self.drag.change
-        found = matches(changes, self._patterns)
+        if self.drag.is_on and self.drag.lift_change is not None:
+            changes["CL_0"] = self.drag.lift_change
+        found = matches(changes, patterns(self._aircraft, self.drag.lift))
         names = {m.pattern.name for m in found}
         said = self._said
-        if said is not None and (not said.news(by_drag, by_slopes, names) or frame.t_ns - said.t_ns < AGAIN_NS):
+        if said is not None and (not said.news(by, names) or frame.t_ns - said.t_ns < AGAIN_NS):
             return ()
-        self._said = _Said(frame.t_ns, by_drag, by_slopes, tuple(m.pattern.name for m in found))
-        return (Event(frame.t_ns, SOURCE, Code.CHANGED, 1, self._words(changes, by_drag, in_words(found))),)
+        self._said = _Said(frame.t_ns, by, tuple(m.pattern.name for m in found))
+        return (Event(frame.t_ns, SOURCE, Code.CHANGED, 1, self._words(changes, in_words(found))),)
 
     def _sight(self, frame: Frame, alpha: AlphaEstimate) -> Event | None:
         """That nothing can be noticed any more, or again."""
@@ -200,9 +203,9 @@ class ChangeMonitor:
         words = f"{why}: drag is NOT watched, ice without an input would NOT be noticed; {left}{told}"
         return Event(frame.t_ns, DRAG, Code.UNWATCHED, 1, words)
 
-    def _words(self, changes: dict[str, tuple[float, float]], by_drag: bool, like: str) -> str:
-        beyond = self.slopes.limit
-        off = {n: c for n, c in changes.items() if (by_drag if n == "CD_0" else abs(c[0]) > 0.5 * beyond * c[1])}
+    def _words(self, changes: dict[str, tuple[float, float]], like: str) -> str:
+        beyond, of_level = self.slopes.limit, {"CD_0": self.drag.told, "CL_0": self.drag.lift_told}
+        off = {n: c for n, c in changes.items() if of_level.get(n, abs(c[0]) > 0.5 * beyond * c[1])}
         named = ", ".join(f"{'drag' if n == 'CD_0' else n} {100 * v:+.0f}±{200 * s:.0f} %" for n, (v, s) in off.items())
         silent = "" if self.drag.is_on else "; of drag nothing is known: no baseline of it"
         return f"{named}: {like}. By chance once in {FALSE_ALARM_H:.0f} h{silent}"

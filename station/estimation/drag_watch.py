@@ -1,7 +1,9 @@
-"""CD_0 in flight against the baseline's, by the power that the flight shows, where thrust is known.
+"""CD_0 in flight against the baseline's, by the power that the flight shows, where thrust is known, and CL_0.
 
 Means of 10 s, in a cumulative sum (Page 1954) set for a rise by DRAG_TOLD, its limit by Siegmund's approximation of the
 time between false alarms. A mean that cannot be made leaves drag unwatched, and `lacking` says why.
+CL_0 of the same means (steady_lift) tells a vane whose zero has moved, which is drag too: a change where the mean of
+the last RECENT_BLOCKS lies off by more than chance gives in FALSE_ALARM_H.
 """
 
 from __future__ import annotations
@@ -11,8 +13,10 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.stats import norm
 
 from station.conventions import G0, SIGNAL_INDEX, TICK_HZ
+from station.model.steady_lift import SteadyLift
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Frame
 
@@ -33,7 +37,9 @@ SEEN_BLOCKS: Final = 30
 """Over which the scatter is seen."""
 RECENT_BLOCKS: Final = 3
 """Whose mean is what drag is now."""
-_V, _QBAR, _AX, _AZ, _MASS = (SIGNAL_INDEX[n] for n in ("airspeed", "dynamic_pressure", "ax", "az", "mass"))
+_V, _QBAR, _AX, _AZ, _MASS, _RATE, _ELEVATOR = (
+    SIGNAL_INDEX[n] for n in ("airspeed", "dynamic_pressure", "ax", "az", "mass", "q", "elevator")
+)
 _NEEDED: Final = {"dynamic pressure": _QBAR, "ax": _AX, "az": _AZ}
 
 
@@ -60,9 +66,10 @@ class DragWatch:
         self._doubt = aircraft.uncertainty.induced_drag * self._induced
         speeds = (measured.lowest_speed, measured.highest_speed) if measured else (1.0, 1.0)
         self._speeds = (min(speeds), max(speeds))
-        self._sum = self._sum_of_squares = 0.0
-        self._count = self._ticks = 0
-        self._lift = self._pressure = 0.0
+        self._aircraft = aircraft
+        self._lift_base = (measured.CL_0, measured.CL_0_sd) if measured and measured.CL_0 else None
+        self._lift_limit = float(norm.isf(0.5 * RECENT_BLOCKS * BLOCK_S / (FALSE_ALARM_H * 3600)))
+        self._clear()
         self._last = math.nan
         step = (self._base or 0.0) * DRAG_TOLD
         self._step = step
@@ -71,6 +78,7 @@ class DragWatch:
         self.cumulated = 0.0
         self.limit = math.inf
         self._recent: list[float] = []
+        self._lifts: list[SteadyLift] = []
         self._by_lift = 0.0
         self.means = 0
         """Of drag, so far."""
@@ -102,6 +110,29 @@ class DragWatch:
         random = math.sqrt(self._variance / len(self._recent))
         return float(np.mean(self._recent)), math.hypot(random, self._by_lift)
 
+    @property
+    def lift(self) -> float:
+        """CL of the newest mean; NaN before there is one."""
+        return self._lifts[-1].lift if self._lifts else math.nan
+
+    @property
+    def lift_change(self) -> tuple[float, float] | None:
+        """Of CL_0, relative, with its standard error; None where the baseline has none, or a signal is missing."""
+        base = self._lift_base
+        if base is None or len(self._lifts) < RECENT_BLOCKS:
+            return None
+        values = np.array([x.at_zero(self._aircraft) for x in self._lifts])
+        if not np.isfinite(values).all():
+            return None
+        scatter = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+        error = math.hypot(scatter, self._lifts[-1].by_mass(self._aircraft), base[1])
+        return float(np.mean(values)) / base[0] - 1.0, error / abs(base[0])
+
+    @property
+    def lift_told(self) -> bool:
+        change = self.lift_change
+        return change is not None and abs(change[0]) > self._lift_limit * change[1]
+
     def step(self, frame: Frame, alpha: AlphaEstimate, thrust: float, why_no_thrust: str) -> None:
         """One tick; `thrust` along the thrust line, N, NaN where nothing tells it, and why."""
         self._ticks += 1
@@ -121,15 +152,23 @@ class DragWatch:
             self._sum += -cx * cos - cz * sin - self._induced * lift * lift
             self._lift += lift
             self._pressure += v[_QBAR] / max(v[_V], 1.0) ** 2 if math.isfinite(v[_V]) else math.nan
+            self._alpha += alpha.alpha
+            self._rate += v[_RATE] * self._aircraft.geometry.chord / (2.0 * max(v[_V], 1.0))
+            self._elevator += v[_ELEVATOR]
+            self._has_mass = bool(v[_MASS] > 0)
             self._count += 1
         if self._ticks >= BLOCK_S * TICK_HZ:
             if self._count > 0.5 * self._ticks:
                 self.lacking = ""
-                self._block(self._sum / self._count, self._lift / self._count, 2 * self._pressure / self._count)
+                n = self._count
+                mean = SteadyLift(self._lift / n, self._alpha / n, self._rate / n, self._elevator / n, self._has_mass)
+                self._lifts = [*self._lifts[1 - RECENT_BLOCKS :], mean]
+                self._block(self._sum / n, mean.lift, 2 * self._pressure / n)
             else:
                 self.lacking = self._without or "no dynamic pressure"
                 # What drag was tells nothing of a change that comes while it is not seen.
                 self._recent = self._recent if self.told else []
+                self._lifts = []
             self._clear()
 
     def begin(self) -> None:
@@ -139,7 +178,9 @@ class DragWatch:
 
     def _clear(self) -> None:
         self._sum = self._lift = self._pressure = 0.0
+        self._alpha = self._rate = self._elevator = 0.0
         self._count = self._ticks = 0
+        self._has_mass = False
 
     def _block(self, drag: float, lift: float, density: float) -> None:
         """A mean of BLOCK_S: CD_0, CL, and the air's density."""

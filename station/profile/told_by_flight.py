@@ -41,6 +41,10 @@ class Measured(Frozen):
     """Drag beside the induced, as measured with the recorded thrust; none where that was not recorded."""
     CD_0_sd: float = Field(default=0.0, ge=0)
     """By which that of another point would lie off it, standard deviation."""
+    CL_0: float | None = None
+    """Lift in level flight less what the measured slopes make of angle of attack, pitch rate and elevator."""
+    CL_0_sd: float = Field(default=0.0, ge=0)
+    """By which that of another point would lie off it, standard deviation."""
 
 
 class Calibrated(Frozen):

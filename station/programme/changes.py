@@ -29,6 +29,10 @@ MEASURED: Final = "measured"
 """Where a baseline is from that no point of the recordings belongs to: a profile, or one that was measured."""
 
 
+LIFT_ERROR: Final = 1e-3
+"""Of a point's CL_0 by noise: of 0.01 deg in the mean angle of attack of some windows of 5 s."""
+
+
 @dataclass(frozen=True, slots=True)
 class Baseline:
     """What points are held against: by definition and derivative, the pooled value."""
@@ -43,6 +47,8 @@ class Baseline:
     """By which its points were estimated."""
     drag: Pooled | None = None
     """CD_0, where its points have it."""
+    lift: Pooled | None = None
+    """CL_0, with the slopes of the profile that the points are identified with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +115,20 @@ def baseline_of(points: Iterable[FlownPoint], aircraft: Aircraft) -> Baseline:
         methods = sorted({recommended(p) or "" for p in used})
         drags = [p.drag for p in used if p.drag is not None and p.drag.error > 0]
         drag = pooled([d.value for d in drags], [d.error for d in drags]) if drags else None
-        return Baseline(values, tuple(p.title for p in used), "points", ", ".join(methods), drag)
+        lift = lift_of(used, aircraft)
+        return Baseline(values, tuple(p.title for p in used), "points", ", ".join(methods), drag, lift)
     measured = aircraft.measured
     drag = Pooled(measured.CD_0, measured.CD_0_sd, math.nan, 1) if measured and measured.CD_0 is not None else None
-    return Baseline({OWN: _of_profile(aircraft), CALM: {}}, (), MEASURED if measured else PROFILE, drag=drag)
+    lift = Pooled(measured.CL_0, measured.CL_0_sd, math.nan, 1) if measured and measured.CL_0 is not None else None
+    return Baseline({OWN: _of_profile(aircraft), CALM: {}}, (), MEASURED if measured else PROFILE, drag=drag, lift=lift)
+
+
+def lift_of(points: Iterable[FlownPoint], aircraft: Aircraft) -> Pooled | None:
+    """CL_0 of points with the aircraft's slopes; None where none has it."""
+    known = [p.drag.lift for p in points if p.drag is not None and p.drag.lift is not None]
+    if not known:
+        return None
+    return pooled([x.at_zero(aircraft) for x in known], [LIFT_ERROR] * len(known))
 
 
 def _of_profile(aircraft: Aircraft) -> dict[str, Pooled]:
@@ -155,9 +171,18 @@ def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
         return _unknown(point.found.record.why_no_thrust if point.found else point.why or "not estimated")
     if baseline.drag is None:
         return _unknown("the baseline does not have it")
-    value, error = point.drag
+    value, error, _ = point.drag
     doubt = point.found.aircraft.uncertainty.thrust * abs(value - baseline.drag.value)
     return change_of(ParamEstimate("CD_0", value, math.hypot(error, doubt), Status.ESTIMATED, ""), baseline.drag)
+
+
+def lift_change(point: FlownPoint, baseline: Baseline, aircraft: Aircraft) -> Change:
+    """Of CL_0, which a vane's zero moves and ice hardly does; its error is that of the mass: fuel and load."""
+    if point.drag is None or point.drag.lift is None:
+        return _unknown(drag_change(point, baseline).why or "elevator or pitch rate is missing")
+    lift = point.drag.lift
+    error = math.hypot(lift.by_mass(aircraft), LIFT_ERROR)
+    return change_of(ParamEstimate("CL_0", lift.at_zero(aircraft), error, Status.ESTIMATED, ""), baseline.lift)
 
 
 def definition_of(method: str, baseline: Baseline) -> str:

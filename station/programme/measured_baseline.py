@@ -17,7 +17,7 @@ from station.model.energy_drag import FEWEST, WINDOW_S
 from station.numerics.random_effects import NORMAL_95, Pooled
 from station.profile import Aircraft, Derivative, Measured
 from station.profile.quantity import SI_NUMBERS
-from station.programme.changes import CALM, OWN, baseline_of, recommended
+from station.programme.changes import CALM, OWN, baseline_of, lift_of, recommended
 from station.programme.flown_points import FlownPoint, is_of_baseline
 from station.programme.programme import Flight
 from station.rows import UsageError
@@ -64,11 +64,14 @@ def measured_baseline(flights: Sequence[Flight], points: Sequence[FlownPoint], a
         "CD_0": drag.value if drag else None,
         "CD_0_sd": _of_another(drag) if drag else 0.0,
     }
-    measured = Measured.model_validate(stated, context=SI_NUMBERS)
     source = f"measured: {len(used)} points by {found.method}, random effects (REML), sd of another point"
     derivatives = dict(aircraft.derivatives)
     for name, p in values.items():
         derivatives[name] = Derivative(value=p.value, sd=_of_another(p), source=source)
+    # With the slopes that it is held against in later flights.
+    lift = lift_of(used, aircraft.model_copy(update={"derivatives": derivatives}))
+    stated |= {"CL_0": lift.value if lift else None, "CL_0_sd": _of_another(lift) if lift else 0.0}
+    measured = Measured.model_validate(stated, context=SI_NUMBERS)
     made = {"derivatives": derivatives, "measured": measured, "name": f"{aircraft.name}_measured"}
     if drag is not None and aircraft.drag is not None and drag.value > 0:
         made["drag"] = aircraft.drag.model_copy(update={"zero_lift": drag.value})

@@ -10,7 +10,7 @@ from station.identification.identification_json import as_json as identification
 from station.numerics.random_effects import NORMAL_95, Pooled
 from station.programme.changes import CALM, OWN, Baseline, Change, recommended
 from station.programme.flown_points import FlownPoint
-from station.programme.programme import Programme, likeness
+from station.programme.programme import Programme
 
 SCHEMA: Final = "station.points/1"
 POOLED_BY: Final = "random effects, restricted maximum likelihood; interval by Hartung and Knapp"
@@ -92,7 +92,7 @@ def _point(made: Programme, place: int, point: FlownPoint) -> Json:
         "CD_0": _drag(point, made.change(place)["CD_0"].why),
         "methods": methods,
         "change_percent": _changes(made.change(place)),
-        "like": likeness(made.change(place), made.aircraft) if point.title not in made.baseline.points else "",
+        "like": made.likeness(place) if point.title not in made.baseline.points else "",
     }
 
 

@@ -15,7 +15,7 @@ from station.identification.listing import WIDTH
 from station.numerics.random_effects import Pooled
 from station.programme.changes import CALM, MEASURED, OWN, Baseline, Change, compared, recommended
 from station.programme.flown_points import FlownPoint
-from station.programme.programme import Programme, likeness, significant
+from station.programme.programme import Programme, significant
 from station.rows import ParamEstimate, Status
 
 W_BAND: Final = (
@@ -48,7 +48,7 @@ def print_programme(made: Programme) -> None:
         changed = "; ".join(significant(made.change(place)))
         if changed and point.title not in made.baseline.points:
             console.print(f"changed at {point.title}: {changed}", highlight=False, markup=False)
-            like = likeness(made.change(place), made.aircraft)
+            like = made.likeness(place)
             console.print(f"  {like}", highlight=False, markup=False)
     for remark in made.remarks:
         console.print(remark, highlight=False, markup=False)

@@ -26,7 +26,7 @@ from station.programme.changes import CALM, OWN, Change, compared, estimates, re
 from station.programme.flown_points import FlownPoint
 from station.programme.histories_overlaid import histories_overlaid
 from station.programme.points_listing import W_BAND, drag_words, rounded
-from station.programme.programme import Flight, Programme, likeness, significant
+from station.programme.programme import Flight, Programme, significant
 from station.rows import ParamEstimate, Status
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def _points(made: Programme) -> str:
         gust = f"{p.gust_sd:.3f}" if math.isfinite(p.gust_sd) else "–"
         of = "baseline" if p.title in made.baseline.points else ""
         words = "; ".join(significant(made.change(place))) or p.why or "nothing significant"
-        like = "" if of else likeness(made.change(place), made.aircraft)
+        like = "" if of else made.likeness(place)
         words += f": {like}" if like else ""
         drag = drag_words(p) if p.drag is not None else "–"
         cells = (p.name, p.condition, f"{p.start_s:.0f}–{p.end_s:.0f}", len(p.inputs), p.turbulence, gust, drag)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,16 @@ from station.log import Point, Table, metadata, points, table
 from station.model.change_patterns import NAMES, in_words, matches, patterns
 from station.numerics.random_effects import NORMAL_95
 from station.profile import Aircraft, other_sizes, otherwise, unlike_recorded
-from station.programme.changes import Baseline, Change, baseline_of, changes_of, drag_change, recommended, scatter_of
+from station.programme.changes import (
+    Baseline,
+    Change,
+    baseline_of,
+    changes_of,
+    drag_change,
+    lift_change,
+    recommended,
+    scatter_of,
+)
 from station.programme.flown_points import FlownPoint, flown_point, marked
 from station.rows import UsageError
 
@@ -40,10 +50,17 @@ class Programme:
     """By the point's place, by method, by derivative."""
 
     def change(self, place: int) -> Mapping[str, Change]:
-        """A point's changes by its recommended method, where it has one, and that of drag."""
+        """A point's changes by its recommended method, where it has one, and those of drag and lift."""
         point = self.points[place]
         best = recommended(point)
-        return {**(self.changes[place][best] if best else {}), "CD_0": drag_change(point, self.baseline)}
+        level = {"CD_0": drag_change(point, self.baseline), "CL_0": lift_change(point, self.baseline, self.aircraft)}
+        return {**(self.changes[place][best] if best else {}), **level}
+
+    def likeness(self, place: int) -> str:
+        """What a point's changes look like, in words; "" where nothing has changed."""
+        drag = self.points[place].drag
+        lift = drag.lift.lift if drag is not None and drag.lift is not None else math.nan
+        return likeness(self.change(place), self.aircraft, lift)
 
 
 def flights_of(logs: Sequence[Path]) -> tuple[Flight, ...]:
@@ -145,12 +162,12 @@ def _without_drag(points: Sequence[FlownPoint], baseline: Baseline) -> Iterable[
             yield f"{p.name}: nothing is known of its drag: {change.why}"
 
 
-def likeness(changes: Mapping[str, Change], aircraft: Aircraft) -> str:
-    """What a point's changes look like, in words; "" where nothing has changed."""
+def likeness(changes: Mapping[str, Change], aircraft: Aircraft, lift: float = math.nan) -> str:
+    """What changes at a mean CL of `lift` look like, in words; "" where nothing has changed."""
     if not changed(changes):
         return ""
     known = {n: (c.estimate / 100, (c.high - c.low) / (200 * NORMAL_95)) for n, c in changes.items() if c.is_known}
-    return in_words(matches(known, patterns(aircraft)))
+    return in_words(matches(known, patterns(aircraft, lift)))
 
 
 def changed(changes: Mapping[str, Change]) -> dict[str, Change]:

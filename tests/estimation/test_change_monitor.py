@@ -57,6 +57,12 @@ def shows(frame: Frame, **signals: float) -> Frame:
     return msgspec.structs.replace(frame, values=tuple(values))
 
 
+def level_lift() -> float:
+    """CL of `flight`."""
+    own = load_aircraft("twin_otter")
+    return (own.inertia.mass * G0 - 4000.0 * math.sin(ALPHA)) / (QBAR * own.geometry.wing_area)
+
+
 def told(monitor: ChangeMonitor, drags: list[float]) -> list[Event]:
     return [e for frame, alpha in flight(drags) for e in monitor.step(frame, alpha, ())]
 
@@ -167,6 +173,32 @@ def test_without_angle_of_attack_it_says_that_it_sees_nothing() -> None:
     unseen = ChangeMonitor(aircraft(), 120.0)
     none_yet = [unseen.step(f, msgspec.structs.replace(a, valid=False), ()) for f, a in flight([0.04] * 2)]
     assert not any(none_yet)  # before there was one, the start says what is waited for
+
+
+@pytest.mark.parametrize("error", [0.85, -0.85])
+def test_a_vane_whose_zero_has_moved_is_no_ice(error: float) -> None:
+    """By 0.85 deg of angle of attack: 26 % of drag more or less, and -+0.085 of CL_0 (5.74 by 0.0148 rad). One that
+    shows too little hides as much ice. The derivatives are as they were."""
+    own = aircraft(CL_0=level_lift() - 5.66 * ALPHA - 0.608 * -0.02, CL_0_sd=0.002)
+    monitor, said = ChangeMonitor(own, 120.0), []
+    for frame, alpha in flight([0.04] * 18):
+        wrong = ALPHA + (math.radians(error) if frame.t_ns >= 60e9 else 0.0)
+        seen = msgspec.structs.replace(alpha, alpha=wrong)
+        said += monitor.step(shows(frame, q=0.0, elevator=-0.02, mass=4962.0), seen, of_physical({}))
+    assert {e.code for e in said} == {Code.CHANGED}
+    assert said[0].t_ns <= 90e9
+    assert "a vane whose zero has moved" in said[-1].detail
+    assert "ice" not in said[-1].detail
+    assert "attitude against flight path" in said[-1].detail
+
+
+def test_ice_moves_no_vane() -> None:
+    own = aircraft(CL_0=level_lift() - 5.66 * ALPHA - 0.608 * -0.02, CL_0_sd=0.002)
+    monitor, said = ChangeMonitor(own, 120.0), []
+    for frame, alpha in flight([0.04] * 6 + [0.052] * 12):
+        said += monitor.step(shows(frame, q=0.0, elevator=-0.02, mass=4962.0), alpha, ())
+    assert "ice" in said[0].detail
+    assert "vane" not in said[-1].detail
 
 
 def of_physical(values: dict[str, float], sd: float = 0.005) -> tuple[MethodEstimate, ...]:

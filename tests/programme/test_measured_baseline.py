@@ -20,6 +20,10 @@ ICE = """
 [flight.truth]
 drag.zero_lift = { at = ["0 s"], factor = [1.3] }
 """
+VANE = """
+[flight.truth]
+boom.zero = { at = ["0 s"], value = ["1.0 deg"] }
+"""
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +45,7 @@ def test_a_baseline_holds_the_truth_and_finds_more_drag(station, baseline: Path,
         assert own.sd is not None
         assert abs(own.value - truth.value(name)) < 3 * own.sd, name
     assert pytest.approx(0.04, abs=5 * made.measured.CD_0_sd) == made.measured.CD_0
+    assert pytest.approx(truth.value("CL_0"), abs=0.01) == made.measured.CL_0
     assert made.inertia == truth.inertia
 
     iced = flown(tmp_path, ({"name": "later", "condition": "ice", "start": "5 s", "end": "35 s"},), 36.0, ICE)
@@ -55,6 +60,21 @@ def test_a_baseline_holds_the_truth_and_finds_more_drag(station, baseline: Path,
     assert percent["ci95"][0] <= 30.0 <= percent["ci95"][1]
     assert percent["ci95"][1] - percent["ci95"][0] < 15.0
     assert "changed at later (ice)" in out
+    assert not said["points"][0]["change_percent"]["CL_0"]["ci95"][0] > 0.0
+    assert "a vane whose zero has moved" not in said["points"][0]["like"].partition(";")[0]
+
+    wrong = tmp_path / "vane"
+    wrong.mkdir()
+    moved = flown(wrong, ({"name": "later", "condition": "clean", "start": "5 s", "end": "35 s"},), 36.0, VANE)
+    code, out, err = station(
+        "points", str(moved), "--aircraft", str(profile), "--method", "physical", "--json", str(where)
+    )
+    assert code == 0, err
+    point = json.loads(where.read_text())["points"][0]
+    # 0.85 deg of angle of attack: CL (1 + 2 k CD) e/CD_0 and -(CL_alpha + CD) e/CL_0, by hand.
+    assert point["change_percent"]["CD_0"]["estimate"] == pytest.approx(26.0, abs=3.0)
+    assert point["change_percent"]["CL_0"]["estimate"] == pytest.approx(-23.6, abs=3.0)
+    assert point["like"].startswith("as by a vane whose zero has moved (1.0")
 
     code, _, err = station("baseline", str(baseline), "-o", str(profile))
     assert code == 2
