@@ -35,7 +35,7 @@ def calibrate(
     multisine of the elevator; the card `calibration` leads through it. The wind is solved along.
     """
     from station.profile.profile_text import write_profile as write_aircraft
-    from station.programme.calibrated_profile import calibrated_aircraft
+    from station.programme.calibrated_profile import calibrated_aircraft, known_worse
     from station.programme.calibration import calibrate as calibrated
     from station.programme.calibration_json import as_json as to_json
     from station.programme.calibration_listing import print_calibration
@@ -66,5 +66,7 @@ def calibrate(
         heading = f"{subject.name} as calibrated by station calibrate, of {names}.\nSI; per radian."
         write_aircraft(calibrated_aircraft(made), write_profile, heading)
         say(f"written: {write_profile}")
+        for words in known_worse(made):
+            say(f"station: {words}")
     whole = max(judged(path) for path in logs)
     return max(whole, DONE if made.is_whole else DEGRADED)

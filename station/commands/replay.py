@@ -52,7 +52,8 @@ def replay(
     rate = None if speed == "max" else _positive(speed, "--speed")
     about = metadata(log).about
     if about.imported or about.rig is None or about.card is None:
-        raise UsageError(f"{log}: an imported record has no ticks to replay\nuse: station identify {log}")
+        what = "a simulated flight" if about.source == "simulation" else "an imported record"
+        raise UsageError(f"{log}: {what} has no ticks to replay\nuse: station identify {log}")
     clock = SystemClock()
     made = chain(about.aircraft, about.card, about.rig)
     begin_ns, end_ns = (0, sys.maxsize) if point is None else _interval(log, point)

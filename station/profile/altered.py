@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from station.profile.aircraft import Aircraft, Instrument
+from station.conventions import SIGNALS
+from station.profile.aircraft import DERIVATIVE_NAMES, Aircraft, Instrument
 from station.profile.profile_changes import cg_aft, icing
-from station.profile.quantity import SI_NUMBERS, Frozen, Metres, Seconds, nearest_or_all
+from station.profile.quantity import SI_NUMBERS, Frozen, Metres, Seconds, nearest, nearest_or_all
 from station.rows import ProfileError
 
 Array = NDArray[np.float64]
@@ -130,8 +131,17 @@ class AlteredAircraft:
             return np.array([_read(key, kind, v) for v in change.value])
         own = None if isinstance(path, str) else _own(self._dump, path)
         if own is None:
+            _misspelt(key, path)
             raise ProfileError(f"flight.truth.{key}: the profile has no such number to multiply: write value")
         return own * np.array(change.factor)
+
+
+def _misspelt(key: str, path: str | tuple[str, ...]) -> None:
+    """Raises ProfileError for a derivative or a signal that there is none of, as the profile does itself."""
+    tables = (("derivatives", "derivative", DERIVATIVE_NAMES), ("instruments", "signal", tuple(SIGNALS)))
+    for table, what, known in tables:
+        if path[0] == table and len(path) > 1 and path[1] not in known:
+            raise ProfileError(f"flight.truth.{key}: unknown {what} {path[1]}{nearest(path[1], known)}")
 
 
 def _path(key: str) -> tuple[str, ...]:

@@ -52,7 +52,7 @@ class Calibrated(Frozen):
     well, standard deviations."""
 
     date: str
-    """Of the first recording, UTC; "unknown" where that says none."""
+    """Of the first recording, UTC; "unknown" where that says none, "simulated" of a simulation."""
     recordings: tuple[str, ...]
     """Their names."""
     lowest_speed: MetresPerSecond

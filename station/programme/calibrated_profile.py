@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from station.clock import utc_date
+from station.conventions import from_si
 from station.log import metadata
 from station.model.air_data_calibration import PASCALS
 from station.numerics.random_effects import NORMAL_95
@@ -21,7 +22,11 @@ OF_UNCERTAINTY: Final = {"vane_zero": "vane_zero", "theta_zero": "theta_zero", "
 """Constants whose standard deviation becomes the prior of later analyses, and its key."""
 
 UNDATED: Final = "unknown"
-"""Of a simulation, or of a record whose file says no date."""
+"""Of a record whose file says no date."""
+SIMULATED: Final = "simulated"
+"""Of a simulation, which has none."""
+WORSE: Final = 1.5
+"""Times the error of before, from which it is said: errors themselves scatter by a third between flights."""
 OF_CALIBRATED: Final = ("airspeed_error", "airspeed_slope", "pressure_scale", "static_position", "vane_zero", "upwash",
                         "vane_x", "vane_delay")  # fmt: skip
 """Constants whose standard deviation the profile's [calibrated] has."""
@@ -60,6 +65,23 @@ def calibrated_aircraft(made: Calibration) -> Aircraft:
     )
 
 
+def known_worse(made: Calibration) -> list[str]:
+    """Constants that this flight tells, and the profile knew better. They are not averaged: the flight's constants hang
+    together, and a vane that was rigged anew meanwhile is another."""
+    said = []
+    before = made.aircraft.calibrated
+    for name in OF_CALIBRATED:
+        c, sd = made.constants.get(name), getattr(before, f"{name}_sd", None)
+        if c is not None and c.is_told and sd is not None and c.sd > WORSE * sd:
+            unit = "deg" if c.unit == "rad" else c.unit
+            own, other = (f"{from_si(x, unit):.2g} {unit}".removesuffix(" 1") for x in (c.sd, sd))
+            said.append(
+                f"{name} is known to {own}, before it was to {other} (1 sd): {c.key} is now this flight's; unless the "
+                "boom has been changed since, keep the profile's, or fly more runs"
+            )
+    return said
+
+
 def _instruments(aircraft: Aircraft, told: Mapping[str, Constant], speed: float) -> dict[str, Instrument]:
     found = dict(aircraft.instruments)
 
@@ -95,10 +117,12 @@ def _known(told: Mapping[str, Constant], made: Calibration) -> dict[str, float]:
 
 def _calibrated(made: Calibration, told: Mapping[str, Constant]) -> Calibrated:
     low, high = made.speeds
-    first = min(metadata(path).utc_ns for path in made.logs)
+    read = [metadata(path) for path in made.logs]
+    first = min(m.utc_ns for m in read)
+    undated = SIMULATED if all(m.about.source == "simulation" for m in read) else UNDATED
     sds: dict[str, Any] = {f"{n}_sd": told[n].sd for n in OF_CALIBRATED if n in told and math.isfinite(told[n].sd)}
     return Calibrated.model_construct(
-        date=utc_date(first) if first > 0 else UNDATED,
+        date=utc_date(first) if first > 0 else undated,
         recordings=tuple(p.name for p in made.logs),
         lowest_speed=low,
         highest_speed=high,

@@ -6,12 +6,13 @@ flight with it shares them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from station.conventions import LONGITUDINAL
+from station.conventions import LONGITUDINAL, from_si
 from station.log import Point
 from station.model.energy_drag import FEWEST, WINDOW_S
 from station.numerics.random_effects import NORMAL_95, Pooled
@@ -19,7 +20,7 @@ from station.profile import Aircraft, Derivative, Measured
 from station.profile.quantity import SI_NUMBERS
 from station.programme.changes import CALM, OWN, baseline_of, lift_of, recommended
 from station.programme.flown_points import FlownPoint, is_of_baseline
-from station.programme.programme import Flight
+from station.programme.programme import Flight, twice
 from station.rows import UsageError
 
 
@@ -81,13 +82,27 @@ def measured_baseline(flights: Sequence[Flight], points: Sequence[FlownPoint], a
         definition,
         drag,
         used,
-        tuple(_remarks(used, values, drag, bool(marked))),
+        (*_remarks(used, values, drag, bool(marked)), *of_several_speeds(speeds), *twice(flights)),
     )
 
 
 def _of_another(p: Pooled) -> float:
     """Standard deviation of another point about the mean, as wide as its 95 % interval says."""
     return p.of_another * p.widening / NORMAL_95
+
+
+SPEEDS_APART: Final = 0.1
+"""Between the speeds of points that are pooled: a tenth is a fifth of lift coefficient and dynamic pressure."""
+
+
+def of_several_speeds(speeds: Sequence[float]) -> Iterator[str]:
+    """m/s."""
+    low, high = min(speeds), max(speeds)
+    if high > (1 + SPEEDS_APART) * low:
+        yield (
+            f"pooled of {from_si(low, 'kt'):.0f} to {from_si(high, 'kt'):.0f} kt: what speed and lift change of the "
+            "derivatives is in the sd of another point; a baseline of each speed tells smaller changes"
+        )
 
 
 def _remarks(used: Sequence[FlownPoint], values: dict[str, Pooled], drag: Pooled | None, is_marked: bool) -> list[str]:

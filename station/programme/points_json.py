@@ -99,7 +99,7 @@ def _point(made: Programme, place: int, point: FlownPoint) -> Json:
 def _drag(point: FlownPoint, why: str) -> Json:
     if point.drag is None:
         return {"estimate": None, "std_error": None, "ci95": None, "status": "unestimated", "why": why}
-    value, error = point.drag.value, point.drag.sd
+    value, error = point.drag.value, point.drag.error
     ends = [value - NORMAL_95 * error, value + NORMAL_95 * error]
     return {"estimate": value, "std_error": error, "ci95": ends, "status": "estimated", "why": ""}
 

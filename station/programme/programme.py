@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from station.programme.changes import (
     recommended,
     scatter_of,
 )
-from station.programme.flown_points import FlownPoint, flown_point, marked
+from station.programme.flown_points import FlownPoint, flown_point, marked, named
 from station.rows import UsageError
 
 
@@ -136,11 +136,29 @@ def programme(
     for f in flights:
         said = unlike_recorded(aircraft, f.table.aircraft, mass_recorded="mass" in f.table.columns)
         remarks += [f"{f.path.name}: {words}" for words in said]
+    remarks += twice(flights)
     remarks += [f"{f.path.name}: no test point is marked: all of it is one" for f in flights if not f.are_marked]
     remarks += list(_other_configurations(made, baseline, aircraft))
     remarks += list(_without_drag(made, baseline))
     changes = {i: {m: changes_of(p, m, baseline) for m in p.methods or {}} for i, p in enumerate(made)}
     return Programme(aircraft, flights, tuple(made), baseline, (*remarks, *scatter_of(baseline)), changes)
+
+
+def twice(flights: Sequence[Flight]) -> Iterator[str]:
+    """Points of a flight that overlap in time, and those of one name."""
+    for flight in flights:
+        points = [(named(p)[0], p) for p in flight.points]
+        for i, (name, p) in enumerate(points):
+            for other, q in points[:i]:
+                begin, end = max(p.start_s, q.start_s), min(p.end_s, q.end_s)
+                if begin < end:
+                    yield (
+                        f"{flight.path.name}: {other} and {name} overlap from {begin:.0f} to {end:.0f} s: what was "
+                        "flown there counts twice, and their errors are not independent"
+                    )
+        names = [name for name, _ in points]
+        for name in dict.fromkeys(n for n in names if names.count(n) > 1):
+            yield f"{flight.path.name}: {names.count(name)} points are named {name}: tell them by their times"
 
 
 def _other_configurations(points: Sequence[FlownPoint], baseline: Baseline, aircraft: Aircraft) -> Iterable[str]:

@@ -119,7 +119,7 @@ def test_finds_what_was_planted_and_writes_it(programme: Path, tmp_path: Path) -
     made = load_aircraft(str(profile))
     assert made.boom is not None
     assert made.calibrated is not None
-    assert made.calibrated.date == "unknown"  # of a simulation
+    assert made.calibrated.date == "simulated"
     assert made.static_position == pytest.approx(constants["static_position"]["estimate"])
     assert made.calibrated.static_position_sd == pytest.approx(constants["static_position"]["std_error"])
     assert abs(constants["upwash_slope"]["estimate"] or 0.0) < 0.07

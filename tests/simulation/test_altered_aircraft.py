@@ -104,6 +104,8 @@ def test_patterns_are_the_catalogue_s() -> None:
         ("inertia.mass", {"at": ["0 s"], "value": ["-3 kg"]}, "greater than 0"),
         ("derivatives.CL_alpha2", {"at": ["0 s"], "factor": [1.1]}, "no such number to multiply"),
         ("derivatives.CL_alfa", {"at": ["0 s"], "value": [1.1]}, "did you mean CL_alpha?"),
+        ("derivatives.CL_alfa", {"at": ["0 s"], "factor": [1.1]}, "unknown derivative CL_alfa; did you mean CL_alpha?"),
+        ("instruments.airspeeed.bias", {"at": ["0 s"], "factor": [1.1]}, "did you mean airspeed?"),
         ("derivatives.CL_alpha.sd", {"at": ["0 s"], "value": [1.1]}, "it is not flown"),
         ("unsteady.memory", {"at": ["0 s"], "value": [1.0]}, "bool"),
         ("instruments.q.latency", {"at": ["0 s"], "value": ["0.1 s"]}, "gain, bias, cubic"),
