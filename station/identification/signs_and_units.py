@@ -2,9 +2,9 @@
 
 The relations hold for any aircraft: attitude changes with the pitch rate, the vane with the rate less the turning of
 the flight path by lift, velocity with the accelerations, az balances the weight, airspeed gives the dynamic pressure;
-and the elevator pitches the aircraft as the profile says. The mismatch of a relation is a share, 0 where both sides are
-equal and 1 where they are opposite or of quite another size. A sign or unit is mistaken where undoing it, and nothing
-else, makes the relations match.
+and the elevator pitches the aircraft as the profile says. Those of the lateral motion are in lateral_signs.py. The
+mismatch of a relation is a share (relation_sides.py). A sign or unit is mistaken where undoing it, and nothing else,
+makes the relations match.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0, SIGNALS, to_si
+from station.identification import lateral_signs
+from station.identification.relation_sides import mean, moved, rate, share
 from station.numerics.atmosphere import air_density
-from station.numerics.differentiation import derivative
 from station.profile import Aircraft
 
 Array = NDArray[np.float64]
 
-SMOOTH_S: Final = 0.2
 LEAST_S: Final = 5.0
 LEAST_ROWS: Final = 10
 MOSTLY: Final = 0.5
@@ -37,6 +37,8 @@ FEW: Final = 0.05
 """Share of impossible values below which they are bit errors, not a unit."""
 TIED: Final = 0.7
 """Share of the largest reduction from which another mistake is as likely."""
+ENOUGH: Final = 0.9
+"""Share of what several signals of the same factor explain, from which one of them leaves nothing to the others."""
 
 
 def _mixed(si: str, *units: str) -> dict[str, float]:
@@ -50,7 +52,37 @@ _SPEED: Final = _mixed("m/s", "kt", "ft/s", "km/h")
 _FORCE: Final = _mixed("m/s2", "g", "ft/s2")
 _PRESSURE: Final = _mixed("Pa", "hPa", "psf", "kPa")
 _VELOCITY: Final = ("v_north", "v_east", "v_down")
-_ALL_ANGLES: Final = ("alpha_vane", "theta", "elevator", "q")
+_PITCHED: Final = ("alpha_vane", "theta", "elevator")
+_ALL_ANGLES: Final = (*_PITCHED, "q")
+_SIDEWAYS: Final = ("beta_vane", "phi", "psi", "aileron", "rudder")
+_GYROS: Final = ("p", "q", "r")
+_FORCES: Final = ("ax", "ay", "az")
+_TOGETHER: Final = (
+    (_VELOCITY, _SPEED),
+    (("airspeed", *_VELOCITY), _SPEED),
+    (("ax", "az"), _FORCE),
+    (_FORCES, _FORCE),
+    (_ALL_ANGLES, _ANGLE),
+    (_PITCHED, _ANGLE),
+    (("alpha_vane", "beta_vane"), _ANGLE),
+    (_GYROS, _ANGLE),
+    (("phi", "theta", "psi"), _ANGLE),
+    (("elevator", "aileron", "rudder"), _ANGLE),
+    (("aileron", "rudder"), _ANGLE),
+    ((*_PITCHED, *_SIDEWAYS), _ANGLE),
+    ((*_PITCHED, *_SIDEWAYS, *_GYROS), _ANGLE),
+)
+"""Signals of one instrument, or of one file, whose unit is mistaken for all of them."""
+_ALONE: Final = (
+    *((n, _ANGLE) for n in (*_ALL_ANGLES, *_SIDEWAYS, "p", "r")),
+    ("airspeed", _SPEED),
+    ("v_down", _SPEED),
+    *((n, _FORCE) for n in _FORCES),
+    ("dynamic_pressure", _PRESSURE),
+)
+_SIGNED: Final = (*_ALL_ANGLES, "v_down", "az", "ax", *_SIDEWAYS, "p", "r", "ay")
+_IN_RANGE: Final = (*_ALL_ANGLES, "beta_vane", "phi", "aileron", "rudder", "p", "r")
+"""Signals whose range shows a unit; a heading may have been counted on over any number of turns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,26 +95,14 @@ class Mistake:
 
 
 def _candidates(there: Sequence[str]) -> list[Mistake]:
-    made = []
-    for names, units in (
-        *(((n,), _ANGLE) for n in _ALL_ANGLES),
-        (("airspeed",), _SPEED),
-        (("v_down",), _SPEED),
-        (_VELOCITY, _SPEED),
-        (("airspeed", *_VELOCITY), _SPEED),
-        (("az",), _FORCE),
-        (("ax",), _FORCE),
-        (("ax", "az"), _FORCE),
-        (("dynamic_pressure",), _PRESSURE),
-        (_ALL_ANGLES, _ANGLE),
-        (("alpha_vane", "theta", "elevator"), _ANGLE),
-    ):
-        if set(names) <= set(there):
+    made = [Mistake((n,), f, f"{n} in the wrong unit: {words}") for n, us in _ALONE for words, f in us.items()]
+    made = [m for m in made if set(m.signals) <= set(there)]
+    for together, units in _TOGETHER:
+        names = tuple(n for n in together if n in there)
+        if len(names) > 1:
             made += [Mistake(names, f, f"{_listed(names)} in the wrong unit: {words}") for words, f in units.items()]
-    for n in (*_ALL_ANGLES, "v_down", "az", "ax"):
-        if n in there:
-            made.append(Mistake((n,), -1.0, f"{n} of the wrong sign"))
-    return made
+    made += [Mistake((n,), -1.0, f"{n} of the wrong sign") for n in _SIGNED if n in there]
+    return list({(m.signals, m.factor): m for m in made}.values())
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -100,13 +120,18 @@ def mistakes(t_s: Array, columns: Mapping[str, Array], aircraft: Aircraft) -> tu
     possible = {n: _possible(n, column) for n, column in columns.items() if n in SIGNALS}
     x = {n: _filled(column) for n, column in possible.items() if np.isfinite(column).mean() > MOSTLY}
     candidates = _candidates(tuple(x))
-    before = _disagreement(x, dt, aircraft, Mistake((), 1.0, ""))
-    falls = [before - _disagreement(x, dt, aircraft, c) for c in candidates]
-    best = max(falls, default=0.0)
+    disagreement = _Disagreement(x, dt, aircraft)
+    falls = {c: disagreement.as_recorded - disagreement.without(c) for c in candidates}
+    best = max(falls.values(), default=0.0)
     if best < CLEAR:
         return ()
-    found = [(fall, c) for fall, c in zip(falls, candidates, strict=True) if fall >= max(TIED * best, CLEAR)]
-    return tuple(c for _, c in sorted(found, key=lambda f: -f[0]))
+    found = [c for c, fall in falls.items() if fall >= max(TIED * best, CLEAR)]
+    found = [c for c in found if not any(_is_part(o, c) and falls[o] >= ENOUGH * falls[c] for o in found)]
+    return tuple(sorted(found, key=lambda c: -falls[c]))
+
+
+def _is_part(fewer: Mistake, more: Mistake) -> bool:
+    return fewer.factor == more.factor and set(fewer.signals) < set(more.signals)
 
 
 def _possible(name: str, column: Array) -> Array:
@@ -115,11 +140,37 @@ def _possible(name: str, column: Array) -> Array:
     return np.where(beyond, np.nan, column) if beyond.mean() < FEW else column
 
 
-def _disagreement(x: Mapping[str, Array], dt: float, aircraft: Aircraft, assumed: Mistake) -> float:
-    """Sum over the relations of log(share^2), with a mistake undone."""
-    mended = {n: v / assumed.factor if n in assumed.signals else v for n, v in x.items()}
-    shares = relations(mended, dt, aircraft).values()
-    return sum(math.log(share**2 + ALIKE**2) for share in shares)
+class _Disagreement:
+    """Sum over the relations of log(share^2), with a mistake undone: those of pitch and path, and the lateral ones."""
+
+    def __init__(self, x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> None:
+        self._x, self._dt, self._aircraft = x, dt, aircraft
+        self._history = lateral_signs.surface_history(x, dt)
+        self._recorded = (self._lengthwise(x), self._sideways(x))
+        self.as_recorded = sum(self._recorded)
+
+    def without(self, mistake: Mistake) -> float:
+        """What the mistake has no part in stays as recorded."""
+        mended = {n: v / mistake.factor if n in mistake.signals else v for n, v in self._x.items()}
+        lengthwise, sideways = self._recorded
+        if not lateral_signs.ALONE.issuperset(mistake.signals):
+            lengthwise = self._lengthwise(mended)
+        if not lateral_signs.NEEDED.isdisjoint(mistake.signals):
+            sideways = self._sideways(mended)
+        return lengthwise + sideways
+
+    def _lengthwise(self, x: Mapping[str, Array]) -> float:
+        return _logs(relations(x, self._dt, self._aircraft))
+
+    def _sideways(self, x: Mapping[str, Array]) -> float:
+        pressure = x.get("dynamic_pressure")
+        if pressure is None and "airspeed" in x:
+            pressure = 0.5 * _density(x, self._aircraft) * x["airspeed"] ** 2
+        return _logs(lateral_signs.relations(x, self._dt, self._aircraft, pressure, self._history))
+
+
+def _logs(shares: Mapping[str, float]) -> float:
+    return sum(math.log(x**2 + ALIKE**2) for x in shares.values())
 
 
 def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str, float]:
@@ -127,32 +178,32 @@ def relations(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[str
     shares = {}
     phi = x.get("phi", np.zeros(1))
     theta = np.clip(x["theta"], -1.5, 1.5) if "theta" in x else np.zeros(1)
-    for name in _ALL_ANGLES:
+    for name in _IN_RANGE:
         if name in x:
             shares[f"range of {name}"] = float(np.mean((x[name] < SIGNALS[name].low) | (x[name] > SIGNALS[name].high)))
     if "az" in x:
-        shares["weight"] = _share(_mean(x["az"]), _mean(-G0 * np.cos(theta) * np.cos(phi)))
+        shares["weight"] = share(mean(x["az"]), mean(-G0 * np.cos(theta) * np.cos(phi)))
     if {"q", "theta"} <= set(x):
-        shares["turning"] = _share(_rate(x["theta"], dt), _moved(x["q"] * np.cos(phi), dt))
+        shares["turning"] = share(rate(x["theta"], dt), moved(x["q"] * np.cos(phi), dt))
     if {"q", "alpha_vane", "az", "airspeed"} <= set(x):
         turn = (x["az"] + G0 * np.cos(theta) * np.cos(phi)) / np.maximum(x["airspeed"], 1.0)
-        shares["vane"] = _share(_rate(x["alpha_vane"], dt), _moved(x["q"], dt), _moved(turn, dt))
+        shares["vane"] = share(rate(x["alpha_vane"], dt), moved(x["q"], dt), moved(turn, dt))
     if {"theta", "alpha_vane", "v_down", "airspeed"} <= set(x):
         path = x["v_down"] / np.maximum(x["airspeed"], 1.0)
-        shares["flow"] = _share(_moved(x["alpha_vane"], dt), _moved(x["theta"], dt), _moved(path, dt))
+        shares["flow"] = share(moved(x["alpha_vane"], dt), moved(x["theta"], dt), moved(path, dt))
     if {"v_down", "az"} <= set(x):
         down = np.cos(theta) * np.cos(phi) * x["az"] - np.sin(theta) * x.get("ax", np.zeros(1))
-        shares["sinking"] = _share(_rate(x["v_down"], dt), _moved(down, dt))
+        shares["sinking"] = share(rate(x["v_down"], dt), moved(down, dt))
     if {"v_north", "v_east", "ax", "az", "theta"} <= set(x):
         # Over the ground: forward acceleration as the pitch lies; without means, which are the zeros' and the trim's.
         speed = np.hypot(x["v_north"], x["v_east"])
         pulls = np.cos(theta) * x["ax"], np.sin(theta) * np.cos(phi) * x["az"]
-        shares["gaining"] = _share(_moved(speed, dt), *(_moved(np.cumsum(pull) * dt, dt) for pull in pulls))
+        shares["gaining"] = share(moved(speed, dt), *(moved(np.cumsum(pull) * dt, dt) for pull in pulls))
     if {"airspeed", "dynamic_pressure"} <= set(x):
         by_pressure = np.sqrt(2 * np.maximum(x["dynamic_pressure"], 0.0) / _density(x, aircraft))
-        shares["pressure"] = _share(_mean(x["airspeed"]), _mean(by_pressure))
+        shares["pressure"] = share(mean(x["airspeed"]), mean(by_pressure))
     if {"airspeed", "v_north", "v_east"} <= set(x):
-        shares["ground speed"] = _share(_mean(x["airspeed"]), _mean(np.hypot(x["v_north"], x["v_east"])))
+        shares["ground speed"] = share(mean(x["airspeed"]), mean(np.hypot(x["v_north"], x["v_east"])))
     return shares | _by_profile(x, dt, aircraft)
 
 
@@ -166,40 +217,14 @@ def _by_profile(x: Mapping[str, Array], dt: float, aircraft: Aircraft) -> dict[s
     force = x["dynamic_pressure"] * aircraft.geometry.wing_area
     slope = aircraft.value("CL_alpha")
     if slope:
-        shares["lift"] = _share(_moved(x["az"], dt), _moved(-slope / aircraft.inertia.mass * force * alpha, dt))
+        shares["lift"] = share(moved(x["az"], dt), moved(-slope / aircraft.inertia.mass * force * alpha, dt))
     if {"q", "elevator"} <= set(x) and aircraft.value("Cm_de") and aircraft.inertia.iyy:
         turns = force * aircraft.geometry.chord / aircraft.inertia.iyy * aircraft.value("Cm_de")
         # Orthogonal to stiffness and damping, whatever they are.
-        free = np.linalg.qr(np.column_stack([_moved(alpha, dt), _moved(x["q"], dt)]))[0]
-        sides = [y - free @ (free.T @ y) for y in (_rate(x["q"], dt), _moved(turns * x["elevator"], dt))]
-        shares["elevator"] = _share(*sides)
+        free = np.linalg.qr(np.column_stack([moved(alpha, dt), moved(x["q"], dt)]))[0]
+        sides = [y - free @ (free.T @ y) for y in (rate(x["q"], dt), moved(turns * x["elevator"], dt))]
+        shares["elevator"] = share(*sides)
     return shares
-
-
-def _share(one: Array, *others: Array) -> float:
-    """Size of `one` - sum(others) over the sum of their sizes."""
-    n = min(len(a) for a in (one, *others))
-    rest = one[:n] - sum((o[:n] for o in others), np.zeros(n))
-    size = math.sqrt(float(one @ one)) + sum(math.sqrt(float(o @ o)) for o in others)
-    return math.sqrt(float(rest @ rest)) / size if size > 0 else 0.0
-
-
-def _mean(x: Array) -> Array:
-    return np.atleast_1d(np.mean(x))
-
-
-def _moved(x: Array, dt: float) -> Array:
-    """Smoothed, mean and trend removed."""
-    width = max(1, round(SMOOTH_S / dt))
-    y = np.convolve(np.broadcast_to(x, x.shape), np.full(width, 1 / width), "valid")
-    t = np.linspace(-0.5, 0.5, len(y))
-    y = y - y.mean()
-    return np.asarray(y - float((y * t).sum() / (t * t).sum()) * t)
-
-
-def _rate(x: Array, dt: float) -> Array:
-    """Smoothed rate of change, mean and trend removed."""
-    return _moved(derivative(x, dt), dt)
 
 
 def _filled(x: Array) -> Array:
@@ -211,8 +236,8 @@ def _filled(x: Array) -> Array:
 def _density(x: Mapping[str, Array], aircraft: Aircraft) -> float:
     """kg/m3; where unknown, that of the middle of the troposphere."""
 
-    def mean(name: str, otherwise: float = math.nan) -> float:
+    def of(name: str, otherwise: float = math.nan) -> float:
         return float(np.mean(x[name])) if name in x else otherwise
 
     stated = math.nan if aircraft.air_density is None else aircraft.air_density
-    return float(air_density(stated, mean("static_pressure"), mean("air_temperature"), mean("altitude", 5000.0)))
+    return float(air_density(stated, of("static_pressure"), of("air_temperature"), of("altitude", 5000.0)))

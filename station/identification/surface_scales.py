@@ -34,6 +34,8 @@ class SurfaceScale:
     ratio: float
 
     def worded(self, surface: str) -> str:
+        if self.scale < 0:
+            return f"{surface} of the wrong sign ({self.name} is {self.ratio:.2g} times the profile's)"
         return f"{surface} scale {self.scale:.2g} ({self.name} is {self.ratio:.2g} times the profile's, or has changed)"
 
 
@@ -52,7 +54,7 @@ def contradicted(aircraft: Aircraft, shown: Mapping[str, Shown]) -> dict[str, Su
         known = math.hypot(1.0 / math.sqrt(sum(weights)), apart)
         scale = moment / ratio[0]
         sd = scale * math.hypot(ratio[1] / ratio[0], known / moment, aircraft.uncertainty.surface_scale)
-        if scale > 0 and abs(scale - 1.0) > SURE * abs(sd):
+        if abs(scale - 1.0) > SURE * abs(sd):
             found[surface] = SurfaceScale(scale, own, ratio[0])
     return found
 

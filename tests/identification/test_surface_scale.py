@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from station.identification.analysis import identify
+from station.identification.by_input import Shown
 from station.identification.request import Request
+from station.identification.surface_scales import contradicted, wrong_by
 from station.log import Table
 from station.model.airframe_error import relative_errors
 from station.profile import Aircraft, Card, load_aircraft
@@ -30,6 +32,18 @@ def test_derivatives_by_surfaces_alone_have_it() -> None:
     exact, unsure = (relative_errors(sure_to(share), names) for share in (0.0, 0.1))
     expected = [[math.hypot(e, 0.1) if "_d" in n else e for n, e in zip(names, row, strict=True)] for row in exact]
     np.testing.assert_allclose(unsure, expected)
+
+
+def test_a_surface_turned_over_is_told_from_one_that_is_sound() -> None:
+    """Its derivative is that of the profile, once as it is and once of the other sign; -1 is no scale of 1."""
+    aircraft = load_aircraft("twin_otter")
+    stated = {n: aircraft.value(n) for n in ("Cl_da", "Cl_beta", "Cl_p")}
+    shown = {n: Shown(x, abs(x) / 50, 0.0) for n, x in stated.items()}
+    assert contradicted(aircraft, shown) == {}
+    turned = {**shown, "Cl_da": Shown(-stated["Cl_da"], abs(stated["Cl_da"]) / 50, 0.0)}
+    found = contradicted(aircraft, turned)
+    assert found["aileron"].worded("aileron") == "aileron of the wrong sign (Cl_da is -1 times the profile's)"
+    assert wrong_by(found, {"Cl_da": 0.2}) == {"Cl_da": pytest.approx(0.4)}
 
 
 @pytest.fixture(scope="module")
