@@ -219,18 +219,25 @@ class Pilot(Frozen):
         human = "a human's " if self.neuromuscular or self.remnant else ""
         return f"{human}{named}, {1000 * self.delay:g} ms late" if named else "hands off"
 
-    @property
-    def refused(self) -> str:
-        """Why a card is not flown with it, or "". Recordings of such cards are read."""
+    @model_validator(mode="after")
+    def _can_be_flown(self, info: ValidationInfo) -> Self:
+        if info.context == SI_NUMBERS:  # as a recording was flown, it is read
+            return self
         steps = self.delay * PILOT_HZ
         if not math.isclose(steps, round(steps), abs_tol=1e-6):
-            near = round(steps) * 1000 // PILOT_HZ
-            return f"delay: {1e3 * self.delay:g} ms is no multiple of 5 ms, the simulation's step; write {near} ms"
+            raise PydanticCustomError(
+                "pilot",
+                "delay: {ms} ms is no multiple of 5 ms, the simulation's step; write {near} ms",
+                {"ms": f"{1e3 * self.delay:g}", "near": f"{round(steps) * 1000 // PILOT_HZ}"},
+            )
         of_a_human = [name for name in ("neuromuscular", "remnant") if getattr(self, name)]
         if of_a_human and not self.flies:
-            why = "of a pilot who moves no surface; write a gain beside it, for example attitude = 0.5"
-            return f"{', '.join(of_a_human)}: {why}"
-        return ""
+            raise PydanticCustomError(
+                "pilot",
+                "{names}: of a pilot who moves no surface; write a gain beside it, for example attitude = 0.5",
+                {"names": ", ".join(of_a_human)},
+            )
+        return self
 
     @model_validator(mode="after")
     def _bank_for_heading(self) -> Self:

@@ -105,8 +105,6 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
     path = find("cards", name)
     card = read_profile(Card, path, overrides)
     aircraft = load_aircraft(card.aircraft, path)
-    if card.pilot.refused:
-        raise ProfileError(f"{path}: pilot.{card.pilot.refused}")
     emulated = load_aircraft(card.emulated_aircraft, path) if card.emulated_aircraft is not None else None
     try:
         AlteredAircraft(emulated or aircraft, card.flight.truth)
