@@ -27,6 +27,12 @@ PANELS: Final = (6, 14)
 """Chordwise and spanwise on a half: 10 and 24 move lift slope by 0.6 %, upwash by 0.3 %, downwash by 0.8 %."""
 FOLLOWED: Final = 5.0
 """Spans after which a step is settled to within 0.1 % but for the upwash, 0.3 %."""
+SLENDEREST: Final = 0.5
+FULLEST: Final = 60.0
+"""Aspect ratios of wings: slender deltas have some 1, the sailplane with the longest wing for its area 51."""
+CHORDS: Final = (0.75, 2.2)
+"""Mean aerodynamic over mean chord: 1 of a rectangle, by Cauchy and Schwarz no less of any wing, 4/3 of a delta, 2 of
+Concorde's ogive; and what reference areas and chords differ by, with or without the part in the body."""
 _FIRST: Final = 0.5
 """Chords after a step from which on responses are fitted: before, a panel's depth shows."""
 _SAMPLES: Final = 120
@@ -112,9 +118,10 @@ class PlanformAnswer:
 
 
 def planform_answer(aircraft: Aircraft, speed: float) -> PlanformAnswer:
-    """Raises ProfileError where geometry and mass are placeholders."""
+    """Raises ProfileError where geometry and mass are placeholders, or no wing has this geometry."""
     if aircraft.kinematics_only:
         raise ProfileError(f"{aircraft.name}: its geometry is a placeholder (kinematics_only): describe it first")
+    _check(aircraft)
     plan = aircraft.planform or Planform()
     geometry, boom, u = aircraft.geometry, aircraft.boom, aircraft.unsteady
     chord = geometry.wing_area / geometry.span
@@ -132,7 +139,7 @@ def planform_answer(aircraft: Aircraft, speed: float) -> PlanformAnswer:
         "lift_motion": _fitted(wing.motion.way, wing.motion.lift, "lift_motion", aircraft, speed),
         "lift_gust": _fitted(_from_edge(wing.gust, behind, chord), wing.gust.lift, "lift_gust", aircraft, speed),
     }
-    if boom and wing.upwash[0] > 0:
+    if boom and _sees_upwash(aircraft, plan) and wing.upwash[0] > 0:
         numbers.append(
             Number(
                 "boom.upwash_wing", "upwash at the vane by the wing", float(wing.upwash[0] * scale), boom.upwash_wing
@@ -155,6 +162,33 @@ def planform_answer(aircraft: Aircraft, speed: float) -> PlanformAnswer:
     slope = wing.lift_slope
     aspect = geometry.span**2 / geometry.wing_area
     return PlanformAnswer(aircraft, speed, aspect, slope, own, responses, tuple(numbers), downwash, tuple(remarks))
+
+
+def _check(aircraft: Aircraft) -> None:
+    geometry = aircraft.geometry
+    span, area, chord = geometry.span, geometry.wing_area, geometry.chord
+    aspect, mean = span**2 / area, area / span
+    if not SLENDEREST <= aspect <= FULLEST:
+        raise ProfileError(
+            f"{aircraft.name}: geometry.span {span:.4g} m and wing_area {area:.4g} m2 make an aspect ratio of"
+            f" {aspect:.3g}: wings have {SLENDEREST:g} to {FULLEST:g}; correct whichever is wrong, or its unit"
+        )
+    if not CHORDS[0] <= chord / mean <= CHORDS[1]:
+        raise ProfileError(
+            f"{aircraft.name}: geometry.chord {chord:.4g} m is {chord / mean:.3g} times wing_area / span, {mean:.4g} m:"
+            f" of wings it is {CHORDS[0]:g} to {CHORDS[1]:g}; correct whichever of the three is wrong, or its unit"
+        )
+
+
+def _sees_upwash(aircraft: Aircraft, plan: Planform) -> bool:
+    """Whether the vane is ahead of the leading edge, beside which or behind which it is not upwash that it sees."""
+    boom, geometry = aircraft.boom, aircraft.geometry
+    if boom is None:
+        return False
+    root, tip = plan.chords(geometry.wing_area, geometry.span)
+    aside = min(abs(boom.vane_y), geometry.span / 2)
+    edge = (root + (tip - root) * 2 * aside / geometry.span) / 4 - aside * math.tan(plan.sweep)
+    return boom.vane_x - plan.quarter_chord(geometry.span) > edge
 
 
 def _wing(aircraft: Aircraft, plan: Planform, deeper: int) -> Lattice:
@@ -282,7 +316,7 @@ def _remarks(aircraft: Aircraft, plan: Planform, has_tail: bool) -> list[str]:
         said.append("no [planform]: the wing is taken for a rectangle of its area and span")
     if aircraft.boom is None:
         said.append("no [boom]: no upwash at the vane")
-    elif aircraft.boom.vane_x <= aircraft.geometry.chord / 4:
+    elif not _sees_upwash(aircraft, plan):
         said.append("boom.vane_x is not ahead of the wing: no upwash at the vane")
     if not has_tail:
         u = aircraft.unsteady

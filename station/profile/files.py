@@ -140,9 +140,16 @@ def load_card(name: str, overrides: Mapping[str, Any] | None = None) -> Profiles
 def read_profile(kind: type[T], path: Path, overrides: Mapping[str, Any] | None = None) -> T:
     """A profile file of that kind, its values replaced by dotted key. Raises ProfileError."""
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ProfileError(f"{path}: cannot be read: {error}") from error
+    return read_text(kind, path, text, overrides)
+
+
+def read_text(kind: type[T], path: Path, text: str, overrides: Mapping[str, Any] | None = None) -> T:
+    """The same of a file's text, whether it is written yet or not. Raises ProfileError."""
+    try:
+        raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ProfileError(f"{path}: not valid TOML: {error}") from error
     for key, value in (overrides or {}).items():

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from station.conventions import from_si
 from station.profile.aircraft import Aircraft, Instrument
-from station.profile.files import load_aircraft
+from station.profile.files import read_text
 from station.profile.quantity import unit_of
 from station.rows import LogError, UsageError
 
@@ -80,12 +80,14 @@ def _text(value: Any, unit: str) -> str:
 
 
 def write_profile(aircraft: Aircraft, path: Path, heading: str) -> None:
-    """Write a profile that reads back the same. Raises UsageError where a file is already, LogError where it fails."""
+    """Write a profile that reads back the same. Raises UsageError where a file is already, ProfileError where it
+    would not read back, LogError where writing fails."""
     if path.exists():
         raise UsageError(f"{path}: is there already: a written profile never replaces a file; name another")
+    text = to_toml(aircraft, heading)
+    read_text(Aircraft, path, text)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(to_toml(aircraft, heading), encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error}") from error
-    load_aircraft(str(path))

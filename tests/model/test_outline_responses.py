@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from station.__main__ import app
 from station.model.outline_responses import PlanformAnswer, exponentials, planform_answer
 from station.profile import load_aircraft
+from station.profile.profile_text import write_profile
+from station.rows import ProfileError
 
 Array = NDArray[np.float64]
 
@@ -114,8 +116,6 @@ def test_the_written_profile_reads_back(tmp_path: Path) -> None:
 
 
 def test_without_span_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from station.rows import ProfileError
-
     path = tmp_path / "spanless.toml"
     path.write_text(
         'name = "spanless"\n[geometry]\nwing_area = "16 m2"\nchord = "1.5 m"\n[inertia]\nmass = "1000 kg"\n'
@@ -134,3 +134,57 @@ def test_what_is_not_there_is_said(tmp_path: Path, capsys: pytest.CaptureFixture
     said = capsys.readouterr().out
     assert "no [planform]: the wing is taken for a rectangle" in said
     assert "no downwash: planform.tail_area, unsteady.tail_span, unsteady.tail_arm missing" in said
+
+
+BARE = """name = "bare"
+[geometry]
+wing_area = "420 ft2"
+span = "{span}"
+chord = "{chord}"
+[inertia]
+mass = "340 slug"
+[boom]
+vane_x = "{vane}"
+"""
+
+
+def bare(path: Path, span: str = "65 ft", chord: str = "6.5 ft", vane: str = "5.3 m") -> str:
+    path.write_text(BARE.format(span=span, chord=chord, vane=vane))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"span": "65 in"}, r"geometry\.span 1\.651 m and wing_area 39\.02 m2 make an aspect ratio of 0\.0699: "),
+        ({"span": "650 ft"}, r"geometry\.span 198\.1 m and wing_area 39\.02 m2 make an aspect ratio of 1\.01e\+03: "),
+        ({"span": "6500 ft"}, r"aspect ratio of 1\.01e\+05: "),
+        ({"span": "30 ft"}, r"geometry\.chord 1\.981 m is 0\.464 times wing_area / span, 4\.267 m: "),
+        ({"chord": "6.5 m"}, r"geometry\.chord 6\.5 m is 3\.3 times wing_area / span, 1\.969 m: "),
+    ],
+)
+def test_an_outline_that_cannot_be_is_refused(given: dict[str, str], words: str, tmp_path: Path) -> None:
+    """65 ft and 420 ft2 make 10.06; 65 in, 1.651 m, squared over 39.02 m2 0.0699."""
+    out = tmp_path / "out.toml"
+    with pytest.raises(ProfileError, match=words + ".*; correct whichever"):
+        app(["planform", bare(tmp_path / "bare.toml", **given), "-o", str(out)], standalone_mode=False)
+    assert not out.exists()
+
+
+@pytest.mark.usefixtures("few_panels")
+def test_beside_or_behind_the_wing_no_upwash_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The wing's leading edge is a quarter chord, 0.49 m, ahead of the CG; among the panels the lattice gives numbers."""
+    for vane, is_ahead in (("-1 m", False), ("0.3 m", False), ("0.6 m", True)):
+        assert app(["planform", bare(tmp_path / "bare.toml", vane=vane)], standalone_mode=False) == 0
+        said = capsys.readouterr().out
+        assert ("boom.upwash_wing" in said) is is_ahead, vane
+        assert ("not ahead of the wing: no upwash" in said) is not is_ahead, vane
+
+
+def test_a_profile_that_would_not_read_back_leaves_no_file(tmp_path: Path) -> None:
+    aircraft, out = load_aircraft("twin_otter"), tmp_path / "out.toml"
+    assert aircraft.boom is not None
+    wrong = aircraft.model_copy(update={"boom": aircraft.boom.model_copy(update={"upwash_wing": 15.2})})
+    with pytest.raises(ProfileError, match="upwash_wing"):
+        write_profile(wrong, out, "wrong")
+    assert list(tmp_path.iterdir()) == []
