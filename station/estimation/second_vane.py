@@ -71,7 +71,7 @@ class SecondVane:
         p = p if math.isfinite(p) else 0.0
         first, own = (y * p - x * q for x, y in (self._first, self._own))
         if not (math.isfinite(first) and speed > 1.0):
-            first = own = 0.0
+            first, own, speed = 0.0, 0.0, 1.0
         return self._upwash * (shown - self._zeros[1] - own / speed) + self._zeros[0] + first / speed
 
     def seen(self, frame: Frame) -> Frame:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from station.conventions import from_si
 from station.estimation.second_vane import WINDOW_S, Position, SecondVane
 from station.log import Table
-from station.profile import Aircraft
+from station.profile import AVERAGED_ALONE, Aircraft
 
 Array = NDArray[np.float64]
 
@@ -22,8 +22,11 @@ def in_reserve(table: Table, places: Mapping[str, Position], aircraft: Aircraft)
     compare, in words."""
     columns, quality, said = dict(table.columns), dict(table.quality), []
     nothing = np.full(len(table.t_s), np.nan)
+    shown = [n for n in places if n in columns and np.isfinite(columns[n]).any()]
+    if aircraft.second_vane and aircraft.second_vane.averaged and not shown:
+        said.append(AVERAGED_ALONE)
     for name, position in places.items():
-        if name not in columns or not np.isfinite(columns[name]).any():
+        if name not in shown:
             continue
         vane = SecondVane(name, 0, position, aircraft)
         rates = (columns.get(n, nothing).tolist() for n in ("p", "q", "airspeed"))

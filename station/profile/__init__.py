@@ -6,6 +6,7 @@ nearest valid key.
 
 from station.profile.aircraft import (
     ARGUMENTS,
+    AVERAGED_ALONE,
     COEFFICIENTS,
     DERIVATIVE_NAMES,
     NO_BOOM,
@@ -90,6 +91,7 @@ from station.profile.told_by_flight import Calibrated, Measured, otherwise
 __all__ = [
     "AIR",
     "ARGUMENTS",
+    "AVERAGED_ALONE",
     "AXES",
     "COEFFICIENTS",
     "DERIVATIVE_NAMES",

@@ -142,6 +142,13 @@ class Boom(Frozen):
         return 1.0 / (1.0 + self.upwash_body + self.upwash_wing)
 
 
+AVERAGED_ALONE: Final = (
+    '[second_vane] averaged: no second vane is shown (measures = "alpha_vane", position, of the rig\'s [signals.NAME]):'
+    " alpha_vane is the first alone"
+)
+"""Of a rig or a recording."""
+
+
 class SecondVane(Boom):
     """A further vane of the angle of attack, on a wing's tip or elsewhere. A rig's signal that `measures =
     "alpha_vane"` shows it; emulated it is `alpha_vane_2`."""

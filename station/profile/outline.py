@@ -16,7 +16,7 @@ class Planform(Frozen):
     taper: float = Field(default=1.0, ge=0.05, le=2.0)
     """Chord at the tip over that in the middle."""
     sweep: Annotated[Radians, Field(gt=-1.2, lt=1.2)] = 0.0
-    """Of the wing's quarter chord, tips aft."""
+    """Of the wing's quarter chord, tips aft: of simulations too, in a plane of air, where gusts meet the tips later."""
     tail_area: Annotated[SquareMetres, Positive] | None = None
     """Of the tailplane, through the body; with it `tail_span` and `tail_arm` of [unsteady]."""
     tail_height: Metres = 0.0

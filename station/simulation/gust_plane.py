@@ -31,7 +31,19 @@ from numpy.typing import NDArray
 from station.profile import Aircraft, DiscreteGust
 from station.rows import ProfileError
 from station.simulation.discrete_gusts import COMPONENTS, shape
-from station.simulation.gusts import ALONG, SIDEWAYS, STEP, UP, Dryden, Field, Laid, Meets, Ramp, field_start
+from station.simulation.gusts import (
+    ALONG,
+    SIDEWAYS,
+    STEP,
+    UP,
+    Dryden,
+    Field,
+    Laid,
+    Meets,
+    Ramp,
+    field_start,
+    points_missing,
+)
 from station.simulation.isotropic import KINDS, CrossSpectra, cross_spectra
 
 Array = NDArray[np.float64]
@@ -306,11 +318,11 @@ class PlaneField:
     def cover(self, low: float, high: float) -> None:
         """Hold the field from distance `low` to `high` at least; `low` never goes back."""
         values, first, meets = self.now
-        drop = math.floor(low / STEP) - 2 - first
         end = first + len(values)
-        missing = math.ceil(high / STEP) + 3 - end
+        missing = points_missing(high, end)
         if missing <= 0:
             return
+        drop = math.floor(low / STEP) - 2 - first
         blocks = [self._block(end + i * _BLOCK) for i in range(math.ceil(missing / _BLOCK))]
         keep = values[max(0, drop) :]
         self.now = Field(np.concatenate((keep, *blocks)), first + len(values) - len(keep), meets)

@@ -25,6 +25,8 @@ from station.profile import Flight
 _FT: Final = to_si(1.0, "ft")
 STEP: Final = 0.25
 """Spacing of the field's points, m. Linear interpolation between them loses 0.1 % of the variance at 10 Hz."""
+_MOST: Final = 200_000
+"""Points wanted at once, 50 km: more than any aircraft flies in a second or two."""
 _BLOCK: Final = 2048
 _LOW: Final = 1000.0
 """ft: up to which the low-altitude model holds; twice as high turbulence is isotropic, of scale length _ISOTROPIC."""
@@ -249,6 +251,12 @@ def field_start(behind: float) -> int:
     return math.floor(-behind / STEP) - 2
 
 
+def points_missing(high: float, end: int) -> int:
+    """How many points from index `end` on a field needs to reach distance `high`; none where a flight that has run away
+    has none that a number tells: it stays in the last of the air."""
+    return math.ceil(high / STEP) + 3 - end if high / STEP < end + _MOST else 0
+
+
 class GustField:
     """The part of the field around the aircraft, made as the aircraft gets there; memory stays flat.
 
@@ -269,11 +277,11 @@ class GustField:
     def cover(self, low: float, high: float) -> None:
         """Hold the field from distance `low` to `high` at least; `low` never goes back."""
         values, first = self.now.values, self.now.first
-        drop = math.floor(low / STEP) - 2 - first
         end = first + len(values)
-        missing = math.ceil(high / STEP) + 3 - end
+        missing = points_missing(high, end)
         if missing <= 0:
             return
+        drop = math.floor(low / STEP) - 2 - first
         n = _BLOCK * math.ceil(missing / _BLOCK)
         block = np.zeros((n, 3))
         if not self._calm:

@@ -142,6 +142,7 @@ def aircraft_keys() -> str:
         ("`[geometry]`", aircraft.Geometry),
         ("`[inertia]`", aircraft.Inertia),
         ("`[boom]`", aircraft.Boom),
+        ("`[second_vane]`, whose other keys are as `[boom]`", aircraft.SecondVane, aircraft.Boom),
         ("`[derivatives.CL_alpha]` and so on", aircraft.Derivative),
         ("`[drag]`", aircraft.Drag),
         ('`[engine]` with `kind = "propeller"`', propulsion.Propeller),

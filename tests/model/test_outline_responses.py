@@ -173,7 +173,7 @@ def test_an_outline_that_cannot_be_is_refused(given: dict[str, str], words: str,
 
 @pytest.mark.usefixtures("few_panels")
 def test_beside_or_behind_the_wing_no_upwash_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The wing's leading edge is a quarter chord, 0.49 m, ahead of the CG; among the panels the lattice gives numbers."""
+    """The wing's leading edge is 0.49 m ahead of the CG; behind it the lattice gives numbers, too."""
     for vane, is_ahead in (("-1 m", False), ("0.3 m", False), ("0.6 m", True)):
         assert app(["planform", bare(tmp_path / "bare.toml", vane=vane)], standalone_mode=False) == 0
         said = capsys.readouterr().out
