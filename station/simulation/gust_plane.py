@@ -319,7 +319,7 @@ class PlaneField:
         """Hold the field from distance `low` to `high` at least; `low` never goes back."""
         values, first, meets = self.now
         end = first + len(values)
-        missing = points_missing(high, end)
+        missing = points_missing(low, high, end)
         if missing <= 0:
             return
         drop = math.floor(low / STEP) - 2 - first

@@ -25,8 +25,8 @@ from station.profile import Flight
 _FT: Final = to_si(1.0, "ft")
 STEP: Final = 0.25
 """Spacing of the field's points, m. Linear interpolation between them loses 0.1 % of the variance at 10 Hz."""
-_MOST: Final = 200_000
-"""Points wanted at once, 50 km: more than any aircraft flies in a second or two."""
+_AWAY: Final = 200_000
+"""Points beyond a field, 50 km: more than any aircraft flies between two looks at it, a second or two."""
 _BLOCK: Final = 2048
 _LOW: Final = 1000.0
 """ft: up to which the low-altitude model holds; twice as high turbulence is isotropic, of scale length _ISOTROPIC."""
@@ -251,10 +251,10 @@ def field_start(behind: float) -> int:
     return math.floor(-behind / STEP) - 2
 
 
-def points_missing(high: float, end: int) -> int:
-    """How many points from index `end` on a field needs to reach distance `high`; none where a flight that has run away
-    has none that a number tells: it stays in the last of the air."""
-    return math.ceil(high / STEP) + 3 - end if high / STEP < end + _MOST else 0
+def points_missing(low: float, high: float, end: int) -> int:
+    """How many points from index `end` on a field needs to hold the air from distance `low` to `high`; none where a
+    flight that has run away is far beyond it, or nowhere that a number tells: it stays in the last of the air."""
+    return math.ceil(high / STEP) + 3 - end if low / STEP < end + _AWAY else 0
 
 
 class GustField:
@@ -278,7 +278,7 @@ class GustField:
         """Hold the field from distance `low` to `high` at least; `low` never goes back."""
         values, first = self.now.values, self.now.first
         end = first + len(values)
-        missing = points_missing(high, end)
+        missing = points_missing(low, high, end)
         if missing <= 0:
             return
         drop = math.floor(low / STEP) - 2 - first
