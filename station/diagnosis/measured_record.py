@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from station.conventions import MIN_SPEED, SEA_LEVEL_DENSITY
 from station.diagnosis.diagnosis_result import Effect
+from station.estimation.acceptance import banked
 from station.numerics.atmosphere import air_density, height_at_density, height_at_pressure
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.profile import Aircraft
@@ -45,8 +46,6 @@ PLANE: Final = 0.1
 """Of the airspeed, by which the speed to the north may differ from it, where none to the east is recorded, to be that
 along the path, as of flight in one plane: a track 26 deg off is slower."""
 _STRAIGHT: Final = math.radians(4.0)
-_BANKED: Final = math.radians(30.0)
-"""Bank from which wings-level flight is no measure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,9 +212,8 @@ def _refuse_unusable(name: str, signals: Mapping[str, Array], sideways: Mapping[
     moving = {n: x for n, x in (*signals.items(), *sideways.items()) if n in _MAY_MOVE}
     if all(x.std() < _NOISE_TIMES * DEFAULT_NOISE[n] for n, x in moving.items()):
         raise UsageError(f"{name}: neither a surface nor the air moved: nothing can be judged without an input")
-    if "phi" in signals and np.abs(signals["phi"]).max() > _BANKED:
-        most = math.degrees(float(np.abs(signals["phi"]).max()))
-        raise UsageError(f"{name}: banked to {most:.0f} deg: what is compared with flies wings level")
+    if "phi" in signals and (why := banked(float(np.abs(signals["phi"]).max()))):
+        raise UsageError(f"{name}: {why}")
 
 
 def _on_grid(column: Array, times: Array, grid: Array, wraps: bool) -> Array | None:

@@ -21,6 +21,10 @@ MIN_PERIODS: Final = 0.5
 """Of the lowest frequency, before anything counts as estimated."""
 MIN_R2: Final = 0.3
 """Less, and something else than the model's regressors moves the aircraft."""
+BANKED: Final = math.radians(30.0)
+"""From which wings-level flight is no measure, and a steep turn no input. The equations hold in it, and an input flown
+there tells what it tells in level flight; but where the elevator only holds the turn, moments stay in balance throughout,
+and all derivatives of the moment at once being less is a solution too, whose errors do not show it."""
 COLLINEAR: Final = 100.0
 """Variance inflation factor above which a regressor counts as collinear with the others."""
 
@@ -59,6 +63,12 @@ def of_estimate(value: float, error: float, known: float, inflation: float) -> i
     if 2.0 * error > max(abs(value), known):
         return WIDE
     return ESTIMATED
+
+
+def banked(bank: float) -> str:
+    """Why a flight with this bank, rad, is not used; "" where it may be, or is not known."""
+    words = f"banked beyond {math.degrees(BANKED):.0f} deg: what is compared with flies wings level"
+    return words if abs(bank) > BANKED else ""
 
 
 def is_wide(why: str) -> bool:

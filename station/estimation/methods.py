@@ -12,6 +12,7 @@ from station.conventions import BRIDGED_S, LONGITUDINAL, LONGITUDINAL_BODY, SIGN
 from station.estimation import conditioning as cond
 from station.estimation import lateral_derivatives as lateral
 from station.estimation import tick
+from station.estimation.acceptance import banked
 from station.estimation.alpha import Seen
 from station.estimation.conditioning import Array, Conditioner
 from station.estimation.derivatives import Derivatives
@@ -278,6 +279,8 @@ class Estimator:
         start_ns = self._start_ns if self._start_ns is not None else t_ns
         t = (t_ns - start_ns) * 1e-9
         if self._physical:
+            if (why := banked(float(u[cond.ATTITUDE]))) != self._physical.banked:
+                self._physical.turn(why)
             self._is_held[0] = self._physical.is_open
         done = tick.advance(self._constants, self.filters, self._sides.arrays, t, u, self._conditioner.age)
         seen = self._seen = Seen(*self._of_vane.item())

@@ -177,6 +177,8 @@ class Physical:
         """`noise`: standard deviations of alpha_vane and elevator, rad. `names`: of the six derivatives."""
         self.lacking = ""
         """What it waits for, while that is not there."""
+        self.banked = ""
+        """Why samples are not taken now; "" where they are."""
         self.why_not = why_not(aircraft)
         """Why the method cannot be applied to this aircraft; "" if it can."""
         if not self.why_not and names[0].startswith("CZ"):
@@ -202,6 +204,7 @@ class Physical:
         self._from_s = 0.0
         self._speed_sum = 0.0
         self._wind_sd = 0.0
+        self._density = math.nan
         self._closed = 0
         self._moved = np.zeros((len(self._frequencies), 4, 4), dtype=np.complex128)
         """`products` of closed segments."""
@@ -219,6 +222,16 @@ class Physical:
         self._moved[:] = 0.0
         self._closed = 0
         self.solution = self._judged = None
+
+    def turn(self, why: str) -> None:
+        """From now on samples are not taken, being `banked`; with "" they are again. What was known before stays."""
+        if why and self._transform.samples * self._dt >= self._minimum:
+            self._renew(close=True)
+        elif why:
+            self._transform.clear()
+            self._speed_sum = 0.0
+            self.solution = self.solution if self._closed else None
+        self.banked, self._judged = why, None
 
     @property
     def is_open(self) -> bool:
@@ -239,6 +252,9 @@ class Physical:
         self._row[SIGNALS:] = sides
         if self._transform.filtered == 0:
             self._from_s = since_start_s
+        if self.banked:
+            self._transform.step(self._row, False)
+            return
         is_open = since_start_s >= self._warm_up_s and self._from_s <= since_start_s - self._warm_up_s + SLACK_S
         self._transform.step(self._row, is_open)
         samples = int(self._transform.samples)
@@ -247,15 +263,22 @@ class Physical:
         if samples == 1:
             self._wind_sd = wind_sd
         self._speed_sum += speed
+        self._density = density
         close = samples >= self._segment
-        if not close and samples % UPDATE_TICKS:
+        if close or not samples % UPDATE_TICKS:
+            self._renew(close)
+
+    def _renew(self, close: bool) -> None:
+        """A solution of what there is; `close`: the segment under way joins those before."""
+        if self._equations is None:
             return
+        samples = int(self._transform.samples)
         spectrum = self._transform.spectrum
         share = samples * self._dt * self._step_hz
         mean_speed = self._speed_sum / samples
         moved = self._has_moved(self._motion(), samples)
         self.solution = self._equations.solve(
-            spectrum, samples, share, mean_speed, density, self._wind_sd, close, moved
+            spectrum, samples, share, mean_speed, self._density, self._wind_sd, close, moved
         )
         self._judged = None
         if close:
@@ -317,7 +340,8 @@ class Physical:
         solution = self.solution
         if solution is None:
             found = tuple(ParamEstimate(n, math.nan, math.nan, status, why) for n in self._names)
-            return found, not self.why_not, self.why_not
+            refused = self.why_not or (why if why == self.banked else "")
+            return found, not refused, refused
         values = solution.theta[:FIRST_NUISANCE].tolist()
         errors = self._whole(solution, solution.theta[:FIRST_NUISANCE], solution.total[:FIRST_NUISANCE]).tolist()
         parameters = []
@@ -338,6 +362,8 @@ class Physical:
         if self.why_not:
             return Status.INVALID, self.why_not
         samples = self._closed + self._transform.samples
+        if samples == 0 and self.banked:
+            return Status.INVALID, self.banked
         if samples == 0:
             return (Status.UNESTIMATED, self.lacking) if self.lacking else worded(WARMING)
         if samples * self._dt < self._minimum:

@@ -71,9 +71,9 @@ class Change:
 
 
 def recommended(point: FlownPoint) -> str | None:
-    """The point's recommended method that the air during its input lets apply."""
+    """The point's recommended method that the air during its input lets apply; none in a steep turn."""
     best = point.found.recommended if point.found else None
-    if best is None or point.methods is None or point.methods[best].status != "ok":
+    if best is None or point.banked or point.methods is None or point.methods[best].status != "ok":
         return None
     return best
 

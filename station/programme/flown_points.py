@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from station.estimation.acceptance import banked
 from station.estimation.flight_record import LEAST_S, LEAST_SHARE, SLOWEST_S, FlightRecord
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, not_applicable
@@ -65,6 +66,12 @@ class FlownPoint:
     @property
     def is_baseline(self) -> bool:
         return _says_baseline(self.condition)
+
+    @property
+    def banked(self) -> str:
+        """Why nothing is told of its derivatives, if it was flown in a steep turn; else ""."""
+        bank = self.found.record.motion.get("phi") if self.found else None
+        return banked(float(np.nanmax(np.abs(bank)))) if bank is not None and np.isfinite(bank).any() else ""
 
     @property
     def title(self) -> str:

@@ -69,7 +69,7 @@ def test_a_profile_that_cannot_be_flown_says_what_it_lacks() -> None:
 def test_a_banked_manoeuvre_is_refused() -> None:
     shown, _ = flown(skyhawk(), 0.0, "doublets", 1, 20.0)
     shown["phi"] = np.linspace(0.0, math.radians(50), len(shown["q"]))
-    with pytest.raises(UsageError, match="banked to 50 deg"):
+    with pytest.raises(UsageError, match="banked beyond 30 deg"):
         manoeuvres("turn", 0.02 * np.arange(len(shown["q"])), shown, skyhawk())
 
 
