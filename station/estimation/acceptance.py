@@ -23,8 +23,8 @@ MIN_R2: Final = 0.3
 """Less, and something else than the model's regressors moves the aircraft."""
 BANKED: Final = math.radians(30.0)
 """From which wings-level flight is no measure, and a steep turn no input. The equations hold in it, and an input flown
-there tells what it tells in level flight; but where the elevator only holds the turn, moments stay in balance throughout,
-and all derivatives of the moment at once being less is a solution too, whose errors do not show it."""
+there tells what it tells in level flight; but where the elevator only holds the turn, moments stay in balance
+throughout, and all derivatives of the moment at once being less is a solution too, whose errors do not show it."""
 COLLINEAR: Final = 100.0
 """Variance inflation factor above which a regressor counts as collinear with the others."""
 
