@@ -71,7 +71,7 @@ def write_simulated(
 
 def _of_no_effect(profiles: Profiles) -> list[str]:
     """What the aircraft's profile asks for and this rig or this air does not have."""
-    aircraft, flight, said = profiles.aircraft, profiles.card.flight, []
+    aircraft, flight, said = profiles.flown, profiles.card.flight, []
     if aircraft.second_vane and aircraft.second_vane.averaged and not elsewhere(profiles.rig.signals, "alpha_vane"):
         said.append(AVERAGED_ALONE)
     has_gusts = bool(flight.gust_sigma or flight.turbulence or flight.gusts)
