@@ -44,7 +44,7 @@ from station.simulation import fly
 
 SIGMAS = (0, 3, 5, 10)
 BEGINS_S, GROWN_S, END_S, QUIET_S = 120.0, 420.0, 600.0, 1200.0
-MONITORED = ("airspeed", "dynamic_pressure", "ax", "az", "thrust", "mass")
+MONITORED = ("airspeed", "dynamic_pressure", "ax", "az", "q", "elevator", "thrust", "mass")
 STATUSES = list(Status)
 
 
