@@ -164,8 +164,9 @@ class _Disagreement:
 
     def _sideways(self, x: Mapping[str, Array]) -> float:
         pressure = x.get("dynamic_pressure")
-        if pressure is None and "airspeed" in x:
-            pressure = 0.5 * _density(x, self._aircraft) * x["airspeed"] ** 2
+        if pressure is None and "airspeed" in self._x:
+            # As recorded: a speed in knots would excuse another aircraft's profile.
+            pressure = 0.5 * _density(self._x, self._aircraft) * self._x["airspeed"] ** 2
         return _logs(lateral_signs.relations(x, self._dt, self._aircraft, pressure, self._history))
 
 
