@@ -358,3 +358,5 @@ LONGITUDINAL: Final = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 LONGITUDINAL_BODY: Final = ("CZ_alpha", "CZ_q", "CZ_de", "Cm_alpha", "Cm_q", "Cm_de")
 LATERAL: Final = tuple(f"{c}_{x}" for c in ("CY", "Cl", "Cn") for x in ("beta", "p", "r", "da", "dr"))
 """Derivatives, per radian; rates normalised as q c/2V, p b/2V, r b/2V with the true airspeed of the instant."""
+DRAG: Final = "drag"
+"""Source of events on the watch of drag alone; "aircraft" is that of all that is watched against a baseline."""

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 from scipy.stats import norm
 
-from station.conventions import LONGITUDINAL, SIGNAL_INDEX, TICK_HZ
+from station.conventions import DRAG, LONGITUDINAL, SIGNAL_INDEX, TICK_HZ
 from station.estimation.drag_watch import FALSE_ALARM_H, DragWatch
 from station.model.airframe_error import relative_errors
 from station.model.change_patterns import in_words, matches, patterns
@@ -29,8 +29,6 @@ from station.profile import Aircraft
 from station.rows import AlphaEstimate, Code, Event, Frame, MethodEstimate, ParamEstimate, Status
 
 SOURCE: Final = "aircraft"
-DRAG: Final = "drag"
-"""Source of what is said of the watch of drag alone."""
 _CONTINUOUS: Final = 4.0
 """Looks that continuous watching counts for in each time constant of what is forgotten."""
 HELD_TICKS: Final = 5 * TICK_HZ

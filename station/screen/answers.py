@@ -12,8 +12,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from station.conventions import LATERAL, TICK_HZ, from_si
-from station.estimation.change_monitor import DRAG
+from station.conventions import DRAG, LATERAL, TICK_HZ, from_si
 from station.flight.board import Board
 from station.flight.guide import Guide, Phase
 from station.rows import LEVELS, MISSED_SHARE, AlphaEstimate, Code, Level, ParamEstimate, Status, StreamHealth
