@@ -39,6 +39,7 @@ from station.conventions import G0, ned_from_body
 from station.numerics.gauss_markov import whitened
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 KNOT_S: Final = 60.0
 """Between two knots of the wind."""
@@ -82,7 +83,8 @@ ROWS: Final = ("airspeed", "dynamic_pressure", "alpha_vane", "beta_vane", "ax", 
 @dataclass(frozen=True, slots=True)
 class Blocks:
     """Block means (n,) of recordings one after the other. `columns`: signals of SIGNALS, and "v_north_dot",
-    "v_east_dot" and "v_down_dot"; `density`, kg/m3."""
+    "v_east_dot" and "v_down_dot"; velocity over ground by the means of its size and of its track; "swept": standard
+    deviation of the heading within the block; `density`, kg/m3."""
 
     time: Array
     """s, increasing; a day's recordings on one axis."""
@@ -139,6 +141,16 @@ class Steady:
         c = self.covariance
         variance = c[i, i] + 2 * off * c[i, j] + off**2 * c[j, j]
         return self.values[i] + self.values[j] * off, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _at_mean_heading(ground: Complex, wind: Complex, swept: Array) -> Complex:
+    """Velocity over ground, north + i east, at a block's mean heading, by the means of its size and track in the block:
+    in a turn these are not those of the mean heading, for the wind does not turn. To second order in `swept`."""
+    air = ground - wind
+    turned = [air * np.exp(side * 1j * swept) + wind for side in (1, -1)]
+    longer = np.mean([np.abs(g) for g in turned], axis=0) / np.abs(ground) - 1.0
+    aside = np.mean([np.angle(g / ground) for g in turned], axis=0)
+    return np.asarray(ground * (1.0 - longer) * np.exp(-1j * aside))
 
 
 def headed(air: Array, bank: Array, pitch: Array, side: Array) -> Array:
@@ -232,7 +244,9 @@ class _Problem:
         """Speed and flow angles through the air (n,), and the turn from body axes (n, 3, 3)."""
         c, p = self.blocks.columns, dict(zip(self.names, x, strict=False))
         wind = self.wind(x)
-        air = np.stack([c["v_north"] - wind[:, 0], c["v_east"] - wind[:, 1], c["v_down"]], axis=1)
+        drift = wind[:, 0] + 1j * wind[:, 1]
+        level = _at_mean_heading(c["v_north"] + 1j * c["v_east"], drift, c["swept"]) - drift
+        air = np.stack([level.real, level.imag, c["v_down"]], axis=1)
         bank, pitch = c["phi"] - p["phi_zero"], c["theta"] - p["theta_zero"]
         if self.has_heading:
             heading = c["psi"] - p["psi_zero"]

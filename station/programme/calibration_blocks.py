@@ -235,6 +235,9 @@ def _blocks(record: FlightRecord) -> tuple[Array, dict[str, Array], list[str]]:
     made["v_east_dot"] = faster * np.sin(way) + speed * turning * np.cos(way)
     made["v_down_dot"] = down
     made["track"], made["turning"] = way, turning
+    phi, theta = motion["phi"][rows], motion["theta"][rows]
+    yawing = (motion["q"][rows] * np.sin(phi) + motion["r"][rows] * np.cos(phi)) / np.cos(theta)
+    made["swept"] = np.std(np.cumsum(yawing, axis=1) * dt, axis=1)
     if not np.isfinite(made["density"]).all():
         made["density"] = np.full(len(rows), np.nan)
         made.pop("dynamic_pressure", None)

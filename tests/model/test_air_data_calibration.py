@@ -43,6 +43,7 @@ def flown(seed: int) -> Blocks:
         "az": -G0 * np.cos(alpha) + 0.01 * rng.standard_normal(n),
         **dict.fromkeys(("phi", "p", "q", "r", "v_down", "v_north_dot", "v_east_dot", "v_down_dot"), still),
     }
+    columns["swept"] = still
     runs = np.repeat(airspeed.reshape(-1, RUN).mean(axis=1), RUN)
     whole = np.ones(n, dtype=bool)
     return Blocks(np.arange(n) * BLOCK_S, columns, np.full(n, 1.2), whole, runs)
