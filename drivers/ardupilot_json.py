@@ -84,7 +84,7 @@ class ArdupilotJson:
             if outputs is None:
                 why = f"no servo packet ({' or '.join(str(m) for m in OUTPUTS)})"
             else:
-                why = f"a servo packet of that has {outputs} outputs, {_HEAD.size + 2 * outputs} bytes"
+                why = f"a servo packet of that magic has {outputs} outputs, {_HEAD.size + 2 * outputs} bytes"
             self._told.append((Code.FOREIGN, f"passed over: {len(datagram)} bytes of magic {magic}: {why}"))
         return False
 

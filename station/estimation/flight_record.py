@@ -48,7 +48,6 @@ LEAST_S: Final = 2.0
 """its length,"""
 LEAST_SHARE: Final = 0.5
 """and the share of its rows that must have a gust."""
-BEYOND_TABLE: Final = "the engine's table says nothing of"
 LEAST_ROWS: Final = 10
 
 
@@ -108,11 +107,11 @@ class FlightRecord:
         airframe = _airframe(aircraft, motion.get("mass"), extra, len(grid) == len(t_s))
         alpha, beta = flow_angles(motion, aircraft)
         lacking = ""
-        if "thrust" not in motion and (push := _by_engine(aircraft, motion, remarks)) is not None:
-            motion["thrust"] = push
         if "thrust" not in motion:
-            motion["thrust"] = _thrust(motion, airframe, aircraft, alpha, usable, remarks)
-            lacking = _beyond_table(remarks) or "thrust is not recorded"
+            push = _by_engine(aircraft, motion, remarks)
+            if isinstance(push, str):
+                lacking, push = push, _thrust(motion, airframe, aircraft, alpha, usable, remarks)
+            motion["thrust"] = push
         return cls(
             t_s=grid,
             dt=dt,
@@ -273,26 +272,22 @@ def _thrust(
     return np.full(len(alpha), mean)
 
 
-def _by_engine(aircraft: Aircraft, motion: Mapping[str, Array], remarks: list[str]) -> Array | None:
-    """N, by the profile's engine where its setting is recorded; where it says nothing, what it last said."""
+def _by_engine(aircraft: Aircraft, motion: Mapping[str, Array], remarks: list[str]) -> Array | str:
+    """N, by the profile's engine where its setting is recorded; where it says nothing, what it last said. Or why there
+    is none."""
     push = thrust_by_engine(aircraft, motion)
     if push is None or aircraft.engine is None:
-        return None
+        return "thrust is not recorded"
     good = np.isfinite(push)
     if good.mean() < LEAST_SHARE:
-        remarks.append(f"{BEYOND_TABLE} {1 - good.mean():.0%} of the record: it is not used")
-        return None
+        remarks.append(f"the engine's table says nothing of {1 - good.mean():.0%} of the record: it is not used")
+        return remarks[-1]
     if not good.all():
         remarks.append(f"the engine's table is exceeded in {1 - good.mean():.0%} of the record: thrust held there")
         push = push[good][np.maximum(np.cumsum(good) - 1, 0)]
     share = 100 * aircraft.engine.uncertainty
     remarks.append(f"thrust by the profile's engine: {np.mean(push):.0f} N on average, known to {share:.2g} %")
     return push
-
-
-def _beyond_table(remarks: list[str]) -> str:
-    """What `_by_engine` says of a table that it does not use."""
-    return next((words for words in remarks if words.startswith(BEYOND_TABLE)), "")
 
 
 def _airframe(aircraft: Aircraft, mass: Array | None, extra: Mapping[str, Array] | None, same_grid: bool) -> Airframe:

@@ -38,8 +38,8 @@ ROWS: Final = 4
 FLOWN_HZ: Final = (0.1, 2.5)
 """Below, trim and drift rule; above, no rigid aircraft follows its surfaces."""
 MOSTLY: Final = 0.5
-"""Share of a motion that may be the gusts'. Flights with inputs leave 0.01 (calm) to 0.3 (10 ft/s), those left to the
-leveller of their wings 0.5 to 0.8."""
+"""Share of a motion that may be the gusts'. Flights with inputs leave 0.01 (calm) to 0.3 (10 ft/s), those that
+a wing leveller flies alone 0.5 to 0.8."""
 
 
 class Shown(NamedTuple):
@@ -90,7 +90,12 @@ def input_history(
     whole = {name: np.interp(record.t_s, record.t_s[good], record.motion[name][good]) for name in moved}
     history = np.column_stack([np.interp(record.t_s - s, record.t_s, u) for u in whole.values() for s in late])[good]
     history = np.column_stack([history - history.mean(axis=0), np.ones(good.sum())])
-    # Of inputs in a band the values in between say little that is new: rounding is left out.
+    return spanned(history)
+
+
+def spanned(history: Array) -> Array:
+    """An orthonormal basis (rows, at most columns) of what the columns span. Of inputs in a band the values in between
+    say little that is new: rounding is left out."""
     basis, size, _ = np.linalg.svd(history, full_matrices=False)
     return np.asarray(basis[:, size > size[0] * ROUNDING])
 
@@ -104,7 +109,8 @@ def is_flown(record: FlightRecord, surfaces: Collection[str], answer: str) -> bo
     if not moved or good.sum() < ROWS * len(late) * len(moved):
         return False
     low, high = FLOWN_HZ
-    band = butter(2, (low, min(high, 0.4 / record.dt)), "bandpass", fs=1 / record.dt, output="sos")
+    # Of slow records up to four fifths of what they can show: a filter has to end below that.
+    band = butter(2, (low, min(high, 0.8 * 0.5 / record.dt)), "bandpass", fs=1 / record.dt, output="sos")
     times = record.t_s[good]
 
     def shown(name: str, later_s: float) -> Array:

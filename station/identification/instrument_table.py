@@ -97,10 +97,9 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
     boom = record.aircraft.boom
     arm = (boom.vane_x, boom.vane_y, boom.vane_z) if boom else (0.0, 0.0, 0.0)
     moving = {n: x for n, x in motion.items() if n in ANGLES or np.ptp(x[good]) > 0}
-    # Where nothing is flown, yaw answers the gusts that the vane shows: its row then has no fair regressor.
+    # Where nothing is flown, yaw answers the gusts that the vane shows, which looks like a lag and a scale of its own.
     is_recorded = all(record.has(n) for n in LATERAL_SURFACES)
-    if gusted := is_recorded and "beta_vane" in moving and not is_flown(record, LATERAL_SURFACES, "beta_vane"):
-        del moving["beta_vane"]
+    gusted = is_recorded and "beta_vane" in moving and not is_flown(record, LATERAL_SURFACES, "beta_vane")
     try:
         found = solve(moving, record.dt, arm, spans, 1 / boom.steady_calibration if boom else 1.0)
     except NotIdentifiable as why:
@@ -113,8 +112,9 @@ def instrument_table(record: FlightRecord) -> InstrumentTable | str:
         stated = {"alpha_vane": {"zero": boom.zero, "scale": 1 / boom.steady_calibration, **late}, "beta_vane": late}
     rows = []
     for n in (n for n in present if n in (REFERENCE, ROLL) or np.ptp(motion[n][good]) > 0):
-        none = GUSTED if gusted and n == "beta_vane" else ""
-        parts = {kind: found.values.get((n, kind), Value(np.nan, np.nan, none or _why(n, kind))) for kind in KINDS}
+        parts = {kind: found.values.get((n, kind), Value(np.nan, np.nan, _why(n, kind))) for kind in KINDS}
+        if gusted and n == "beta_vane":
+            parts |= dict.fromkeys(("lag", "scale"), Value(np.nan, np.nan, GUSTED))
         against = () if parts["lag"].why == REFERENCE_WHY else tuple(a for a in AGAINST[n] if a in moving)[:2]
         rows.append(Instrument(n, against, **parts, stated=stated.get(n, {})))
     return InstrumentTable(tuple(rows), found.gust_sd, found.seconds, found.high_hz)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from station.conventions import G0
-from station.identification.by_input import HISTORY_S, ROUNDING, ROWS, STEP_S
+from station.identification.by_input import HISTORY_S, ROWS, STEP_S, spanned
 from station.identification.relation_sides import agreement, moved, proportional, rate
 from station.profile import Aircraft
 
@@ -29,7 +29,7 @@ NEEDED: Final = frozenset(
 ) | {"dynamic_pressure"}
 """Signals of these relations."""
 ALONE: Final = frozenset({*SURFACES, "psi", "ay"})
-"""Signals of no others."""
+"""Signals of no relation but these."""
 WITHIN: Final = 4.0
 """Of aircraft of one size, derivatives over their inertia differ less than this, and a profile's from the aircraft's;
 the square root of 57, degrees for radians, is more."""
@@ -147,5 +147,4 @@ def surface_history(x: Mapping[str, Array], dt: float) -> Array | None:
             made += [moved(np.interp(t - s, t, x[name] / np.ptp(x[name])), dt)[::every] for s in late]
     if not made or len(made[0]) < ROWS * len(made):
         return None
-    basis, size, _ = np.linalg.svd(np.column_stack(made), full_matrices=False)
-    return np.asarray(basis[:, size > size[0] * ROUNDING])
+    return spanned(np.column_stack(made))

@@ -210,17 +210,12 @@ def matches(changes: Mapping[str, tuple[float, float]], known: tuple[Pattern, ..
         return []
     at = [NAMES.index(n) for n in names]
     d, s = np.array([changes[n][0] for n in names]), np.array([changes[n][1] for n in names])
-    # What ice may make otherwise: of drag a share of it, of CL_0 as much as of the slope.
-    doubts = np.zeros((len(known), len(names)))
-    for k, p in enumerate(known):
-        if p.one_way:
-            doubts[k] = [_doubt(p, n) for n in names]
     found = []
-    for pattern, doubt in zip(known, doubts, strict=True):
+    for pattern in known:
         shares = pattern.shares[at]
         if not np.any(shares):
             continue
-        amount, error, allowed = _fitted(pattern, shares, d, s, doubt)
+        amount, error, allowed = _fitted(pattern, shares, d, s, np.array([_doubt(pattern, n) for n in names]))
         left = float(np.sum(((d - amount * shares) / allowed) ** 2))
         found.append(Match(pattern, amount, error, left, float(chi2.sf(left, max(1, len(names) - 1)))))
     # Those that fit alike in the order of `known`, so that what is said first does not flutter.
@@ -229,10 +224,13 @@ def matches(changes: Mapping[str, tuple[float, float]], known: tuple[Pattern, ..
 
 
 def _doubt(pattern: Pattern, name: str) -> float:
-    """Of a change by ice, of one: standard deviation of what it makes of CD_0 and CL_0."""
+    """Standard deviation of what an amount of one makes otherwise of CD_0, a share of it, and of CL_0, as much as of
+    the slope; of what has either sign, a CG or a vane, the physics leaves none."""
+    if not pattern.one_way or name not in ("CD_0", "CL_0"):
+        return 0.0
     if name == "CD_0":
         return DRAG_DOUBT * float(pattern.shares[-2])
-    return abs(float(pattern.shares[LONGITUDINAL.index("CL_alpha")])) if name == "CL_0" else 0.0
+    return abs(float(pattern.shares[LONGITUDINAL.index("CL_alpha")]))
 
 
 def _fitted(pattern: Pattern, shares: Array, d: Array, s: Array, doubt: Array) -> tuple[float, float, Array]:

@@ -25,7 +25,7 @@ from station.profile.aircraft import (
 )
 from station.profile.altered import AlteredAircraft, Change
 from station.profile.another_aircraft import other_sizes, unlike_recorded
-from station.profile.card import Card, Fault, Flight, Pilot, TestPoint
+from station.profile.card import SIMULATION_HZ, Card, Fault, Flight, Pilot, TestPoint
 from station.profile.channel import Channel
 from station.profile.declared import NOTHING, DeclaredSignal, Derived, DerivedSignal, Further, elsewhere
 from station.profile.expression import Formula, FormulaError, why_none
@@ -102,6 +102,7 @@ __all__ = [
     "NO_BOOM",
     "PAIRS",
     "PROBE",
+    "SIMULATION_HZ",
     "Actuator",
     "Aircraft",
     "AlteredAircraft",

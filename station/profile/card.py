@@ -153,8 +153,8 @@ class TestPoint(Frozen):
         return self
 
 
-PILOT_HZ: Final = 200
-"""Steps a second of the simulation, of which a pilot's delay is a whole number."""
+SIMULATION_HZ: Final = 200
+"""Steps a second of a simulated flight; a pilot's delay is a whole number of them."""
 
 
 class Pilot(Frozen):
@@ -223,12 +223,12 @@ class Pilot(Frozen):
     def _can_be_flown(self, info: ValidationInfo) -> Self:
         if info.context == SI_NUMBERS:  # as a recording was flown, it is read
             return self
-        steps = self.delay * PILOT_HZ
+        steps = self.delay * SIMULATION_HZ
         if not math.isclose(steps, round(steps), abs_tol=1e-6):
             raise PydanticCustomError(
                 "pilot",
                 "delay: {ms} ms is no multiple of 5 ms, the simulation's step; write {near} ms",
-                {"ms": f"{1e3 * self.delay:g}", "near": f"{round(steps) * 1000 // PILOT_HZ}"},
+                {"ms": f"{1e3 * self.delay:g}", "near": f"{round(steps) * 1000 // SIMULATION_HZ}"},
             )
         of_a_human = [name for name in ("neuromuscular", "remnant") if getattr(self, name)]
         if of_a_human and not self.flies:

@@ -252,8 +252,8 @@ def field_start(behind: float) -> int:
 
 
 def points_missing(low: float, high: float, end: int) -> int:
-    """How many points from index `end` on a field needs to hold the air from distance `low` to `high`; none where a
-    flight that has run away is far beyond it, or nowhere that a number tells: it stays in the last of the air."""
+    """How many points from index `end` on a field needs to hold the air from distance `low` to `high`; none where
+    that distance is NaN or far beyond it: a flight that has run away stays in the air there is."""
     return math.ceil(high / STEP) + 3 - end if low / STEP < end + _AWAY else 0
 
 

@@ -15,12 +15,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from station.conventions import G0, TICK_HZ
-from station.profile import Pilot
+from station.profile import SIMULATION_HZ, Pilot
 from station.simulation.sensors import STANDARD
 
 Array = NDArray[np.float64]
 
-RATE_HZ: Final = 200
+RATE_HZ: Final = SIMULATION_HZ
 """Of the simulation's steps, where nothing from outside is in its loop."""
 HEIGHT_NOISE: Final = 0.3
 """Standard deviation of the height that it measures, m: a barometric altimeter's, filtered."""

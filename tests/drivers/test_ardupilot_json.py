@@ -168,8 +168,8 @@ def test_what_is_wrong_with_a_packet_is_said() -> None:
     session.feed(packet(0, {}, outputs=32)[:-2], 120 * S)
     assert [words for _, words in session.told()] == [
         "passed over: 40 bytes of magic 12345: no servo packet (18458 or 29569)",
-        "passed over: 35 bytes of magic 18458: a servo packet of that has 16 outputs, 40 bytes",
-        "passed over: 70 bytes of magic 29569: a servo packet of that has 32 outputs, 72 bytes",
+        "passed over: 35 bytes of magic 18458: a servo packet of that magic has 16 outputs, 40 bytes",
+        "passed over: 70 bytes of magic 29569: a servo packet of that magic has 32 outputs, 72 bytes",
     ]
 
 

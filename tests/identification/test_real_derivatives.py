@@ -4,6 +4,7 @@ estimated, and what a record cannot show is not. tests/benchmarks/real_derivativ
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -153,7 +154,8 @@ def test_a_vane_half_a_second_late_takes_the_rate_derivatives_with_it(tmp_path: 
         given = {p.name: p for p in found.methods[method].parameters}
         assert all(holds(given[n], known[n]) for n in LONGITUDINAL)
         assert "CL_q" not in estimated(found, method)
-    assert any("alpha_vane 5" in r and "late" in r and "elevator" in r for r in found.remarks)
+    # Of a record of 20 s the lift tells the vane's lag, at the least; its lift is later than the angle itself.
+    assert any(re.search(r"alpha_vane [345]\d\d ms late", r) and "elevator" in r for r in found.remarks)
 
 
 @pytest.mark.slow
