@@ -15,8 +15,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from station.conventions import G0, SIGNAL_INDEX, TICK_HZ
-from station.model.steady_lift import SteadyLift
+from station.conventions import SIGNAL_INDEX, TICK_HZ
+from station.model.steady_lift import SteadyLift, level_lift, outside
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Frame
 
@@ -33,6 +33,8 @@ LEAST_SIGMA: Final = 0.25
 FIRST_SIGMA: Final = 0.5
 FIRST_BLOCKS: Final = 6
 """The scatter that is taken before it is seen, of DRAG_TOLD, and how many means it counts for."""
+FIRST_LIFT_SIGMA: Final = 0.005
+"""As that, of CL_0: 0.05 deg in the mean angle of attack, four times what gusts of 10 ft/s were seen to make."""
 SEEN_BLOCKS: Final = 30
 """Over which the scatter is seen."""
 RECENT_BLOCKS: Final = 3
@@ -53,6 +55,23 @@ def limit_of_sum(shift: float, blocks: float) -> float:
     return max(float(brentq(excess, 1e-6, 40.0 / max(2 * shift, 1e-3))) - 1.166, 0.1)
 
 
+class Scatter:
+    """The variance of means by how they differ one from the next (von Neumann et al. 1941): what changes slowly is not
+    in it."""
+
+    def __init__(self, first: float) -> None:
+        """`first`: the standard deviation taken before it is seen."""
+        self.variance = first**2
+        self._counts = FIRST_BLOCKS
+        self._last = math.nan
+
+    def see(self, mean: float) -> None:
+        if math.isfinite(mean - self._last):
+            self.variance += (0.5 * (mean - self._last) ** 2 - self.variance) / min(self._counts, SEEN_BLOCKS)
+            self._counts += 1
+        self._last = mean
+
+
 class DragWatch:
     """CD_0 against the baseline's."""
 
@@ -64,22 +83,20 @@ class DragWatch:
         self._cos, self._sin = math.cos(aircraft.thrust_angle), math.sin(aircraft.thrust_angle)
         self._induced = aircraft.drag.induced if aircraft.drag else 0.0
         self._doubt = aircraft.uncertainty.induced_drag * self._induced
-        speeds = (measured.lowest_speed, measured.highest_speed) if measured else (1.0, 1.0)
-        self._speeds = (min(speeds), max(speeds))
         self._aircraft = aircraft
         self._lift_base = (measured.CL_0, measured.CL_0_sd) if measured and measured.CL_0 else None
         self._lift_limit = float(norm.isf(0.5 * RECENT_BLOCKS * BLOCK_S / (FALSE_ALARM_H * 3600)))
         self._clear()
-        self._last = math.nan
-        step = (self._base or 0.0) * DRAG_TOLD
-        self._step = step
-        self._variance = (FIRST_SIGMA * step) ** 2
-        self._blocks = FIRST_BLOCKS
+        self._step = (self._base or 0.0) * DRAG_TOLD
+        self._scatter = Scatter(FIRST_SIGMA * self._step)
+        self._lift_scatter = Scatter(FIRST_LIFT_SIGMA)
         self.cumulated = 0.0
         self.limit = math.inf
         self._recent: list[float] = []
         self._lifts: list[SteadyLift] = []
         self._by_lift = 0.0
+        self._outside = 0.0
+        """Of the lift that the baseline had, the newest mean's."""
         self.means = 0
         """Of drag, so far."""
         self._without = ""
@@ -99,7 +116,7 @@ class DragWatch:
         """Relative, with its standard error, told or not: that drag has not risen tells one change from another too."""
         if not self._recent or not self._base:
             return None
-        error = math.sqrt(self._variance / len(self._recent)) + 0.5 * self._allowed + abs(self._by_lift)
+        error = math.sqrt(self._scatter.variance / len(self._recent)) + 0.5 * self._allowed + abs(self._by_lift)
         return float(np.mean(self._recent)) / self._base - 1.0, error / self._base
 
     @property
@@ -107,7 +124,7 @@ class DragWatch:
         """CD_0 of the last means and its standard error, without the baseline's; None before there is one."""
         if not self._recent:
             return None
-        random = math.sqrt(self._variance / len(self._recent))
+        random = math.sqrt(self._scatter.variance / len(self._recent))
         return float(np.mean(self._recent)), math.hypot(random, self._by_lift)
 
     @property
@@ -124,8 +141,9 @@ class DragWatch:
         values = np.array([x.at_zero(self._aircraft) for x in self._lifts])
         if not np.isfinite(values).all():
             return None
-        scatter = float(np.std(values, ddof=1)) / math.sqrt(len(values))
-        error = math.hypot(scatter, self._lifts[-1].by_mass(self._aircraft), base[1])
+        newest = self._lifts[-1]
+        shares = newest.by_mass(self._aircraft), newest.by_slope(self._aircraft, self._outside)
+        error = math.hypot(math.sqrt(self._lift_scatter.variance / len(values)), *shares, base[1])
         return float(np.mean(values)) / base[0] - 1.0, error / abs(base[0])
 
     @property
@@ -161,9 +179,16 @@ class DragWatch:
             if self._count > 0.5 * self._ticks:
                 self.lacking = ""
                 n = self._count
-                mean = SteadyLift(self._lift / n, self._alpha / n, self._rate / n, self._elevator / n, self._has_mass)
+                mean = SteadyLift(
+                    self._lift / n,
+                    self._alpha / n,
+                    self._rate / n,
+                    self._elevator / n,
+                    self._has_mass,
+                    2 * self._pressure / n,
+                )
                 self._lifts = [*self._lifts[1 - RECENT_BLOCKS :], mean]
-                self._block(self._sum / n, mean.lift, 2 * self._pressure / n)
+                self._block(self._sum / n, mean)
             else:
                 self.lacking = self._without or "no dynamic pressure"
                 # What drag was tells nothing of a change that comes while it is not seen.
@@ -182,28 +207,20 @@ class DragWatch:
         self._count = self._ticks = 0
         self._has_mass = False
 
-    def _block(self, drag: float, lift: float, density: float) -> None:
-        """A mean of BLOCK_S: CD_0, CL, and the air's density."""
+    def _block(self, drag: float, mean: SteadyLift) -> None:
+        """A mean of BLOCK_S: CD_0, and the lift."""
         assert self._base is not None
-        if math.isfinite(self._last):
-            seen = 0.5 * (drag - self._last) ** 2
-            weight = 1.0 / min(self._blocks, SEEN_BLOCKS)
-            self._variance += weight * (seen - self._variance)
-            self._blocks += 1
-        self._last = drag
-        sigma = max(math.sqrt(self._variance), LEAST_SIGMA * self._step)
+        self._scatter.see(drag)
+        self._lift_scatter.see(mean.at_zero(self._aircraft))
+        sigma = max(math.sqrt(self._scatter.variance), LEAST_SIGMA * self._step)
         shift = 0.5 * self._step / sigma
         self.limit = limit_of_sum(shift, FALSE_ALARM_H * 3600 / BLOCK_S)
-        self._by_lift = self._of_lift(lift, density)
+        low, high = level_lift(self._aircraft, mean.density)
+        self._outside = outside(mean.lift, (low, high))
+        # What the doubt of the induced drag makes of a lift that the baseline did not have.
+        end = high if mean.lift > high else low
+        self._by_lift = self._doubt * abs(mean.lift**2 - end**2) if self._outside else 0.0
         excess = (drag - self._base - self._allowed - self._by_lift) / sigma
         self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
         self._recent = [*self._recent[1 - RECENT_BLOCKS :], drag]
         self.means += 1
-
-    def _of_lift(self, lift: float, density: float) -> float:
-        """What the doubt of the induced drag makes of a lift coefficient that the baseline did not have."""
-        if not math.isfinite(density) or density <= 0:
-            return 0.0
-        slow, fast = (self._mass * G0 / (0.5 * density * v * v * self._area) for v in self._speeds)
-        beyond = max(lift - slow, fast - lift, 0.0)
-        return self._doubt * beyond * (lift + slow)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from station.conventions import G0
 from station.profile import Aircraft
 
 
@@ -27,6 +28,8 @@ class SteadyLift(NamedTuple):
     """q c/2V"""
     elevator: float
     mass_recorded: bool = False
+    density: float = math.nan
+    """Of the air, kg/m^3."""
 
     def at_zero(self, aircraft: Aircraft) -> float:
         """CL_0 with the profile's slopes; NaN where a signal is missing."""
@@ -37,3 +40,29 @@ class SteadyLift(NamedTuple):
         """Standard deviation of CL by what the mass may have changed since another flight: fuel and load."""
         u = aircraft.uncertainty
         return (u.recorded_mass if self.mass_recorded else u.mass) * abs(self.lift)
+
+    def by_slope(self, aircraft: Aircraft, outside: float) -> float:
+        """Standard deviation of CL_0 by the slope's own, `outside` of the lift at which the baseline's was told: there
+        an error of the slope is in both."""
+        slope = aircraft.derivatives.get("CL_alpha")
+        return outside * abs(_share(slope.sd or 0.0, slope.value)) if slope else 0.0
+
+
+def outside(lift: float, between: tuple[float, float]) -> float:
+    """How far a lift coefficient is from those between a least and a largest; 0 among them."""
+    return max(lift - between[1], between[0] - lift, 0.0)
+
+
+def level_lift(aircraft: Aircraft, density: float) -> tuple[float, float]:
+    """The least and the largest CL of level flight at the speeds of a measured baseline, in air of a density, kg/m^3;
+    all there are where either is unknown."""
+    measured = aircraft.measured
+    if measured is None or not density > 0:
+        return -math.inf, math.inf
+    load = aircraft.inertia.mass * G0 / (0.5 * density * aircraft.geometry.wing_area)
+    speeds = measured.lowest_speed, measured.highest_speed
+    return load / max(speeds) ** 2, load / min(speeds) ** 2
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole else 0.0

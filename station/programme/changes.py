@@ -16,6 +16,7 @@ from station.conventions import LONGITUDINAL
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, without_airframe_errors
 from station.model.energy_drag import FEWEST, WINDOW_S
+from station.model.steady_lift import level_lift, outside
 from station.numerics.random_effects import NORMAL_95, Pooled, pooled
 from station.profile import Aircraft
 from station.programme.flown_points import FlownPoint
@@ -48,7 +49,9 @@ class Baseline:
     drag: Pooled | None = None
     """CD_0, where its points have it."""
     lift: Pooled | None = None
-    """CL_0, with the slopes of the profile that the points are identified with."""
+    """CL_0, with the slopes of the profile that the points are identified with,"""
+    lifts: tuple[float, float] | None = None
+    """and between which CL that is, where it is of points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +118,10 @@ def baseline_of(points: Iterable[FlownPoint], aircraft: Aircraft) -> Baseline:
         methods = sorted({recommended(p) or "" for p in used})
         drags = [p.drag for p in used if p.drag is not None and p.drag.error > 0]
         drag = pooled([d.value for d in drags], [d.error for d in drags]) if drags else None
-        lift = lift_of(used, aircraft)
-        return Baseline(values, tuple(p.title for p in used), "points", ", ".join(methods), drag, lift)
+        known = [p.drag.lift.lift for p in used if p.drag is not None and p.drag.lift is not None]
+        lifts = (min(known), max(known)) if known else None
+        titles = tuple(p.title for p in used)
+        return Baseline(values, titles, "points", ", ".join(methods), drag, lift_of(used, aircraft), lifts)
     measured = aircraft.measured
     drag = Pooled(measured.CD_0, measured.CD_0_sd, math.nan, 1) if measured and measured.CD_0 is not None else None
     lift = Pooled(measured.CL_0, measured.CL_0_sd, math.nan, 1) if measured and measured.CL_0 is not None else None
@@ -177,11 +182,14 @@ def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
 
 
 def lift_change(point: FlownPoint, baseline: Baseline, aircraft: Aircraft) -> Change:
-    """Of CL_0, which a vane's zero moves and ice hardly does; its error is that of the mass: fuel and load."""
+    """Of CL_0, which a vane's zero moves and ice hardly does; its error is that of the mass, fuel and load, and of the
+    slope where the baseline was flown at another lift."""
     if point.drag is None or point.drag.lift is None:
         return _unknown(drag_change(point, baseline).why or "elevator or pitch rate is missing")
     lift = point.drag.lift
-    error = math.hypot(lift.by_mass(aircraft), LIFT_ERROR)
+    between = baseline.lifts or level_lift(aircraft, lift.density)
+    by_slope = lift.by_slope(aircraft, outside(lift.lift, between))
+    error = math.hypot(lift.by_mass(aircraft), by_slope, LIFT_ERROR)
     return change_of(ParamEstimate("CL_0", lift.at_zero(aircraft), error, Status.ESTIMATED, ""), baseline.lift)
 
 

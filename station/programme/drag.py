@@ -51,4 +51,5 @@ def _lift(
         return None
     rate = motion["q"][good] * record.airframe.chord / (2 * motion["airspeed"][good])
     alpha, elevator = float(np.mean(record.alpha[good])), float(np.mean(motion["elevator"][good]))
-    return SteadyLift(float(np.mean(lift)), alpha, float(np.mean(rate)), elevator, record.has("mass"))
+    density = float(np.mean(2 * motion["dynamic_pressure"][good] / motion["airspeed"][good] ** 2))
+    return SteadyLift(float(np.mean(lift)), alpha, float(np.mean(rate)), elevator, record.has("mass"), density)

@@ -201,6 +201,20 @@ def test_ice_moves_no_vane() -> None:
     assert "vane" not in said[-1].detail
 
 
+def test_a_slope_that_is_off_is_no_vane_at_another_speed() -> None:
+    """A baseline at 76 m/s whose CL_alpha is 1.7 of its sds off: 3 deg more angle of attack at 56.6 m/s, times 0.5, is
+    -0.026 of CL_0, as of a vane 0.26 deg off; at the baseline's own speed that is no slope's doing."""
+    for speed, is_told in ((76.0, False), (SPEED, True)):
+        zero = level_lift() - 5.66 * ALPHA - 0.608 * -0.02 + 0.026
+        own = aircraft(CL_0=zero, CL_0_sd=0.002, lowest_speed=speed, highest_speed=speed)
+        doubted = own.derivatives["CL_alpha"].model_copy(update={"sd": 0.3})
+        own = own.model_copy(update={"derivatives": {**own.derivatives, "CL_alpha": doubted}})
+        monitor, said = ChangeMonitor(own, 120.0), []
+        for frame, alpha in flight([0.04] * 18):
+            said += monitor.step(shows(frame, q=0.0, elevator=-0.02, mass=4962.0), alpha, of_physical({}))
+        assert bool(said) is is_told, speed
+
+
 def of_physical(values: dict[str, float], sd: float = 0.005) -> tuple[MethodEstimate, ...]:
     own = load_aircraft("twin_otter")
     parameters = tuple(
