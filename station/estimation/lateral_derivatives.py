@@ -250,7 +250,7 @@ class Lateral:
             "II": self._judge(steady.fitted, steady.r2, blocked[0], *made[0], models[0]),
             "split": self._judge(split.fitted, split.r2, blocked[1], still, noise, models[1]),
             # Noise of the motion is not in its instruments; that of a surface is.
-            "split+gust": self._judge(shown, r2, refused, still, noise * OF_SURFACES, by_sidewash),
+            "split+gust": self._judge(shown, r2, refused, still, noise * OF_SURFACES, by_sidewash, may_leave=True),
         }
 
     @staticmethod
@@ -290,10 +290,12 @@ class Lateral:
         return Status.ESTIMATED, ""
 
     def _judge(
-        self, of: Fitted, r2s: Array, blocked: tuple[Status, str], still: list[str], noise: Array, model: Array
-    ) -> tuple[ParamEstimate, ...]:
+        self, of: Fitted, r2s: Array, blocked: tuple[Status, str], still: list[str], noise: Array, model: Array, *,
+        may_leave: bool = False,
+    ) -> tuple[ParamEstimate, ...]:  # fmt: skip
         """`noise` (PARAMETERS,): its share in each regressor. `model` (3, PARAMETERS): standard deviations by the
-        model's error."""
+        model's error. `may_leave`: what else moves the aircraft, gusts across the span, is in no regressor, and the
+        standard errors say what it costs: an equation may leave the most of it."""
         if blocked[0] is Status.ESTIMATED and len(still) == len(SURFACES):
             blocked = Status.UNESTIMATED, "no aileron or rudder input"
         found: list[ParamEstimate] = []
@@ -304,7 +306,7 @@ class Lateral:
                 r2, refused = math.nan, (Status.INVALID, NO_INERTIA)
             elif math.isnan(r2) and blocked[0] is Status.ESTIMATED:
                 refused = worded(UNSOLVED)
-            elif blocked[0] is Status.ESTIMATED:
+            elif blocked[0] is Status.ESTIMATED and not may_leave:
                 refused = worded(of_equation(r2))
             if math.isnan(r2):
                 found += [ParamEstimate(n, math.nan, math.nan, *refused) for n in names]
