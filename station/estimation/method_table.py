@@ -90,12 +90,12 @@ def recommended(given: Mapping[str, int], level: str) -> str | None:
     """The method to believe first, or None.
 
     `given`: how many longitudinal derivatives each method gives that applies; `level`: of turbulence. The first that
-    gives as much as split does: after the flight ml; physical, whose profile has wing, tail and boom; split+gust where
-    there is gust energy; else split.
+    gives as much as split does, or II where nothing tells the motion apart: after the flight ml; physical, whose
+    profile has wing, tail and boom; split+gust where there is gust energy; else split.
     """
     split = given.get("split", 0)
     for own in ("ml", "physical"):
-        if 0 < given.get(own, 0) >= split:
+        if 0 < given.get(own, 0) >= (split or given.get("II", 0)):
             return own
     if level not in ("calm", "unknown") and 0 < given.get("split+gust", 0) >= split:
         return "split+gust"

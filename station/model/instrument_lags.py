@@ -125,8 +125,8 @@ def solve(
         if late.keys() == before.keys() and all(abs(late[n] - before[n]) < STEADY for n in late):
             break
         renewed, now = _Fit(motion, dt, arm, spans, upwash, mended, late).solve(motion)
-        if now >= deviance:
-            break  # it was not that
+        if now >= deviance or any(renewed.values[n, "lag"].why for n, samples in late.items() if samples):
+            break  # it was not that, or a lag taken for known is then not known
         found, deviance, before = renewed, now, late
     return found
 

@@ -32,6 +32,8 @@ def test_names_are_those_of_the_command_line_and_the_files():
         ({"split": 6, "split+gust": 5}, "severe", "split"),
         ({"split": 6, "split+gust": 6, "physical": 6}, "unknown", "physical"),
         ({"split": 6, "physical": 5}, "light", "split"),
+        ({"II": 4, "ml": 1}, "light", None),
+        ({"II": 4, "ml": 4}, "light", "ml"),
     ],
 )
 def test_recommended(given: dict[str, int], level: str, expected: str | None):
