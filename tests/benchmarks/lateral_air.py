@@ -29,7 +29,7 @@ from station.profile import Card, Doublet, Flight, Manoeuvre, Multisine, load_ai
 from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
 
-METHODS = ("II", "split", "split+gust", "fe", "sidpac")
+METHODS = ("II", "split", "split+gust", "oe", "fe", "sidpac")
 EXACT = {"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, "surface_scale": 0.0}
 SIGMAS = (0.0, 5.0, 10.0)
 FIELDS = ("line", "plane")

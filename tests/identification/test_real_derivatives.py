@@ -113,8 +113,11 @@ def test_attas_rudder_and_aileron_alone(name: str, tmp_path: Path) -> None:
     known = regression({k: v for k, v in of_both.items() if k in ("CY", "Cl", "Cn")})
     found = identified(attas(name), "attas", tmp_path)
     shown = {"fAttasRud1": {"CY_dr", "Cl_dr", "Cn_dr", "Cl_p"}, "fAttasAil1": {"Cl_beta", "Cl_p", "Cl_da", "Cn_beta"}}
-    for method in ("I", "II", "split", "split+gust", "fe"):
+    for method in ("I", "II", "split", "split+gust", "oe", "fe"):
         given = estimated(found, method)
+        if (name, method) == ("fAttasRud1", "oe"):  # of one motion, a Dutch roll, it finds no end, and says so
+            assert all("not converged" in p.why for p in found.methods[method].parameters if p.name in LATERAL)
+            continue
         assert shown[name] <= given.keys(), method
         assert all(holds(p, known[n]) for n, p in given.items() if n in known), method
 
@@ -126,7 +129,7 @@ def test_a_rudder_input_of_another_simulation_by_methods_that_agree(tmp_path: Pa
     found = identified(dasmat("dr3211_1", 1.0), "citation_actuated", tmp_path)
     published = {p.name: p for p in found.methods["sidpac"].parameters if p.status is Status.ESTIMATED}
     assert {"Cl_r", "Cn_r", "Cn_dr"} <= published.keys()
-    for method in ("I", "II", "split", "split+gust", "fe"):
+    for method in ("I", "II", "split", "split+gust", "oe", "fe"):
         for name, p in estimated(found, method).items():
             other = published.get(name)
             assert other is None or abs(p.value - other.value) <= CI95 * (p.sd + other.sd), (method, name)
@@ -178,11 +181,15 @@ def test_a_simulation_whose_elevator_column_is_the_actuator_s_command(tmp_path: 
 def test_process_noise_in_lateral_motion_is_filter_error_s(tmp_path: Path) -> None:
     """DHC-2 (the book's test case 2): what the record was made with, in the intervals of filter error, which live
     equation error of the rates cannot have: their process noise drowns the accelerations."""
-    found, known = identified(dhc2(), "dhc2", tmp_path, methods=("fe", "II")), known_of_dhc2()
+    found, known = identified(dhc2(), "dhc2", tmp_path, methods=("fe", "oe", "II")), known_of_dhc2()
     given = estimated(found, "fe")
     assert {"Cl_beta", "Cl_p", "Cl_r", "Cl_da", "Cn_beta", "Cn_p", "Cn_r", "Cn_dr", "CY_beta", "CY_r"} <= given.keys()
-    for p in found.methods["fe"].parameters:
-        assert p.name not in known or holds(p, known[p.name]), p.name
+    for method in ("fe", "oe"):
+        for p in found.methods[method].parameters:
+            assert p.name not in known or holds(p, known[p.name]), (method, p.name)
+    by_oe = estimated(found, "oe")  # which takes the process noise for its sensors'
+    assert {"CY_beta", "Cl_r", "Cn_dr"} <= by_oe.keys()
+    assert all(p.sd > 3 * given[n].sd for n, p in by_oe.items() if n in ("Cl_r", "Cn_dr"))
     assert not any(n.startswith(("Cl", "Cn")) for n in estimated(found, "II"))
 
 

@@ -1,16 +1,19 @@
-"""The lateral motion by filter error: roll and yaw rate integrated with process noise, all else as measured.
+"""The lateral motion by filter and output error: roll and yaw rate integrated, with process noise or without, all else
+as measured.
 
     Ixx pdot - Ixz rdot = qbar S b Cl + ...,   Izz rdot - Ixz pdot = qbar S b Cn + ...,   m ay = qbar S CY
     C = C_0 + C_beta beta + C_p p b/2V + C_r r b/2V + C_da da + C_dr dr
 
 with the gyroscopic terms of coefficients.roll_and_yaw_moment. Outputs pdot, rdot, ay, p, r. Sideslip is an input, so
-that neither bank nor the side gust that the vane shows need a model; process noise is what else moves the aircraft.
-SI, rad. Source: Jategaonkar 2015, Flight Vehicle System Identification, section 5.11.1 (test case 2).
+that neither bank nor the side gust that the vane shows need a model; process noise is what else moves the aircraft,
+which output error takes for noise of its sensors. SI, rad. Source: Jategaonkar 2015, Flight Vehicle System
+Identification, sections 4.2 (output error) and 5.11.1 (test case 2).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +22,7 @@ from numpy.typing import NDArray
 
 from station.estimation.flight_record import FlightRecord
 from station.estimation.published.filter_error import filter_error, steady_gain
-from station.estimation.published.output_error import Convergence, OutputFit
+from station.estimation.published.output_error import Convergence, OutputFit, gauss_newton
 from station.estimation.results import (
     LATERAL_FORCES,
     LATERAL_SURFACES,
@@ -36,6 +39,8 @@ from station.rows import ParamEstimate, Status
 Array = NDArray[np.float64]
 
 OUTPUTS: Final = ("pdot", "rdot", "ay", "p", "r")
+"""Of filter error; output error has no use for slopes made of the rates, and fits"""
+MEASURED: Final = ("ay", "p", "r")
 STATES: Final = 2
 TERMS: Final = 6
 """Of each coefficient: constant, sideslip, both rates, both surfaces."""
@@ -105,8 +110,33 @@ def _linear(c: Array, theta: Array, u: Array) -> tuple[Array, Array]:
 SETTLED: Final = Convergence(step=0.01, noise=1e-3, searches=30)
 
 
-def lateral_filter_error(record: FlightRecord) -> tuple[tuple[ParamEstimate, ...], OutputFit, dict[str, Any]]:
-    """The fifteen lateral derivatives, the fit, and settings. Raises NotIdentifiable."""
+@dataclass(frozen=True, slots=True)
+class _Setup:
+    """The lateral motion of a record, ready to be integrated."""
+
+    constant: Array
+    inputs: Array
+    """(n, 7)"""
+    measured: Array
+    """(n, 5)"""
+    start: Array
+    """Roll and yaw rate, (2,)."""
+    used: NDArray[np.bool_]
+    """(3, TERMS): all but those of surfaces that stand still."""
+    theta: Array
+    """(3, TERMS), by equation error,"""
+    left: Array
+    """which leaves so much of roll and yaw acceleration, (2,)."""
+
+    def filled(self, values: Array) -> Array:
+        """(3, TERMS) of the parameters that are used."""
+        made = np.zeros((3, TERMS))
+        made[self.used] = values
+        return made
+
+
+def _setup(record: FlightRecord) -> _Setup:
+    """Raises NotIdentifiable."""
     m, frame = record.motion, record.airframe
     inertia = [float(np.mean(i)) for i in (frame.ixx, frame.iyy, frame.izz, frame.ixz)]
     if not np.isfinite(inertia).all():
@@ -122,41 +152,60 @@ def lateral_filter_error(record: FlightRecord) -> tuple[tuple[ParamEstimate, ...
     slopes = [m[f"{n}dot"] if record.has(f"{n}dot") else derivative(m[n], record.dt) for n in "pr"]
     z = np.column_stack([*slopes, m["ay"], m["p"], m["r"]])
     if not (np.isfinite(z).all() and np.isfinite(inputs).all()):
-        raise NotIdentifiable("filter error needs every sample of every lateral signal")
+        raise NotIdentifiable("the lateral motion is integrated: every sample of every lateral signal is needed")
     still = [n for n in LATERAL_SURFACES if not excited(record, (n,))]
     used = np.ones((3, TERMS), dtype=bool)
     used[:, [4 + LATERAL_SURFACES.index(n) for n in still]] = False
     theta, left = _start(record, used)
-    start = smoothed_start(z[:, 3:], 2.0, record.dt)
+    return _Setup(c, inputs, z, smoothed_start(z[:, 3:], 2.0, record.dt), used, theta, left)
+
+
+Found = tuple[tuple[ParamEstimate, ...], OutputFit, dict[str, Any]]
+"""The fifteen derivatives, the fit, and settings."""
+
+
+def lateral_output_error(record: FlightRecord) -> Found:
+    """Without process noise, of the outputs MEASURED; the initial rates are estimated along. Raises NotIdentifiable."""
+    about = _setup(record)
+    count = int(about.used.sum())
+    none = np.zeros((STATES, len(OUTPUTS)))
+    at = [OUTPUTS.index(n) for n in MEASURED]
+
+    def simulate(values: Array) -> Array:
+        theta, start = about.filled(values[:count]), values[count:]
+        return _predict(about.constant, theta, none, start, about.inputs, about.measured, record.dt)[:, at]
+
+    fit = gauss_newton(simulate, about.measured[:, at], np.concatenate([about.theta[about.used], about.start]))
+    return _judged(record, fit, about.used), fit, {}
+
+
+def lateral_filter_error(record: FlightRecord) -> Found:
+    """With process noise, in all OUTPUTS. Raises NotIdentifiable."""
+    about = _setup(record)
+    c, inputs, z = about.constant, about.inputs, about.measured
+    count = int(about.used.sum())
     middle = inputs.mean(axis=0)
-    influence = np.abs(_linear(c, theta, middle)[1])
-
-    def filled(values: Array) -> Array:
-        made = np.zeros((3, TERMS))
-        made[used] = values
-        return made
-
-    count = int(used.sum())
+    influence = np.abs(_linear(c, about.theta, middle)[1])
 
     def gain(values: Array, noise: Array) -> tuple[Array, Array]:
-        a, h = _linear(c, filled(values[:count]), middle)
+        a, h = _linear(c, about.filled(values[:count]), middle)
         return steady_gain(a, h, values[count:], noise, record.dt), h
 
     def predict(values: Array, noise: Array) -> Array:
-        return _predict(c, filled(values[:count]), gain(values, noise)[0], start, inputs, z, record.dt)
+        return _predict(c, about.filled(values[:count]), gain(values, noise)[0], about.start, inputs, z, record.dt)
 
     def share(values: Array, noise: Array) -> Array:
         k, h = gain(values, noise)
         return np.diag(k @ h)
 
-    noise = z - _predict(c, theta, np.zeros((STATES, len(OUTPUTS))), start, inputs, z, record.dt)
+    noise = z - _predict(c, about.theta, np.zeros((STATES, len(OUTPUTS))), about.start, inputs, z, record.dt)
     if not np.isfinite(noise).all():
         raise NotIdentifiable("the start values do not give a finite simulation")
     # As if what equation error leaves of the angular accelerations were white.
-    amplitudes = left * math.sqrt(record.dt)
-    first = np.concatenate([theta[used], amplitudes])
+    amplitudes = about.left * math.sqrt(record.dt)
+    first = np.concatenate([about.theta[about.used], amplitudes])
     fit = filter_error(predict, share, influence, z, np.mean(noise**2, axis=0), first, count, SETTLED)
-    return _judged(record, fit, used), fit, {"process_noise_lateral": fit.estimate[count:].tolist()}
+    return _judged(record, fit, about.used), fit, {"process_noise_lateral": fit.estimate[count:].tolist()}
 
 
 def _start(record: FlightRecord, used: NDArray[np.bool_]) -> tuple[Array, Array]:

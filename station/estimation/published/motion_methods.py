@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
@@ -15,8 +15,9 @@ from station.conventions import LATERAL, to_si
 from station.estimation.flight_record import FlightRecord
 from station.estimation.published.filter_error import Longitudinal
 from station.estimation.published.kalman import Tuning, extended_kalman
+from station.estimation.published.lateral_motion import MEASURED as LATERAL_MEASURED
 from station.estimation.published.lateral_motion import OUTPUTS as LATERAL_OUTPUTS
-from station.estimation.published.lateral_motion import lateral_filter_error
+from station.estimation.published.lateral_motion import Found, lateral_filter_error, lateral_output_error
 from station.estimation.published.longitudinal_motion import NX, NY, PARAMETERS, Body
 from station.estimation.published.output_error import CONVERGED, Convergence, OutputFit
 from station.estimation.published.short_period import ShortPeriod
@@ -49,8 +50,13 @@ MIN_LENGTH_S: Final = 2.0
 
 
 def method_oe(record: FlightRecord, axes: Axes) -> MethodResult:
-    """oe: output error; the short period, or with speed derivatives in the profile the longitudinal motion."""
+    """oe: output error; the short period, or with speed derivatives in the profile the longitudinal motion, and the
+    lateral one where that is excited, each by itself."""
     _require_length(record)
+    return _and_lateral(record, axes, lambda: _output_error(record, axes), lateral_output_error, LATERAL_MEASURED)
+
+
+def _output_error(record: FlightRecord, axes: Axes) -> MethodResult:
     if _has_speed_terms(record):
         return _longitudinal(record, axes, "oe")
     if not record.has("theta"):
@@ -98,17 +104,25 @@ def method_fe(record: FlightRecord, axes: Axes) -> MethodResult:
     """fe: filter error of the longitudinal motion, and of the lateral one where that is excited, each by itself;
     process-noise amplitudes estimated."""
     _require_length(record)
+    return _and_lateral(record, axes, lambda: _longitudinal(record, axes, "fe"), lateral_filter_error, LATERAL_OUTPUTS)
+
+
+def _and_lateral(
+    record: FlightRecord, axes: Axes, longitudinal: Callable[[], MethodResult],
+    lateral: Callable[[FlightRecord], Found], outputs: Sequence[str],
+) -> MethodResult:  # fmt: skip
+    """A longitudinal method with its lateral counterpart, where the lateral motion is excited; either may fail."""
     if not moves_laterally(record):
-        return _longitudinal(record, axes, "fe")
+        return longitudinal()
     try:
-        made = _longitudinal(record, axes, "fe")
+        made = longitudinal()
     except NotIdentifiable as why:
         made = not_applicable(str(why), names(axes))
     try:
-        found, fit, more = lateral_filter_error(record)
+        found, fit, more = lateral(record)
     except NotIdentifiable as why:
         return replace(made, parameters=(*made.parameters, *unknown(LATERAL, Status.INVALID, str(why))))
-    fits = {**made.fit, **_output_fits(LATERAL_OUTPUTS, fit.model + fit.residual, fit)}
+    fits = {**made.fit, **_output_fits(outputs, fit.model + fit.residual, fit)}
     return result_of((*made.parameters, *found), fits, {**made.settings, **more})
 
 
