@@ -12,7 +12,7 @@ import numpy as np
 
 from station.conventions import STREAMS, TICK_HZ, TICK_NS, Stream
 from station.log import About, write_log
-from station.profile import AVERAGED_ALONE, Profiles, TestPoint, elsewhere, load_card
+from station.profile import Profiles, TestPoint, load_card
 from station.rows import Code, Event, LogError, Rows, Sample, Truth, UsageError
 
 USUAL_S = 120.0
@@ -38,7 +38,7 @@ def write_simulated(
 ) -> Simulated:
     """Fly a card, `settings` replacing its values and `seed` its flight's, for `duration` s: 120, or what its steps
     take. Raises ProfileError, UsageError and LogError."""
-    from station.flight.reach import travel_remarks
+    from station.flight.reach import travel_remarks, without_effect
     from station.flight.step_plan import planned
     from station.simulation.sortie import fly
 
@@ -48,7 +48,7 @@ def write_simulated(
     if out.exists():
         raise LogError(f"{out}: exists already, and a recording is never overwritten")
     card, steps_s = planned(profiles.card)
-    remarks = [*travel_remarks(profiles.card, profiles.flown), *_of_no_effect(profiles)]
+    remarks = [*travel_remarks(profiles.card, profiles.flown), *without_effect(profiles, emulated=True)]
     if profiles.rig.loop is not None:
         remarks.append(f"the rig's loop ({profiles.rig.loop.kind}) is left out: nothing from outside moves a surface")
     # A second more, for the last point to end in.
@@ -67,17 +67,6 @@ def write_simulated(
         angle, at = math.degrees(OUT_OF_HAND), truth["time"][beyond[0]]
         remarks.append(f"beyond {angle:.0f} deg of angle of attack from {at:.1f} s on: unstable, or too large an input")
     return Simulated(profiles, seconds, count, tuple(remarks), not len(beyond))
-
-
-def _of_no_effect(profiles: Profiles) -> list[str]:
-    """What the aircraft's profile asks for and this rig or this air does not have."""
-    aircraft, flight, said = profiles.flown, profiles.card.flight, []
-    if aircraft.second_vane and aircraft.second_vane.averaged and not elsewhere(profiles.rig.signals, "alpha_vane"):
-        said.append(AVERAGED_ALONE)
-    has_gusts = bool(flight.gust_sigma or flight.turbulence or flight.gusts)
-    if aircraft.planform and aircraft.planform.sweep and has_gusts and not flight.is_plane:
-        said.append('planform.sweep changes nothing in air that varies along the path alone: flight.field = "plane"')
-    return said
 
 
 def _present(streams: Any, shown: Any) -> Iterator[Stream]:

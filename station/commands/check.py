@@ -30,7 +30,7 @@ def check(
     from station.flight import loop as live
     from station.flight.alignment import Aligner
     from station.flight.board import Board
-    from station.flight.reach import travel_remarks
+    from station.flight.reach import travel_remarks, without_effect
     from station.screen.go_no_go import print_check, print_signals, print_steps
 
     profiles = load(card, aircraft)
@@ -38,7 +38,7 @@ def check(
     for words in (*about_air(profiles.rig, profiles.aircraft), *about_vane(profiles.aircraft)):
         say(words)
     unasked = profiles.card.model_copy(update={"steps": ()})  # those of the steps stand in their table
-    for words in travel_remarks(unasked, profiles.aircraft):
+    for words in (*travel_remarks(unasked, profiles.aircraft), *without_effect(profiles, profiles.card.emulate)):
         say(words)
     clock, bus, stop = SystemClock(), Bus(), threading.Event()
     board = Board(profiles, clock)

@@ -28,7 +28,7 @@ from station.flight.emulators import Emulated, emulators, loop_words, streams_fl
 from station.flight.guide import Guide, table_of
 from station.flight.point_marks import Points
 from station.flight.preparing import Preparation
-from station.flight.reach import travel_remarks
+from station.flight.reach import travel_remarks, without_effect
 from station.flight.tick_times import TickTimes
 from station.flight.verdict import Option
 from station.log import About, WriterThread
@@ -90,7 +90,11 @@ def run(
         if page is not None:
             stack.callback(page.close)
         flight = _Flight(stack, profiles, card, log, view, page, auto=auto)
-        for words in (*about_air(profiles.rig, profiles.aircraft), *travel_remarks(profiles.card, profiles.aircraft)):
+        for words in (
+            *about_air(profiles.rig, profiles.aircraft),
+            *travel_remarks(profiles.card, profiles.aircraft),
+            *without_effect(profiles, profiles.card.emulate),
+        ):
             say(words)
         flight.fly(duration, as_json)
     return flight.verdict()

@@ -1,4 +1,5 @@
-"""What a step's own inputs, the travel of the surfaces and the card's limits leave within reach, before it is flown."""
+"""What a step's own inputs, the travel of the surfaces and the card's limits leave within reach, before it is flown,
+and what a profile asks for that this rig or this air does not have."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from station.conventions import LATERAL, TICK_HZ
-from station.profile import Aircraft, Card, Manoeuvre, Step
+from station.profile import AVERAGED_ALONE, Aircraft, Card, Manoeuvre, Profiles, Step, elsewhere
 from station.rows import ProfileError
 from station.simulation.input_table import input_table
 
@@ -52,6 +53,18 @@ def travel_remarks(card: Card, aircraft: Aircraft) -> Iterator[str]:
     """The same of all that a card flies, each with its name. Raises ProfileError as `beyond_travel` does."""
     for name, inputs in (("manoeuvres", card.manoeuvres), *((s.name, s.inputs) for s in card.steps)):
         yield from (f"{name}: {words}" for words in beyond_travel(inputs, aircraft))
+
+
+def without_effect(profiles: Profiles, emulated: bool) -> list[str]:
+    """What the aircraft's profile asks for and this rig, or where it is emulated the card's air, does not have."""
+    aircraft, flight, said = profiles.flown, profiles.card.flight, []
+    if aircraft.second_vane and aircraft.second_vane.averaged and not elsewhere(profiles.rig.signals, "alpha_vane"):
+        said.append(AVERAGED_ALONE)
+    has_gusts = bool(flight.gust_sigma or flight.turbulence or flight.gusts)
+    swept = bool(aircraft.planform and aircraft.planform.sweep)
+    if emulated and swept and has_gusts and not flight.is_plane:
+        said.append('planform.sweep changes nothing in air that varies along the path alone: flight.field = "plane"')
+    return said
 
 
 def beyond_flight(step: Step, aircraft: Aircraft, card: Card) -> list[str]:

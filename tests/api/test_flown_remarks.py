@@ -17,14 +17,18 @@ TWIN_OTTER = (profiles_dir() / "aircraft" / "twin_otter.toml").read_text(encodin
 SECOND = '[second_vane]\nvane_x = "2 m"\nvane_y = "9 m"\naveraged = {averaged}\n'
 
 
-def remarks(folder: Path, aircraft: str, field: str, gusts: str = "5 ft/s") -> tuple[str, ...]:
+def card(folder: Path, aircraft: str, field: str, gusts: str = "5 ft/s", more: str = "") -> Path:
     (folder / "mine.toml").write_text(aircraft)
-    card = folder / "card.toml"
-    card.write_text(
-        f'name = "c"\naircraft = "{folder / "mine.toml"}"\nrig = "bench"\n[flight]\nspeed = "110 kt"\n'
+    made = folder / "card.toml"
+    made.write_text(
+        f'name = "c"\naircraft = "{folder / "mine.toml"}"\nrig = "bench"\n{more}[flight]\nspeed = "110 kt"\n'
         f'altitude = "2500 ft"\ngust_sigma = "{gusts}"\nfield = "{field}"\n'
     )
-    return write_simulated(str(card), folder / "out.mcap", {}, 1, 1.0).remarks
+    return made
+
+
+def remarks(folder: Path, aircraft: str, field: str, gusts: str = "5 ft/s") -> tuple[str, ...]:
+    return write_simulated(str(card(folder, aircraft, field, gusts)), folder / "out.mcap", {}, 1, 1.0).remarks
 
 
 @pytest.mark.parametrize(("field", "seed"), [("line", 1), ("plane", 1), ("plane", 3)])
@@ -65,3 +69,13 @@ def test_a_sweep_in_a_line_of_air_is_said_to_change_nothing(
 ) -> None:
     swept = TWIN_OTTER.replace("[planform]", f'[planform]\nsweep = "{sweep}"\n#', 1)
     assert any("planform.sweep changes nothing" in words for words in remarks(tmp_path, swept, field, gusts)) is is_said
+
+
+@pytest.mark.parametrize("verb", [("check", "--seconds", "0.5"), ("run", "--duration", "0.5", "--view", "none")])
+def test_what_is_asked_in_vain_is_said_before_a_flight(verb: tuple[str, ...], tmp_path: Path, station: Any) -> None:
+    aircraft = TWIN_OTTER.replace("[planform]", '[planform]\nsweep = "20 deg"\n#', 1) + SECOND.format(averaged="true")
+    flown = card(tmp_path, aircraft, "line", more="emulate = true\n")
+    more = ("--log", tmp_path / "logs") if verb[0] == "run" else ()
+    _, out, err = station(verb[0], flown, *verb[1:], *more)
+    assert "no second vane is shown" in out + err
+    assert "planform.sweep changes nothing" in out + err
