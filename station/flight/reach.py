@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from station.conventions import LATERAL, TICK_HZ
-from station.profile import AVERAGED_ALONE, Aircraft, Card, Manoeuvre, Profiles, Step, elsewhere
+from station.conventions import G0, LATERAL, TICK_HZ
+from station.profile import AVERAGED_ALONE, Aircraft, Card, Flight, Manoeuvre, Profiles, Step, elsewhere
+from station.profile.quantity import SI_NUMBERS
 from station.rows import ProfileError
 from station.simulation.input_table import input_table
 
@@ -69,24 +70,65 @@ def without_effect(profiles: Profiles, emulated: bool) -> list[str]:
 
 def beyond_flight(step: Step, aircraft: Aircraft, card: Card) -> list[str]:
     """Where level flight, or the turn, in a step's condition needs more angle of attack than the card's limit, or is
-    none at all by the profile. It is asked of an emulated aircraft, which flies by the profile, and of a card that has
-    that limit; of others the profile may know too little."""
+    none at all by the profile; and where its input leads beyond a limit. It is asked of an emulated aircraft, which
+    flies by the profile, and of a card that states limits; of others the profile may know too little."""
     from station.simulation.airframe import find_trim  # and with it the simulation
 
     limit, wanted = card.limits.angle_of_attack, step.condition
     speed = wanted.speed if wanted.speed is not None else card.flight.speed if card.emulate else None
     simulated = card.emulate and card.flight.source == "simulation"
     knows = aircraft.value("CL_alpha") and aircraft.value("Cm_de") and not aircraft.kinematics_only
-    if speed is None or not knows or not (simulated or limit is not None):
+    if speed is None or not knows or not (simulated or card.limits.model_fields_set):
         return []
     altitude = card.flight.altitude if wanted.altitude is None else wanted.altitude
     try:
         alpha = find_trim(aircraft, speed, altitude, wanted.bank).alpha
     except ProfileError as error:
         return [f"cannot be flown in its condition: {error}: another speed or bank"]
-    if limit is None or alpha < limit:
+    if limit is not None and alpha >= limit:
+        return [
+            f"its condition takes {math.degrees(alpha):.1f} deg of angle of attack, limits.angle_of_attack is "
+            f"{math.degrees(limit):.3g} deg: more speed, less bank, or another limit"
+        ]
+    return [] if wanted.bank or not step.inputs else _led_beyond(step, aircraft, card, speed, altitude)
+
+
+AFTER_S: Final = 3.0
+"""Of flight after an input, in which what it has begun is at its largest."""
+
+
+def _led_beyond(step: Step, aircraft: Aircraft, card: Card, speed: float, altitude: float) -> list[str]:
+    """Limits that an input leads beyond, flown by the profile from level flight in still air."""
+    from station.simulation.manoeuvres import duration
+    from station.simulation.sortie import fly
+
+    still = Flight.model_validate({"speed": speed, "altitude": altitude}, context=SI_NUMBERS)
+    begin = min(m.start for m in step.inputs)
+    inputs = [m.model_copy(update={"start": m.start - begin + 1.0}) for m in step.inputs]
+    flown = card.model_copy(update={"flight": still, "manoeuvres": tuple(inputs), "steps": (), "points": ()})
+    try:
+        shown, truth = fly(aircraft, {}, flown, max(m.start + duration(m) for m in inputs) + AFTER_S)
+    except ProfileError:  # of an input that cannot be made it has been said
         return []
-    return [
-        f"its condition takes {math.degrees(alpha):.1f} deg of angle of attack, limits.angle_of_attack is "
-        f"{math.degrees(limit):.3g} deg: more speed, less bank, or another limit"
-    ]
+    load, pitch, at = -shown["az"] / G0, shown["theta"], card.limits
+    found = (
+        ("angle_of_attack", truth["alpha"].max(), at.angle_of_attack),
+        ("load_factor", load.max(), at.load_factor),
+        ("least_load_factor", -load.min(), None if at.least_load_factor is None else -at.least_load_factor),
+        ("nose_up", pitch.max(), at.nose_up),
+        ("nose_down", -pitch.min(), at.nose_down),
+        ("bank", np.abs(shown["phi"]).max(), at.bank),
+        ("sideslip", np.abs(shown["beta_vane"]).max(), at.sideslip),
+    )
+    said = []
+    for name, peak, limit in found:
+        if limit is not None and peak > limit:
+            sign = -1 if name == "least_load_factor" else 1
+            most, allowed = (
+                f"{sign * x:.3g}" if "load" in name else f"{math.degrees(x):.3g} deg" for x in (peak, limit)
+            )
+            said.append(
+                f"its input leads to {most} by the profile, limits.{name} is {allowed}: "
+                "less amplitude, or another limit"
+            )
+    return said

@@ -77,6 +77,31 @@ def test_a_condition_is_flown_below_the_limit_of_the_angle_of_attack() -> None:
     assert told == pytest.approx(alpha, abs=1.0)  # thrust and elevator bear a little
 
 
+@pytest.mark.parametrize(
+    ("surface", "amplitude", "limits", "beyond"),
+    [
+        ("elevator", "-6 deg", {"load_factor": 1.5}, "limits.load_factor is 1.5"),
+        ("elevator", "-1 deg", {"load_factor": 1.5}, ""),
+        ("elevator", "6 deg", {"least_load_factor": 0.5}, "limits.least_load_factor is 0.5"),
+        ("elevator", "-6 deg", {"angle_of_attack": "7 deg"}, "limits.angle_of_attack is 7 deg"),
+        ("aileron", "15 deg", {"bank": "10 deg"}, "limits.bank is 10 deg"),
+        ("rudder", "15 deg", {"sideslip": "3 deg"}, "limits.sideslip is 3 deg"),
+        ("rudder", "1 deg", {"sideslip": "3 deg", "bank": "10 deg"}, ""),
+    ],
+)
+def test_an_input_is_flown_before_the_flight(
+    surface: str, amplitude: str, limits: dict[str, object], beyond: str
+) -> None:
+    """Elevator per g of the profile's derivatives is 9 deg at 110 kt, by hand; a second of 6 deg and its way back stay
+    below 3 g and go beyond 1.5."""
+    card = Card.model_validate({"name": "x", "aircraft": "", "rig": "", "limits": limits})
+    said = beyond_flight(step(doublet(surface, amplitude), condition={"speed": "110 kt"}), AIRCRAFT, card)
+    assert len(said) == bool(beyond)
+    assert all(beyond in words for words in said)
+    if "load_factor" in limits and beyond:
+        assert 1.5 < float(said[0].split("leads to ")[1].split(" by")[0]) < 3.0
+
+
 def test_of_an_aircraft_that_flies_by_the_profile_no_trim_is_no_go() -> None:
     card = load_card("crew_ice").card
     slow = step(doublet("elevator", "2 deg"), condition={"speed": "30 kt"})
