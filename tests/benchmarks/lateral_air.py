@@ -2,12 +2,12 @@
 
     uv run python tests/benchmarks/lateral_air.py [--flights 20] [--workers 2] [--length "300 m"] [--rows PATH]
 
-The Twin Otter of the profile, known exactly (mass, inertia and its surfaces' sensors too: no interval is wider for
-them), 90 s, aileron and rudder by orthogonal multisines (4 deg) or doublets (6 deg). On a line side gusts act at the
-CG, without sidewash; in a plane the fin meets them later, in sidewash, and gradients of gusts across the span roll and
-yaw the wing. Printed, by air and method: the share of the 15 lateral derivatives within two standard errors of the
-profile's, of those called estimated; each axis' share, with the median of its errors in per cent; and the derivatives
-that are within least often.
+A Twin Otter drawn within the doubt that the profile states of it (recorded mass, inertias, the scales of what shows
+aileron and rudder, sidewash), for the intervals hold that doubt; 90 s, aileron and rudder by orthogonal multisines
+(4 deg) or doublets (6 deg). On a line side gusts act at the CG, without sidewash; in a plane the fin meets them later,
+in sidewash, and gradients of gusts across the span roll and yaw the wing. Printed, by air and method: the share of the
+15 lateral derivatives within two standard errors of the profile's, of those called estimated; each axis' share, with
+the median of its errors in per cent; and the derivatives that are within least often.
 """
 
 from __future__ import annotations
@@ -25,12 +25,11 @@ from station.conventions import LATERAL
 from station.identification.analysis import identify
 from station.identification.request import Request
 from station.log import Table
-from station.profile import Card, Doublet, Flight, Manoeuvre, Multisine, load_aircraft
+from station.profile import Aircraft, Card, Doublet, Flight, Manoeuvre, Multisine, load_aircraft
 from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
 
 METHODS = ("II", "split", "split+gust", "oe", "fe", "sidpac")
-EXACT = {"mass": 0.0, "recorded_mass": 0.0, "inertia": 0.0, "surface_scale": 0.0}
 SIGMAS = (0.0, 5.0, 10.0)
 FIELDS = ("line", "plane")
 START, END = 30.0, 90.0
@@ -66,10 +65,21 @@ class Job:
     methods: tuple[str, ...]
 
 
+def drawn(aircraft: Aircraft, seed: int) -> tuple[Aircraft, dict[str, float]]:
+    """Of the profile's [uncertainty]: an aircraft, and by what its mass, aileron and rudder are shown too large."""
+    u, rng = aircraft.uncertainty, np.random.default_rng(seed)
+    inertias = {n: getattr(aircraft.inertia, n) * (1 + u.inertia * rng.normal()) for n in ("ixx", "izz")}
+    changed = {"inertia": aircraft.inertia.model_copy(update=inertias)}
+    if aircraft.fin:
+        changed["fin"] = aircraft.fin.model_copy(update={"sidewash": aircraft.fin.sidewash + u.sidewash * rng.normal()})
+    sds = {"mass": u.recorded_mass, "aileron": u.surface_scale, "rudder": u.surface_scale}
+    return aircraft.model_copy(update=changed), {n: 1 + sd * rng.normal() for n, sd in sds.items()}
+
+
 def errors(job: Job) -> Errors:
     """Of one flight."""
     aircraft = load_aircraft("twin_otter")
-    aircraft = aircraft.model_copy(update={"uncertainty": aircraft.uncertainty.model_copy(update=EXACT)})
+    flown_by, shares = drawn(aircraft, job.seed)
     keys = {"speed": "110 kt", "altitude": "2500 ft", "gust_sigma": f"{job.sigma} ft/s", "field": job.field}
     if job.length:
         keys["gust_length"] = job.length
@@ -77,7 +87,8 @@ def errors(job: Job) -> Errors:
         name="t", aircraft="twin_otter", rig="", lateral=True, manoeuvres=INPUTS[job.form],
         flight=Flight.model_validate({**keys, "seed": job.seed}),
     )  # fmt: skip
-    shown, truth = fly(aircraft, STANDARD, card, END, job.seed)
+    shown, truth = fly(flown_by, STANDARD, card, END, job.seed)
+    shown |= {name: share * shown[name] for name, share in shares.items()}
     flown = Table(truth["time"], {**shown, "thrust": truth["thrust"]}, aircraft, 0)
     found = identify(flown, aircraft, Request(job.methods, START, card=card))
     made = {}
