@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from station.conventions import SIGNAL_INDEX, TICK_HZ
-from station.model.steady_lift import SteadyLift, level_lift, outside
+from station.model.steady_lift import SteadyLift, induced_doubt, level_lift, outside
 from station.profile import Aircraft
 from station.rows import AlphaEstimate, Frame
 
@@ -82,7 +82,6 @@ class DragWatch:
         self._area, self._mass = aircraft.geometry.wing_area, aircraft.inertia.mass
         self._cos, self._sin = math.cos(aircraft.thrust_angle), math.sin(aircraft.thrust_angle)
         self._induced = aircraft.drag.induced if aircraft.drag else 0.0
-        self._doubt = aircraft.uncertainty.induced_drag * self._induced
         self._aircraft = aircraft
         self._lift_base = (measured.CL_0, measured.CL_0_sd) if measured and measured.CL_0 else None
         self._lift_limit = float(norm.isf(0.5 * RECENT_BLOCKS * BLOCK_S / (FALSE_ALARM_H * 3600)))
@@ -215,11 +214,9 @@ class DragWatch:
         sigma = max(math.sqrt(self._scatter.variance), LEAST_SIGMA * self._step)
         shift = 0.5 * self._step / sigma
         self.limit = limit_of_sum(shift, FALSE_ALARM_H * 3600 / BLOCK_S)
-        low, high = level_lift(self._aircraft, mean.density)
-        self._outside = outside(mean.lift, (low, high))
-        # What the doubt of the induced drag makes of a lift that the baseline did not have.
-        end = high if mean.lift > high else low
-        self._by_lift = self._doubt * abs(mean.lift**2 - end**2) if self._outside else 0.0
+        between = level_lift(self._aircraft, mean.density)
+        self._outside = outside(mean.lift, between)
+        self._by_lift = induced_doubt(self._aircraft, mean.lift, between)
         excess = (drag - self._base - self._allowed - self._by_lift) / sigma
         self.cumulated = min(max(0.0, self.cumulated + excess - shift), 2 * self.limit)
         self._recent = [*self._recent[1 - RECENT_BLOCKS :], drag]

@@ -53,6 +53,14 @@ def outside(lift: float, between: tuple[float, float]) -> float:
     return max(lift - between[1], between[0] - lift, 0.0)
 
 
+def induced_doubt(aircraft: Aircraft, lift: float, between: tuple[float, float]) -> float:
+    """Standard deviation of CD_0 by the induced drag of a lift that is not among those of the baseline."""
+    if aircraft.drag is None or not outside(lift, between):
+        return 0.0
+    end = between[1] if lift > between[1] else between[0]
+    return aircraft.uncertainty.induced_drag * aircraft.drag.induced * abs(lift**2 - end**2)
+
+
 def level_lift(aircraft: Aircraft, density: float) -> tuple[float, float]:
     """The least and the largest CL of level flight at the speeds of a measured baseline, in air of a density, kg/m^3;
     all there are where either is unknown."""

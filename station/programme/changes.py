@@ -16,7 +16,7 @@ from station.conventions import LONGITUDINAL
 from station.estimation.method_table import METHODS
 from station.estimation.results import MethodResult, without_airframe_errors
 from station.model.energy_drag import FEWEST, WINDOW_S
-from station.model.steady_lift import level_lift, outside
+from station.model.steady_lift import SteadyLift, induced_doubt, level_lift, outside
 from station.numerics.random_effects import NORMAL_95, Pooled, pooled
 from station.profile import Aircraft
 from station.programme.flown_points import FlownPoint
@@ -169,16 +169,24 @@ def changes_of(point: FlownPoint, method: str, baseline: Baseline) -> dict[str, 
 
 
 def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
-    """Of CD_0; what a recorded thrust is wrong by, of the change too, is in its error."""
+    """Of CD_0; in its error is what a recorded thrust is wrong by, of the change too, and what the induced drag may be of
+    a lift that the baseline did not have."""
     if point.found is not None and point.found.record.thrust_known and point.drag is None:
         return _unknown(f"fewer than {FEWEST} stretches of {WINDOW_S:g} s have all that drag is told by")
     if point.drag is None or point.found is None:
         return _unknown(point.found.record.why_no_thrust if point.found else point.why or "not estimated")
     if baseline.drag is None:
         return _unknown("the baseline does not have it")
-    value, error, _ = point.drag
-    doubt = point.found.aircraft.uncertainty.thrust * abs(value - baseline.drag.value)
-    return change_of(ParamEstimate("CD_0", value, math.hypot(error, doubt), Status.ESTIMATED, ""), baseline.drag)
+    (value, error, lift), aircraft = point.drag, point.found.aircraft
+    doubt = aircraft.uncertainty.thrust * abs(value - baseline.drag.value)
+    induced = induced_doubt(aircraft, lift.lift, _lifts(baseline, aircraft, lift)) if lift else 0.0
+    error = math.hypot(error, doubt, induced)
+    return change_of(ParamEstimate("CD_0", value, error, Status.ESTIMATED, ""), baseline.drag)
+
+
+def _lifts(baseline: Baseline, aircraft: Aircraft, lift: SteadyLift) -> tuple[float, float]:
+    """The least and the largest CL of the baseline."""
+    return baseline.lifts or level_lift(aircraft, lift.density)
 
 
 def lift_change(point: FlownPoint, baseline: Baseline, aircraft: Aircraft) -> Change:
@@ -187,8 +195,7 @@ def lift_change(point: FlownPoint, baseline: Baseline, aircraft: Aircraft) -> Ch
     if point.drag is None or point.drag.lift is None:
         return _unknown(drag_change(point, baseline).why or "elevator or pitch rate is missing")
     lift = point.drag.lift
-    between = baseline.lifts or level_lift(aircraft, lift.density)
-    by_slope = lift.by_slope(aircraft, outside(lift.lift, between))
+    by_slope = lift.by_slope(aircraft, outside(lift.lift, _lifts(baseline, aircraft, lift)))
     error = math.hypot(lift.by_mass(aircraft), by_slope, LIFT_ERROR)
     return change_of(ParamEstimate("CL_0", lift.at_zero(aircraft), error, Status.ESTIMATED, ""), baseline.lift)
 

@@ -46,6 +46,8 @@ def test_a_point_in_a_steep_turn_has_no_derivatives(log: Path) -> None:
     assert (turn.methods["physical"].status, turn.methods["physical"].why) == ("not_applicable", WORDS)
     assert not [n for n, c in made.change(1).items() if c.is_known and n not in ("CD_0", "CL_0")]
     assert not any(c.is_known for c in made.changes[1]["physical"].values())
+    # With 1.4 times the lift, twice the induced drag: a tenth of that is a tenth of CD_0.
+    assert not [n for n, c in made.change(1).items() if c.is_significant]
 
 
 def test_live_a_turn_adds_nothing_to_what_was_known_before_it(log: Path) -> None:
