@@ -169,8 +169,8 @@ def changes_of(point: FlownPoint, method: str, baseline: Baseline) -> dict[str, 
 
 
 def drag_change(point: FlownPoint, baseline: Baseline) -> Change:
-    """Of CD_0; in its error is what a recorded thrust is wrong by, of the change too, and what the induced drag may be of
-    a lift that the baseline did not have."""
+    """Of CD_0; in its error is what a recorded thrust is wrong by, of the change too, and what the induced drag may be
+    of a lift that the baseline did not have."""
     if point.found is not None and point.found.record.thrust_known and point.drag is None:
         return _unknown(f"fewer than {FEWEST} stretches of {WINDOW_S:g} s have all that drag is told by")
     if point.drag is None or point.found is None:
