@@ -84,7 +84,8 @@ def beyond_flight(step: Step, aircraft: Aircraft, card: Card) -> list[str]:
     try:
         alpha = find_trim(aircraft, speed, altitude, wanted.bank).alpha
     except ProfileError as error:
-        return [f"cannot be flown in its condition: {error}: another speed or bank"]
+        told = simulated or limit is not None
+        return [f"cannot be flown in its condition: {error}: another speed or bank"] if told else []
     if limit is not None and alpha >= limit:
         return [
             f"its condition takes {math.degrees(alpha):.1f} deg of angle of attack, limits.angle_of_attack is "

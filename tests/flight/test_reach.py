@@ -7,7 +7,7 @@ import pytest
 from station.api.simulated_rows import write_simulated
 from station.flight.reach import beyond_flight, beyond_travel, travel_remarks, unmoved
 from station.flight.verdict import obstacles
-from station.profile import Card, Step, load_aircraft, load_card, profiles_dir
+from station.profile import Card, Limits, Step, load_aircraft, load_card, profiles_dir
 from station.screen.go_no_go import print_steps
 
 AIRCRAFT = load_aircraft("twin_otter")
@@ -108,6 +108,8 @@ def test_of_an_aircraft_that_flies_by_the_profile_no_trim_is_no_go() -> None:
     (said,) = beyond_flight(slow, AIRCRAFT, card)
     assert "no trim at 15.4 m/s" in said
     assert beyond_flight(slow, AIRCRAFT, card.model_copy(update={"emulate": False})) == []
+    others = Limits.model_validate({"bank": "50 deg"})
+    assert beyond_flight(slow, AIRCRAFT, card.model_copy(update={"emulate": False, "limits": others})) == []
 
 
 def test_check_says_no_go(tmp_path, capsys) -> None:
