@@ -35,7 +35,10 @@ FILE_NAME: Final = "points.html"
 GREEN: Final = "#009e73"
 """Of the baseline's points."""
 QUOTED: Final = 3
-"""Changed points in the sentence; all are in the table."""
+"""Changed points in the sentence, those that stand out most; all are in the table."""
+COLUMNS: Final = (
+    "point", "condition", "s", "inputs", "air during the input", "w 2–7 Hz, m/s", "CD_0", "method", "changed",
+)  # fmt: skip
 DRAWN: Final = 6000
 """Values of a line in a picture."""
 
@@ -67,7 +70,7 @@ def answer(made: Programme) -> str:
             continue
         words = ", ".join(significant(made.change(place)))
         if words:
-            changed.append(f"{p.name}: {words}")
+            changed.append((_stands_out(made.change(place)), f"{p.name}: {words}"))
         elif not any(c.is_known for c in made.change(place).values()):
             unused.append(p.name)
         else:
@@ -75,7 +78,9 @@ def answer(made: Programme) -> str:
     count = len(made.baseline.points)
     against = f"the baseline of {count} point{'s' * (count > 1)}" if count else "the profile (no baseline flown)"
     more = len(changed) - QUOTED
-    said = "; ".join(changed[:QUOTED]) + (f"; and {more} more in the table" if more > 0 else "")
+    least = sorted((size for size, _ in changed), reverse=True)[:QUOTED]
+    said = "; ".join(words for size, words in changed if size >= least[-1])
+    said += f"; and {more} more in the table" if more > 0 else ""
     clauses = [f"{made.aircraft.name}, changed against {against}: {said or 'nothing significant'} (95 %)"]
     if same:
         clauses.append(f"no significant change: {', '.join(same)}")
@@ -84,32 +89,27 @@ def answer(made: Programme) -> str:
     return "; ".join(clauses) + "."
 
 
+def _stands_out(changes: Mapping[str, Change]) -> float:
+    """The largest change, over its interval."""
+    return max(abs(c.estimate) / (c.high - c.low) for c in changes.values() if c.is_significant)
+
+
 def _points(made: Programme) -> str:
     rows = []
     for place, p in enumerate(made.points):
         gust = f"{p.gust_sd:.3f}" if math.isfinite(p.gust_sd) else "–"
         of = "baseline" if p.title in made.baseline.points else ""
-        words = "; ".join(significant(made.change(place))) or p.why or "nothing significant"
-        like = "" if of else made.likeness(place)
-        words += f": {like}" if like else ""
+        found = "" if of else "; ".join(significant(made.change(place)))
+        words = of or ("see below" if found else p.why or "nothing significant")
         drag = drag_words(p) if p.drag is not None else "–"
         cells = (p.name, p.condition, f"{p.start_s:.0f}–{p.end_s:.0f}", len(p.inputs), p.turbulence, gust, drag)
         left = "".join(f"<td>{text(c)}</td>" for c in cells)
-        rows.append(f"<tr>{left}<td>{text(recommended(p) or '–')}</td><td class='words'>{text(of or words)}</td></tr>")
-    head = "".join(
-        f"<th>{h}</th>"
-        for h in (
-            "point",
-            "condition",
-            "s",
-            "inputs",
-            "air during the input",
-            "w 2–7 Hz, m/s",
-            "CD_0",
-            "method",
-            "changed",
-        )
-    )
+        rows.append(f"<tr>{left}<td>{text(recommended(p) or '–')}</td><td class='words'>{text(words)}</td></tr>")
+        if found:  # in a line of its own: a column would be as narrow as what the others leave
+            like = made.likeness(place)
+            said = text(f"{found}: {like}" if like else found)
+            rows.append(f"<tr><td></td><td class='words' colspan='{len(COLUMNS) - 1}'>{said}</td></tr>")
+    head = "".join(f"<th>{h}</th>" for h in COLUMNS)
     return f"<table><tr>{head}</tr>{''.join(rows)}</table><p class='note'>w 2–7 Hz: {W_BAND}.</p>"
 
 

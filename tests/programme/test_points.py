@@ -182,6 +182,22 @@ def test_drag_that_has_changed_is_quoted_of_a_point_without_an_input(made: Progr
     assert "no change could be told" not in quoted
 
 
+def test_of_many_changed_points_those_that_stand_out_are_quoted(made: Programme, tmp_path: Path) -> None:
+    """The last, all iced, was "1 more in the table" after the cloud's first drag; and what each looks like stood in a
+    column of nine letters' width."""
+    drags = {"first": 0.043, "second": 0.048, "third": 0.052, "iced": 0.0588}
+    iced = [replace(made.points[2], name=n, methods=None, drag=DragOfPoint(d, 0.0005)) for n, d in drags.items()]
+    changes = {i: changes for i, changes in made.changes.items() if i < 2} | {i: {} for i in range(2, 6)}
+    flight = replace(made, points=(*made.points[:2], *iced), changes=changes)
+    quoted = answer(flight)
+    assert "first" not in quoted
+    assert quoted.index("second: CD_0 +20 %") < quoted.index("third: ") < quoted.index("iced: CD_0 +47 %")
+    assert "; and 1 more in the table" in quoted
+    rows = write_report(flight, tmp_path).read_text().partition("</table>")[0].split("<tr>")[1:]
+    (line,) = [r for r in rows if "CD_0 +47 %" in r]
+    assert re.fullmatch(r"<td></td><td class='words' colspan='8'>CD_0 \+47 % .*: as by .*</td></tr>", line)
+
+
 def test_why_a_point_s_drag_is_not_told(made: Programme) -> None:
     """Of a flight whose thrust is recorded."""
     assert drag_change(made.points[3], made.baseline).why == "3.0 s long: 6 s are the least"
