@@ -45,7 +45,7 @@ from station.estimation.lateral_spectra import (
     Spectra,
 )
 from station.estimation.side_gust import SideGust
-from station.model.airframe_error import relative_errors
+from station.model.airframe_error import relative_errors, roll_and_yaw_errors
 from station.model.coefficients import roll_and_yaw_moment, specific_force_at_cg
 from station.numerics.default_noise import DEFAULT_NOISE
 from station.numerics.differentiation import central
@@ -158,7 +158,8 @@ class Lateral:
         """See input_instruments: means so far, of so many ticks."""
         self._averaged = 0
         self._known = {name: abs(aircraft.value(name)) for name in LATERAL}
-        self._airframe = relative_errors(aircraft, LATERAL).reshape(2, len(EQUATIONS), PARAMETERS)
+        self._aircraft = aircraft
+        self._shares = relative_errors(aircraft, LATERAL, of_inertia=False).reshape(2, len(EQUATIONS), PARAMETERS)
         self.mass_recorded = False
         self._history = np.full((3, _ROW), math.nan)
         self._row = np.zeros(_ROW)
@@ -299,6 +300,8 @@ class Lateral:
         if blocked[0] is Status.ESTIMATED and len(still) == len(SURFACES):
             blocked = Status.UNESTIMATED, "no aileron or rudder input"
         found: list[ParamEstimate] = []
+        airframe = self._shares[int(self.mass_recorded)] * of.value
+        airframe[1:] = np.hypot(airframe[1:], roll_and_yaw_errors(self._aircraft, *of.value[1:]))
         for e, equation in enumerate(EQUATIONS):
             names = LATERAL[PARAMETERS * e : PARAMETERS * (e + 1)]
             r2, refused = float(r2s[e]), blocked
@@ -312,7 +315,7 @@ class Lateral:
                 found += [ParamEstimate(n, math.nan, math.nan, *refused) for n in names]
                 continue
             is_estimated = refused[0] is Status.ESTIMATED
-            doubt = np.hypot(model[e], self._airframe[int(self.mass_recorded), e] * of.value[e])
+            doubt = np.hypot(model[e], airframe[e])
             share = np.where([n in still for n in SPOKEN], 0.0, noise * of.inflation[e])
             doubt = np.hypot(doubt, attenuation(of.inverse[e], share, of.value[e]))
             columns = [x.tolist() for x in (of.value[e], of.error[e], doubt, noise * of.inflation[e], of.inflation[e])]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from station.conventions import LONGITUDINAL, LONGITUDINAL_BODY
 from station.estimation.acceptance import EXCITED, WIDE, is_wide, of_estimate, worded
 from station.estimation.flight_record import FlightRecord
-from station.model.airframe_error import relative_errors
+from station.model.airframe_error import relative_errors, roll_and_yaw_errors
 from station.numerics.regression import Fit, NotIdentifiable, least_squares, smoothed_start
 from station.profile import Aircraft
 from station.rows import ParamEstimate, Status
@@ -185,8 +185,17 @@ def regress(record: FlightRecord, equation: Equation) -> tuple[Fit, Array]:
 
 def airframe_errors(record: FlightRecord, parameters: Sequence[ParamEstimate]) -> list[float]:
     """What the uncertainty of mass and inertia does to each parameter, standard deviations."""
-    relative = relative_errors(record.aircraft, [p.name for p in parameters])[int("mass" in record.motion)]
-    return [abs(share * p.value) for share, p in zip(relative.tolist(), parameters, strict=True)]
+    value, found = {p.name: p.value for p in parameters}, []
+    for of_inertia in (True, False):
+        relative = relative_errors(record.aircraft, list(value), of_inertia=of_inertia)[int("mass" in record.motion)]
+        found.append({n: abs(share * value[n]) for n, share in zip(value, relative.tolist(), strict=True)})
+    made, others = found
+    both = [(f"Cl{n[2:]}", n) for n in value if n[:2] == "Cn" and math.isfinite(value.get(f"Cl{n[2:]}", math.nan))]
+    if both:
+        roll, yaw = np.array([[value[n] for n in pair] for pair in both]).T
+        for pair, *errors in zip(both, *roll_and_yaw_errors(record.aircraft, roll, yaw), strict=True):
+            made |= {n: math.hypot(others[n], error) for n, error in zip(pair, errors, strict=True)}
+    return [made[p.name] for p in parameters]
 
 
 def with_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodResult:

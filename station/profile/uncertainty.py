@@ -29,7 +29,8 @@ class Uncertainty(Frozen):
     recorded_mass: float = Field(default=0.01, ge=0)
     """Of a recorded mass: weighed, less the fuel burnt."""
     inertia: float = Field(default=0.06, ge=0)
-    """Of the moments of inertia: scaled from another loading, or added up from components."""
+    """Of the moments of inertia and of their product, of each by itself: scaled from another loading, or added up from
+    components."""
     surface_scale: float = Field(default=0.02, ge=0)
     """Of the scale of what measures elevator, aileron and rudder, of each by itself. No other instrument shows it: a
     pot 20 % short makes the derivatives of its surface 25 % large, and nothing else. The default: installed systems

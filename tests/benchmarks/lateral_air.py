@@ -68,7 +68,7 @@ class Job:
 def drawn(aircraft: Aircraft, seed: int) -> tuple[Aircraft, dict[str, float]]:
     """Of the profile's [uncertainty]: an aircraft, and by what its mass, aileron and rudder are shown too large."""
     u, rng = aircraft.uncertainty, np.random.default_rng(seed)
-    inertias = {n: getattr(aircraft.inertia, n) * (1 + u.inertia * rng.normal()) for n in ("ixx", "izz")}
+    inertias = {n: getattr(aircraft.inertia, n) * (1 + u.inertia * rng.normal()) for n in ("ixx", "izz", "ixz")}
     changed = {"inertia": aircraft.inertia.model_copy(update=inertias)}
     if aircraft.fin:
         changed["fin"] = aircraft.fin.model_copy(update={"sidewash": aircraft.fin.sidewash + u.sidewash * rng.normal()})
