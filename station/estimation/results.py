@@ -185,17 +185,18 @@ def regress(record: FlightRecord, equation: Equation) -> tuple[Fit, Array]:
 
 def airframe_errors(record: FlightRecord, parameters: Sequence[ParamEstimate]) -> list[float]:
     """What the uncertainty of mass and inertia does to each parameter, standard deviations."""
-    value, found = {p.name: p.value for p in parameters}, []
-    for of_inertia in (True, False):
-        relative = relative_errors(record.aircraft, list(value), of_inertia=of_inertia)[int("mass" in record.motion)]
-        found.append({n: abs(share * value[n]) for n, share in zip(value, relative.tolist(), strict=True)})
-    made, others = found
-    both = [(f"Cl{n[2:]}", n) for n in value if n[:2] == "Cn" and math.isfinite(value.get(f"Cl{n[2:]}", math.nan))]
-    if both:
-        roll, yaw = np.array([[value[n] for n in pair] for pair in both]).T
-        for pair, *errors in zip(both, *roll_and_yaw_errors(record.aircraft, roll, yaw), strict=True):
-            made |= {n: math.hypot(others[n], error) for n, error in zip(pair, errors, strict=True)}
-    return [made[p.name] for p in parameters]
+    names, at = [p.name for p in parameters], int("mass" in record.motion)
+    values = np.array([p.value for p in parameters])
+    found = np.abs(relative_errors(record.aircraft, names)[at] * values)
+    for place, name in enumerate(names):
+        rolling = f"Cl{name[2:]}"
+        if name[:2] != "Cn" or rolling not in names:
+            continue
+        pair = [names.index(rolling), place]
+        if np.isfinite(values[pair]).all():
+            others = relative_errors(record.aircraft, [rolling, name], of_inertia=False)[at] * values[pair]
+            found[pair] = np.hypot(others, np.ravel(roll_and_yaw_errors(record.aircraft, *values[pair, None])))
+    return [float(x) for x in found]
 
 
 def with_airframe_errors(result: MethodResult, record: FlightRecord) -> MethodResult:
