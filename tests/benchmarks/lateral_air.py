@@ -65,9 +65,10 @@ class Job:
     methods: tuple[str, ...]
 
 
-def drawn(aircraft: Aircraft, seed: int) -> tuple[Aircraft, dict[str, float]]:
-    """Of the profile's [uncertainty]: an aircraft, and by what its mass, aileron and rudder are shown too large."""
-    u, rng = aircraft.uncertainty, np.random.default_rng(seed)
+def drawn(aircraft: Aircraft, job: Job) -> tuple[Aircraft, dict[str, float]]:
+    """Of the profile's [uncertainty]: an aircraft of its own for each air, and by what its mass, aileron and rudder are
+    shown too large."""
+    u, rng = aircraft.uncertainty, np.random.default_rng([job.seed, round(job.sigma), FIELDS.index(job.field)])
     inertias = {n: getattr(aircraft.inertia, n) * (1 + u.inertia * rng.normal()) for n in ("ixx", "izz", "ixz")}
     changed = {"inertia": aircraft.inertia.model_copy(update=inertias)}
     if aircraft.fin:
@@ -79,7 +80,7 @@ def drawn(aircraft: Aircraft, seed: int) -> tuple[Aircraft, dict[str, float]]:
 def errors(job: Job) -> Errors:
     """Of one flight."""
     aircraft = load_aircraft("twin_otter")
-    flown_by, shares = drawn(aircraft, job.seed)
+    flown_by, shares = drawn(aircraft, job)
     keys = {"speed": "110 kt", "altitude": "2500 ft", "gust_sigma": f"{job.sigma} ft/s", "field": job.field}
     if job.length:
         keys["gust_length"] = job.length
