@@ -22,22 +22,23 @@ def compiled():
 
 estimator.warm_up()
 before = compiled()
-asked, estimated = set(), set()
+asked, made = set(), set()
 for k in range(len(shown["q"])):
     values = tuple(float(shown[n][k]) if n in shown else float("nan") for n in SIGNALS)
     there = [v == v for v in values]
     ages = tuple(0.0 if t else float("nan") for t in there)
     _, methods = estimator.step(Frame(k * TICK_NS, k, values, ages, tuple(0 if t else 3 for t in there)))
     asked |= {(m.method, p.name) for m in methods for p in m.parameters}
-    estimated |= {(m.method, p.name) for m in methods for p in m.parameters if p.status == "estimated"}
-print(len(asked), len(estimated), sorted(compiled() - before))
+    # Significant or not: the profile's inertias leave some of them too uncertain.
+    made |= {(m.method, p.name) for m in methods for p in m.parameters if p.status != "invalid" and p.sd > 0}
+print(len(asked), len(made), sorted(compiled() - before))
 """
 
 
 def test_no_kernel_is_compiled_in_flight():
     done = subprocess.run([sys.executable, "-c", FLIGHT], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    asked, estimated, late = done.stdout.split(maxsplit=2)
+    asked, made, late = done.stdout.split(maxsplit=2)
     assert int(asked) > 50
-    assert estimated == asked  # the flight went through every method's estimate of everything
+    assert made == asked  # the flight went through every method's estimate of everything
     assert late.strip() == "[]"
