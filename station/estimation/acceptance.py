@@ -2,8 +2,8 @@
 
 A control surface must have moved beyond its noise, the record must last half a period of the lowest frequency, R2 must
 reach 0.3 (but for what the surfaces alone show: input_instruments.py), the regressor must not be collinear with the
-others (variance inflation factor, VIF, of 100 or less), and the estimate must be significant: two standard errors within
-the larger of estimate and profile value.
+others (variance inflation factor, VIF, of 100 or less), and the estimate must be significant: two standard errors
+within the larger of estimate and profile value.
 """
 
 from __future__ import annotations
