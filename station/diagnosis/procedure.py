@@ -17,6 +17,7 @@ from station.diagnosis.checks import first_seen
 from station.diagnosis.diagnosis_result import Constant, Effect, Gain, Verdict, by_reduction, verdict_of
 from station.diagnosis.effects import BY_ID, derivative_effect, judged_effects
 from station.diagnosis.free_parameters import BEYOND, Free
+from station.diagnosis.inertial_evidence import INERTIAL, inertial_reduction, is_inertial
 from station.diagnosis.judge import RemainingResidual
 from station.diagnosis.likelihood import Problem
 from station.diagnosis.manoeuvre import Manoeuvre, manoeuvre
@@ -37,8 +38,6 @@ from station.profile import Aircraft
 
 NOTABLE_GUST: Final = 0.1
 """m/s of standard deviation from which turbulence is told: a calm real flight (PH-LAB) shows 0.02 to 0.06."""
-INERTIAL: Final = frozenset(("p", "q", "r", "phi", "theta", "psi", "v_north", "v_east", "v_down"))
-"""Signals that are compared with each other without aerodynamics, and without the air."""
 OF_THE_DAY: Final = frozenset(("accelerometer.bias", "alpha_vane.bias", "ay.bias"))
 """Zeros that these signals contradict, and that what is held out cannot confirm: its own zero is fitted to it."""
 BEYOND_DOUBT: Final = 30.0
@@ -234,7 +233,7 @@ def _confirmed(
 ) -> tuple[Found, tuple[Effect, ...], Gain | None]:
     """Of effects that together do not lower the error of what is held out: those without which it is more, if they do;
     else what instruments say of each other."""
-    sure = {e.term.id for e in effects if _contradicts(e)}
+    sure = {e.term.id for e in effects if _contradicts(problem, found, e)}
     doubtful = [i for i in found.accepted.state.values if i not in sure]
     if kept and len(doubtful) > 1:
         whole = problem.aircraft_at(found.accepted.state.values, found.accepted.state.a)
@@ -251,15 +250,20 @@ def _confirmed(
             if confirmed and sound and all(is_told(e.term, e.value, e.sd) for e in named):
                 return rest, named, gain
     found = less(found, problem, [e.term.id for e in effects if e.term.id not in sure])
-    named, gain, _ = _measured(found, problem, kept, _contradicts)
+    named, gain, _ = _measured(found, problem, kept, lambda e: _contradicts(problem, found, e))
     return found, named, gain
 
 
-def _contradicts(e: Effect) -> bool:
-    """Whether gyro, attitude, velocity and the zeros of accelerometers and vane say so among themselves, beyond
-    doubt."""
-    inertial = set(e.term.target.split()) <= INERTIAL or e.term.id in OF_THE_DAY
-    return inertial and (e.reduction or 0.0) > BEYOND_DOUBT
+def _contradicts(problem: Problem, found: Found, e: Effect) -> bool:
+    """Whether gyro, attitude, velocity and the zeros of accelerometers and vane say so among themselves, beyond doubt;
+    what else is of accelerometers, where it is so without the forces."""
+    if (e.reduction or 0.0) <= BEYOND_DOUBT:
+        return False
+    if set(e.term.target.split()) <= INERTIAL or e.term.id in OF_THE_DAY:
+        return True
+    values = found.accepted.state.values
+    inertial = e.term.id in values and is_inertial(e.term.id)
+    return inertial and inertial_reduction(problem, values, e.term.id) > BEYOND_DOUBT
 
 
 def _with(aircraft: Aircraft, effects: Sequence[Effect]) -> Aircraft:

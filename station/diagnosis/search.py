@@ -14,7 +14,7 @@ from station.diagnosis.candidate import Estimate, Slopes
 from station.diagnosis.effects import BY_ID
 from station.diagnosis.free_parameters import BEYOND
 from station.diagnosis.likelihood import ROUNDS, Problem
-from station.diagnosis.null_fit import without_effects
+from station.diagnosis.null_fit import well_answered, without_effects
 from station.diagnosis.refits import ASKED, CONFOUNDED, MORE, SINGLES, Refits
 from station.diagnosis.screening import hopeful, least_judged, own_first, screened, substitutes
 from station.diagnosis.term import Term
@@ -167,7 +167,7 @@ def _settled(problem: Problem, refits: Refits, accepted: Estimate, progress: Cal
     """With all slopes made anew; without the effects that are not needed, or not significant, then."""
     while accepted.state.values:
         progress(f"settling {', '.join(accepted.state.ids)}")
-        whole = problem.estimate(accepted.state, ROUNDS, problem.whole)
+        whole = well_answered(problem, problem.estimate(accepted.state, ROUNDS, problem.whole))
         refits.done[frozenset(whole.state.ids)] = whole
         weakest, least = "", math.inf
         for name in whole.state.ids:

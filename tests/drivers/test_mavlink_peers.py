@@ -1,6 +1,7 @@
 """MAVLink against implementations that nobody here wrote: MAVSDK (C++) and MAVProxy.
 
-Both read what MavlinkEncoder sends over UDP, and what MAVSDK sends is read by MavlinkCodec.
+Both read what MavlinkEncoder sends over UDP, and what MAVSDK sends is read by MavlinkCodec. MAVSDK also reads what a
+simulator sends to an autopilot in HIL.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from pymavlink import mavutil
 
 from drivers.codec import Reading
 from drivers.mavlink import MavlinkCodec, MavlinkEncoder
-from station.profile import MavlinkDevice
+from drivers.mavlink_hil import MavlinkHil
+from station.profile import LOOP_HZ, MavlinkDevice
+from tests.drivers.px4_like import Px4Like
+from tests.drivers.test_mavlink_hil import ROW, loop
 
 MESSAGES: dict[str, dict[str, float]] = {
     "ATTITUDE": {"roll": 0.1, "pitch": -0.2, "yaw": 3.0, "rollspeed": 0.01, "pitchspeed": -0.02, "yawspeed": 0.03},
@@ -212,6 +216,53 @@ def test_mavsdk_reads_and_is_read() -> None:
     assert got["NAMED_VALUE_FLOAT"]["name"] == "pot_e"
     assert got["ATTITUDE"]["time_boot_ms"] == 123_456
     assert got["AOA_SSA"]["time_usec"] == 123_456_000
+
+
+HIL_WIRE: dict[str, dict[str, float]] = {
+    "HIL_SENSOR": {"abs_pressure": 925.0, "diff_pressure": 18.0, "temperature": 10.0, "fields_updated": 8191},
+    "HIL_GPS": {"fix_type": 3, "alt": 762_000, "vn": -4500, "ve": 3375, "vd": 150, "vel": 5625, "id": 0},
+    "HIL_STATE_QUATERNION": {"rollspeed": 0.01, "pitchspeed": -0.02, "true_airspeed": 5630, "zacc": -989},
+}
+"""Of test_mavlink_hil.ROW, by hand: hPa, mm, cm/s, rad/s, mG."""
+
+
+def test_mavsdk_reads_what_an_autopilot_in_hil_is_sent() -> None:
+    port = free_port()
+    got: dict[str, dict[str, Any]] = {}
+    session = MavlinkHil(loop(lock_step=False))
+    assert session.feed(Px4Like().hello(), 0) == []
+    with (
+        Mavsdk(Configuration.create_with_component_type(ComponentType.AUTOPILOT)) as mavsdk,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
+        step, begun = 0, time.monotonic()
+
+        def send() -> None:
+            nonlocal step
+            while step < (time.monotonic() - begun) * LOOP_HZ:
+                if sent := session.outgoing(step, ROW, round(step / LOOP_HZ * 1e9)):
+                    sender.sendto(sent, ("127.0.0.1", port))
+                step += 1
+
+        def there() -> bool:
+            send()
+            return bool(mavsdk.get_systems())
+
+        assert wait_for(there, 10.0), "MAVSDK saw no system"
+        direct = MavlinkDirect(mavsdk.get_systems()[0])
+        direct.subscribe_message("", lambda m, _: got.__setitem__(m.message_name, json.loads(m.fields_json)))
+
+        def all_there() -> bool:
+            send()
+            return HIL_WIRE.keys() <= got.keys()
+
+        wait_for(all_there, 5.0)
+    assert HIL_WIRE.keys() <= got.keys()
+    for message, fields in HIL_WIRE.items():
+        for field, value in fields.items():
+            # The sensors' own noise: a tenth of a hectopascal.
+            assert got[message][field] == pytest.approx(value, rel=1e-6, abs=0.1), (message, field)
 
 
 def test_mavproxy_reads(tmp_path: Path) -> None:
