@@ -275,7 +275,8 @@ class Guide:
         results = (*shown.results, (self.step.name, how))
         self._say(Code.STEP, f"{self.step.name}: {how}")
         last = shown.number == len(self.steps)
-        self.flown = {}
+        if not last:
+            self.flown = {}
         self.shown = Shown(Phase.DONE if last else Phase.READY, shown.number + (not last), 0, results=results)
         if last:
             self._start_ns = self._board.clock.now_ns()

@@ -35,6 +35,7 @@ def test_a_step_from_countdown_to_enough() -> None:
     assert verdict.known[0].have == pytest.approx(4 / 35)
     cockpit.press("n")
     assert cockpit.guide.shown.phase is Phase.DONE
+    assert np.isfinite(cockpit.guide.flown["elevator"]).all()  # as the screens show it on
     assert cockpit.guide.shown.results == (("short period", "enough"),)
     assert len(cockpit.words(Code.POINT_END)) == 1
     assert cockpit.words(Code.STEP)[-1] == "the card is flown: 1 of 1 steps enough"
