@@ -18,6 +18,7 @@ from station.diagnosis.stacked import some
 from station.profile import Aircraft, Instrument
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 QUIET_HZ: Final = 0.5
 """Width over which a spectrum is averaged, where a frequency's share of noise is asked."""
@@ -51,6 +52,12 @@ def all_corrected(
     }
 
 
+def unlagged(s: NDArray[np.complexfloating], lag: float | Array) -> Complex:
+    """What is true over what an instrument with a first-order lag (s) shows, at s = j omega. One below zero shows it as
+    much ahead, as an actuator's command does the surface."""
+    return np.asarray(np.where(np.less(lag, 0), 1 / (1 - s * np.minimum(lag, 0)), 1 + s * lag))
+
+
 def corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
     """A signal with its instrument's errors taken out."""
     if found is None:
@@ -61,8 +68,8 @@ def corrected(x: Array, found: Instrument | None, s: Setting) -> Array:
         w = s.omega
         inverse = np.exp(1j * w * found.latency)
         if some(found.lag):
-            stop = np.where(np.equal(found.lag, 0), 1.0, passed(w, CORRECTION_STOP_HZ))
-            inverse = inverse * (1 + 1j * w * found.lag) * stop
+            stop = np.where(np.greater(found.lag, 0), passed(w, CORRECTION_STOP_HZ), 1.0)
+            inverse = inverse * unlagged(1j * w, found.lag) * stop
         x = back(transform(x, s) * inverse, s)
     if some(found.gain - 1):
         x = x / found.gain

@@ -19,6 +19,7 @@ from station.profile.profile_changes import (
     inertia,
     pitot_gain,
     principal_axes,
+    sensor_lag,
     unsteady,
     vane_dynamics,
 )
@@ -39,6 +40,11 @@ TILT_SD: Final = math.radians(2.0)
 """Of the principal axes against the body's: a reference line is drawn along the cabin floor, to no better."""
 TRIM: Final[Mapping[str, float]] = {"CY_0": 0.05, "Cl_0": 0.02, "Cn_0": 0.02}
 """Of the coefficients without sideslip: asymmetry, surfaces' and vane's zeros; wide, for nothing rests on means."""
+SURFACES: Final = ("aileron", "rudder")
+STATED_LAG: Final = 0.1
+"""Share of a surface's stated lag, by which it is uncertain: an actuator's time constant changes by as much with load
+and temperature. Where sideslip and both rates are one motion, a Dutch roll, milliseconds of the rudder decide what is
+whose."""
 
 
 def lateral_free_parameters(aircraft: Aircraft, speed: float, mass_recorded: bool = False) -> list[Free]:
@@ -69,8 +75,8 @@ def lateral_free_parameters(aircraft: Aircraft, speed: float, mass_recorded: boo
         Free("gust turning", u.gust_turning, unsteady("gust_turning")),
         Free("vane delay", u.vane_delay, delay("beta_vane")),
         Free("vane scale", math.hypot(u.vane_scale, u.handbook * SIDEWASH_AT_VANE), gain("beta_vane")),
-        Free("aileron scale", u.surface_scale, gain("aileron")),
-        Free("rudder scale", u.surface_scale, gain("rudder")),
+        *(Free(f"{s} scale", u.surface_scale, gain(s)) for s in SURFACES),
+        *(Free(f"{s} lag", STATED_LAG * abs(_lag(aircraft, s)), sensor_lag(s)) for s in SURFACES),
         Free("dynamic pressure", u.dynamic_pressure, pitot_gain),
         Free("mass", u.recorded_mass if mass_recorded else u.mass, inertia("mass")),
         Free("roll inertia", u.inertia, inertia("ixx")),
@@ -83,3 +89,8 @@ def lateral_free_parameters(aircraft: Aircraft, speed: float, mass_recorded: boo
         *(Free(name, sd, derivative(name)) for name, sd in TRIM.items()),
     ]
     return [f for f in found if f.sd > 0]
+
+
+def _lag(aircraft: Aircraft, surface: str) -> float:
+    own = aircraft.instruments.get(surface)
+    return own.lag if own is not None else 0.0

@@ -17,7 +17,7 @@ from scipy import fft
 
 from station.diagnosis.air_data import STILL
 from station.diagnosis.axis import LONGITUDINAL, Axis
-from station.diagnosis.corrections import instrument_of
+from station.diagnosis.corrections import instrument_of, unlagged
 from station.diagnosis.measured_record import Record
 from station.diagnosis.memo import Memo
 from station.diagnosis.processing import Setting
@@ -102,7 +102,7 @@ def answering(trim: Trim, record: Record, aircraft: Aircraft) -> Trim:
         k = trim.sensors.index(gust)
         for name in answer.keys() & trim.signals.keys():
             own = instrument_of(aircraft, name) or Instrument()
-            shown = own.gain * np.exp(-turned * own.latency) / (1 + turned * own.lag)
+            shown = own.gain * np.exp(-turned * own.latency) / unlagged(turned, own.lag)
             spectrum[trim.lines] = trim.given[k] * answer[name] * shown
             moved[name] = moved[name].copy()
             moved[name][k] += fft.irfft(spectrum, n)

@@ -45,7 +45,11 @@ def undone(x: Array, found: Instrument | None, dt: float) -> Array:
         t = dt * np.arange(len(x))
         spline = CubicSpline(t, x)
         later = np.clip(t + found.latency, t[0], t[-1])
-        x = spline(later) + found.lag * spline(later, 1)
+        x = spline(later) + max(found.lag, 0.0) * spline(later, 1)
+        if found.lag < 0:  # it shows what is to come
+            twice = -2 * found.lag / dt
+            b, a = np.array([1.0, 1.0]) / (1 + twice), np.array([1.0, (1 - twice) / (1 + twice)])
+            x = signal.lfilter(b, a, x, zi=signal.lfilter_zi(b, a) * x[0])[0]
     return linearised(x, found.cubic) if found.cubic else np.asarray(x)
 
 

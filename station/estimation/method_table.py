@@ -27,7 +27,7 @@ class Method:
     lateral: bool = False
     """Also gives lateral derivatives."""
     by_input: bool = False
-    """Its lateral derivatives are by what the surfaces move, which gusts do not mislead."""
+    """Its lateral derivatives are by what the surfaces move, or gusts are in its noise: they do not mislead it."""
     definition: Literal["derivatives", "quasi_steady"] = "quasi_steady"
     """Of what it estimates: the aircraft's own derivatives, as in a table, unsteady lift and late tail apart; or what
     equation error with a perfect angle of attack gives of the manoeuvre in calm air, these in it."""
@@ -73,7 +73,8 @@ METHODS: Final = {
         Method("physical", "wing, tail and gust as the regressors, with uncertain constants", "none", live=True,
                definition="derivatives", colour=0xF5F5F5FF),
         Method("ml", "all instruments and the aircraft in one likelihood, with uncertain constants", "none",
-               definition="derivatives", begin="station.diagnosis.derivative_fit:begun", colour=0x0072B2FF),
+               lateral=True, by_input=True, definition="derivatives",
+               begin="station.diagnosis.derivative_fit:begun", colour=0x0072B2FF),
         Method("oe", "output error", "steady", lateral=True,
                runner="station.estimation.published.motion_methods:method_oe"),
         Method("fe", "filter error", "steady", lateral=True,

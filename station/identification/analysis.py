@@ -56,9 +56,6 @@ from station.rows import ParamEstimate, Status, UsageError
 
 PREFERRED: Final = ("split", "II", "I", "fe", "oe", "VI", "sidpac")
 """Where `recommended` names none, the first of these that applies is recommended, then any other post-flight method."""
-SHORT_PERIOD: Final = 4
-"""Longitudinal derivatives, those of the short period, that a method which gives no lateral ones has to give to be
-recommended for a flight that shows some."""
 SPECTRA_HZ: Final = 25.0
 """Rate of a record that shows the vane's spectra to the frequencies of the gusts."""
 REGRESSED: Final = ("split+gust", "split", "II", "I")
@@ -243,15 +240,16 @@ def _invalid(result: MethodResult, why: str) -> MethodResult:
 
 
 def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
-    """As in flight, of a flight that shows lateral derivatives alone by these; where that recommends none, the first of
-    PREFERRED that applies."""
+    """As in flight, of a flight that shows lateral derivatives alone by these; before that what needs the whole
+    recording, by all that it gives. Where none of these is to be, the first of PREFERRED that applies."""
     ok = {name: result for name, result in results.items() if result.status == "ok"}
     told = {name: [p.name in LATERAL for p in r.parameters if p.status is Status.ESTIMATED] for name, r in ok.items()}
-    given = {name: of.count(False) for name, of in told.items()}
-    sideways = {name: of.count(True) for name, of in told.items()}
-    if any(sideways.values()):
-        given = {name: n for name, n in given.items() if n >= SHORT_PERIOD or not METHODS[name].begin}
-        given = given if any(given.values()) else sideways
+    of_all = recommended({name: len(of) for name, of in told.items()}, level)
+    if of_all and METHODS[of_all].begin:
+        return of_all
+    live = {name: of for name, of in told.items() if not METHODS[name].begin}
+    given = {name: of.count(False) for name, of in live.items()}
+    given = given if any(given.values()) else {name: of.count(True) for name, of in live.items()}
     others = (name for name in ok if METHODS[name].runner)
     return recommended(given, level) or next((name for name in (*PREFERRED, *others) if name in ok), None)
 

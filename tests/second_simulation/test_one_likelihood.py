@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from station.conventions import LONGITUDINAL
+from station.conventions import LATERAL, LONGITUDINAL
 from station.diagnosis import derivative_fit
 from station.estimation.results import MethodResult
 from station.identification.analysis import identify
@@ -16,7 +16,7 @@ from station.identification.identified import Identification
 from station.identification.request import Request
 from station.log import Table
 from station.profile import Aircraft, load_aircraft
-from station.rows import Status
+from station.rows import ParamEstimate, Status
 from tests.second_simulation.flights import QUIET, Flown, flown, identify_case
 
 GUSTY, OTHERS = 41, (17, 45)
@@ -72,6 +72,39 @@ def test_what_it_cannot_tell_it_says() -> None:
     assert "elevator" in made.why
 
 
+ACROSS = 12
+"""Of the 15 lateral derivatives, called estimated in 12 ft/s; by the surfaces' pulses of 1 deg alone none is."""
+
+
+def test_laterally_the_answer_to_gusts_tells_what_small_pulses_leave_unknown() -> None:
+    flight = flown(identify_case(3, 0, lateral=True))
+    made = found(flight, "split+gust", "ml")
+    assert made.recommended == "ml"
+    count = {m: len(lateral(made.methods[m])) for m in made.methods}
+    assert count["ml"] >= ACROSS
+    assert count["split+gust"] < ACROSS / 2
+    told = lateral(made.methods["ml"])
+    apart = [(p.value - flight.answers["derivatives"][p.name]) / p.sd for p in told]
+    assert np.abs(apart).max() < 3
+
+
+def lateral(result: MethodResult) -> list[ParamEstimate]:
+    """Those called estimated."""
+    return [p for p in result.parameters if p.name in LATERAL and p.status is Status.ESTIMATED]
+
+
+def test_laterally_it_says_what_it_cannot_tell() -> None:
+    flight = flown(replace(identify_case(3, 5, lateral=True), seconds=30.0))
+    still = replace(flight, shown={**flight.shown, "aileron": 0.0 * flight.time})
+    why = {p.name: p.why for p in found(still, "ml").methods["ml"].parameters}
+    assert {why[n] for n in LATERAL if n.endswith("_da")} == {"no aileron input"}
+    stated = PROFILE.model_copy(update={"inertia": PROFILE.inertia.model_copy(update={"ixx": None})})
+    why = {p.name: p.why for p in found(flight, "ml", aircraft=stated).methods["ml"].parameters}
+    assert {why[n] for n in LATERAL} == {"the profile gives no inertia.ixx"}
+    neither = replace(still, shown={**still.shown, "rudder": 0.0 * flight.time})
+    assert not {p.name for p in found(neither, "ml").methods["ml"].parameters} & set(LATERAL)
+
+
 def test_of_a_long_record_the_pieces_with_most_input_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Six of 45 s, of which the elevator moves twice as much in four."""
     flight, given = flown(replace(identify_case(1, GUSTY), seconds=270.0)), []
@@ -80,7 +113,7 @@ def test_of_a_long_record_the_pieces_with_most_input_are_fitted(monkeypatch: pyt
     moved = replace(flight, shown={**flight.shown, "elevator": large * flight.shown["elevator"]})
     monkeypatch.setattr(derivative_fit, "_fitted", lambda *call: given.append(call) or MethodResult("ok"))
     found(moved, "ml")
-    records, _, _, settings = given[0]
+    records, settings, *_ = given[0]
     assert sorted(round((r.start_s - QUIET) / 45) for r in records) == loud
     assert (settings["manoeuvres"], settings["of"]) == (derivative_fit.MOST, 6)
 
