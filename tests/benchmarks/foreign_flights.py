@@ -30,7 +30,7 @@ from tests.second_simulation.flights import identify_case, write
 
 DERIVATIVES = ("CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de")
 METHODS = ("recommended", "physical", "split+gust", "split")
-OF_LATERAL = ("split", "II", "sidpac")
+OF_LATERAL = ("ml", "split+gust", "split", "II", "sidpac")
 LIGHT_FPS = 5.0
 SLUG, SLUG_FT2 = 14.5939, 1.35582
 """In kg and kg m2."""

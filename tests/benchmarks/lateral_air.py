@@ -29,7 +29,7 @@ from station.profile import Aircraft, Card, Doublet, Flight, Manoeuvre, Multisin
 from station.simulation.sensors import STANDARD
 from station.simulation.sortie import fly
 
-METHODS = ("II", "split", "split+gust", "oe", "fe", "sidpac")
+METHODS = ("II", "split", "split+gust", "ml", "oe", "fe", "sidpac")
 SIGMAS = (0.0, 5.0, 10.0)
 FIELDS = ("line", "plane")
 START, END = 30.0, 90.0
