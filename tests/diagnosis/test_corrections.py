@@ -28,8 +28,8 @@ def command_and_surface() -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("late", [True, False])
 def test_a_first_order_lag_is_undone_whichever_side_of_the_surface_the_sensor_is(late: bool) -> None:
-    """An actuator's command shows what is to come; to take it for a lag below zero of the sensor had raised it with
-    frequency, by a half at 3 Hz, where the surface has less."""
+    """An actuator's command shows what is to come: undone, it is less at high frequencies. It had been raised, by 85 ms
+    to 1.9 times at 3 Hz, where the surface has half of it left."""
     command, surface = command_and_surface()
     shown, true = (surface, command) if late else (command, surface)
     stated = Instrument().model_copy(update={"lag": LAG if late else -LAG})
