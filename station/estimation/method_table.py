@@ -91,7 +91,7 @@ MEASURED: Final = next(name for name, m in METHODS.items() if m.needs_spectra)
 def recommended(given: Mapping[str, int], level: str) -> str | None:
     """The method to believe first, or None.
 
-    `given`: how many longitudinal derivatives each method gives that applies; `level`: of turbulence. The first that
+    `given`: how many derivatives each method gives that applies; `level`: of turbulence. The first that
     gives as much as split does, or II where nothing tells the motion apart: after the flight ml; physical, whose
     profile has wing, tail and boom; split+gust where there is gust energy; else split.
     """
