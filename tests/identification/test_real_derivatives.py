@@ -113,8 +113,11 @@ def test_attas_rudder_and_aileron_alone(name: str, tmp_path: Path) -> None:
     known = regression({k: v for k, v in of_both.items() if k in ("CY", "Cl", "Cn")})
     found = identified(attas(name), "attas", tmp_path)
     shown = {"fAttasRud1": {"CY_dr", "Cl_dr", "Cn_dr", "Cl_p"}, "fAttasAil1": {"Cl_beta", "Cl_p", "Cl_da", "Cn_beta"}}
-    for method in ("I", "II", "split", "split+gust", "oe", "fe"):
+    for method in ("I", "II", "split", "split+gust", "ml", "oe", "fe"):
         given = estimated(found, method)
+        if (name, method) == ("fAttasAil1", "ml"):
+            assert "banked beyond 30 deg" in found.methods[method].why
+            continue
         if (name, method) == ("fAttasRud1", "oe"):  # of one motion, a Dutch roll, it finds no end, and says so
             assert all("not converged" in p.why for p in found.methods[method].parameters if p.name in LATERAL)
             continue
@@ -129,7 +132,7 @@ def test_a_rudder_input_of_another_simulation_by_methods_that_agree(tmp_path: Pa
     found = identified(dasmat("dr3211_1", 1.0), "citation_actuated", tmp_path)
     published = {p.name: p for p in found.methods["sidpac"].parameters if p.status is Status.ESTIMATED}
     assert {"Cl_r", "Cn_r", "Cn_dr"} <= published.keys()
-    for method in ("I", "II", "split", "split+gust", "oe", "fe"):
+    for method in ("I", "II", "split", "split+gust", "ml", "oe", "fe"):
         for name, p in estimated(found, method).items():
             other = published.get(name)
             assert other is None or abs(p.value - other.value) <= CI95 * (p.sd + other.sd), (method, name)
