@@ -8,6 +8,7 @@ from typing import Final
 
 from station.conventions import LATERAL
 from station.diagnosis.free_parameters import PRIOR_SHARE, Free, vane_damping
+from station.diagnosis.measured_record import LATERAL_SURFACES
 from station.profile import Aircraft
 from station.profile.profile_changes import (
     bias,
@@ -40,7 +41,6 @@ TILT_SD: Final = math.radians(2.0)
 """Of the principal axes against the body's: a reference line is drawn along the cabin floor, to no better."""
 TRIM: Final[Mapping[str, float]] = {"CY_0": 0.05, "Cl_0": 0.02, "Cn_0": 0.02}
 """Of the coefficients without sideslip: asymmetry, surfaces' and vane's zeros; wide, for nothing rests on means."""
-SURFACES: Final = ("aileron", "rudder")
 STATED_LAG: Final = 0.1
 """Share of a surface's stated lag, by which it is uncertain: an actuator's time constant changes by as much with load
 and temperature. Where sideslip and both rates are one motion, a Dutch roll, milliseconds of the rudder decide what is
@@ -75,8 +75,8 @@ def lateral_free_parameters(aircraft: Aircraft, speed: float, mass_recorded: boo
         Free("gust turning", u.gust_turning, unsteady("gust_turning")),
         Free("vane delay", u.vane_delay, delay("beta_vane")),
         Free("vane scale", math.hypot(u.vane_scale, u.handbook * SIDEWASH_AT_VANE), gain("beta_vane")),
-        *(Free(f"{s} scale", u.surface_scale, gain(s)) for s in SURFACES),
-        *(Free(f"{s} lag", STATED_LAG * abs(_lag(aircraft, s)), sensor_lag(s)) for s in SURFACES),
+        *(Free(f"{s} scale", u.surface_scale, gain(s)) for s in LATERAL_SURFACES),
+        *(Free(f"{s} lag", STATED_LAG * abs(_lag(aircraft, s)), sensor_lag(s)) for s in LATERAL_SURFACES),
         Free("dynamic pressure", u.dynamic_pressure, pitot_gain),
         Free("mass", u.recorded_mass if mass_recorded else u.mass, inertia("mass")),
         Free("roll inertia", u.inertia, inertia("ixx")),
