@@ -77,9 +77,9 @@ _USUAL: Final = {
     "Cn_dr": -0.08,
 }
 """Of light transports: where the fit begins, and no more, of derivatives that a profile does not give."""
-UNUSUAL: Final = 0.1
-"""Of those that are as often above as below zero."""
-BODY: Final = "estimates wind-axes derivatives only"
+_UNUSUAL: Final = 0.1
+"""Standard deviation of the prior of those that are as often above as below zero: no more than where a fit begins."""
+_BODY: Final = "estimates wind-axes derivatives only"
 _STEP: Final = 0.1
 """Of a prior's standard deviation, over which slopes are taken."""
 
@@ -90,7 +90,7 @@ def begun(ready: Prepared) -> Callable[[], MethodResult]:
     request, aircraft, across = ready.request, ready.record.aircraft, moves_laterally(ready.record)
     found, why = _records(ready)
     along: MethodResult | None = None
-    if no := why_not_flown(_open(aircraft)) or (BODY if request.axes == "body" else ""):
+    if no := why_not_flown(_open(aircraft)) or (_BODY if request.axes == "body" else ""):
         along = not_applicable(no, names(request.axes))
     elif not excited(ready.record, ("elevator",)):
         status, words = worded(STILL)
@@ -211,7 +211,7 @@ def _open(aircraft: Aircraft, of: Sequence[str] = DERIVATIVES) -> Aircraft:
 def _sd(name: str, stated: Derivative) -> float | None:
     """Of the prior that a fit begins with; None: as wide as profiles are wrong."""
     usual = name in LATERAL and not stated.value
-    return stated.sd or (abs(_USUAL[name]) or UNUSUAL if usual else None)
+    return stated.sd or (abs(_USUAL[name]) or _UNUSUAL if usual else None)
 
 
 def _judged(aircraft: Aircraft, name: str, value: float, sd: float) -> ParamEstimate:

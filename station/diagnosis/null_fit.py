@@ -22,6 +22,8 @@ others 1 is, and ends as it was."""
 WASH: Final = 0.5
 """Sidewash to either side, within which the fin's share of the yaw damping is looked for. It moves the wing's share by
 six hundredths, twice what a slope of 20 %, an arm of 9 % and a Cn_r of 10 % leave it uncertain by."""
+MOST_WASH: Final = 0.95
+"""A sidewash of 1 leaves the fin no sideslip: profile.Fin ends there."""
 WASH_DONE: Final = 0.02
 """Of it: a tenth of what the answer shows it to."""
 
@@ -51,7 +53,7 @@ def well_answered(problem: Problem, e: Estimate) -> Estimate:
     def answered(sidewash: float) -> State:
         return problem.relevelled(problem.state(s.values, s.a, s.levels, washed(craft, sidewash - here)))
 
-    ends = max(here - WASH, -0.95), min(here + WASH, 0.95)
+    ends = max(here - WASH, -MOST_WASH), min(here + WASH, MOST_WASH)
     found = minimize_scalar(
         lambda x: problem.cost(answered(x)), bounds=ends, method="bounded", options={"xatol": WASH_DONE}
     )

@@ -240,8 +240,9 @@ def _invalid(result: MethodResult, why: str) -> MethodResult:
 
 
 def _recommended(results: Mapping[str, MethodResult], level: str) -> str | None:
-    """As in flight, of a flight that shows lateral derivatives alone by these; before that what needs the whole
-    recording, by all that it gives. Where none of these is to be, the first of PREFERRED that applies."""
+    """What needs the whole recording (Method.begin), where it gives as many derivatives of both axes as split does.
+    Else as in flight: by the longitudinal ones, or the lateral ones of a flight that shows no others. Else the first of
+    PREFERRED that applies."""
     ok = {name: result for name, result in results.items() if result.status == "ok"}
     told = {name: [p.name in LATERAL for p in r.parameters if p.status is Status.ESTIMATED] for name, r in ok.items()}
     of_all = recommended({name: len(of) for name, of in told.items()}, level)
